@@ -1,0 +1,1 @@
+//! The ash (Vulkan) compute caster of esvo.

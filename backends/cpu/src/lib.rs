@@ -1,0 +1,1 @@
+//! CPU casters of esvo: octrees on all cores, triangles through a BVH.

@@ -1,0 +1,1 @@
+//! The wgpu compute caster of esvo.

@@ -1,0 +1,1 @@
+//! The benchmark harness of esvo: matrix, timing, error, tables.

@@ -1,0 +1,5 @@
+//! Turns triangle meshes into esvo sparse voxel octrees.
+
+pub mod mesh;
+
+pub use mesh::{Material, Mesh, MipLevel, Texture};

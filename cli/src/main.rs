@@ -1,0 +1,2 @@
+//! The esvo command line.
+fn main() {}

@@ -1,0 +1,1 @@
+//! Reader, writer, validator and codecs of the esvo sparse voxel octree format.

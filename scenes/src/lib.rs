@@ -1,0 +1,1 @@
+//! Scene manifests, camera sets and procedural meshes for the esvo benchmarks.

@@ -1,0 +1,1 @@
+//! The esvo file format specification: rules and test vectors.
