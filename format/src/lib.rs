@@ -1,1 +1,55 @@
 //! Reader, writer, validator and codecs of the esvo sparse voxel octree format.
+//!
+//! The bytes of the format are laid down in `esvo-spec` (`spec/v1/README.md`); rule ids in the errors refer to it.
+//! Decoding does no I/O: [`Octree::open`] maps a file, everything else works on the mapped image.
+//!
+//! ```
+//! use esvo_format::{AssembleOptions, Octree, Tree, Voxel, assemble};
+//!
+//! // One voxel in the corner of the root cube, red, without a contour.
+//! let mut tree = Tree::default();
+//! let voxel = Voxel { color: Some([255, 0, 0]), leaf: true, ..Voxel::default() };
+//! let mut children = [None; 8];
+//! children[0] = Some(voxel);
+//! let root = tree.open(&children);
+//! tree.close(root);
+//! let octree = assemble(&tree, glam::DMat4::IDENTITY, &AssembleOptions::default())?;
+//!
+//! // Through bytes and back.
+//! let mut bytes = Vec::new();
+//! octree.write_to(&mut bytes).unwrap();
+//! let octree = Octree::from_bytes(&bytes)?;
+//! octree.sound()?;
+//! let root = octree.objects()[0].root_slot as u32;
+//! assert_eq!(octree.descriptor(root).valid_mask(), 1);
+//! assert_eq!(octree.color(root, 0), Some([1.0, 0.0, 0.0]));
+//! # Ok::<(), esvo_format::FormatError>(())
+//! ```
+
+#[cfg(target_endian = "big")]
+compile_error!("the image is viewed in place as little-endian words; a big-endian reader would have to swap them");
+
+mod assemble;
+mod color;
+mod contour;
+mod descriptor;
+mod error;
+pub mod file;
+mod io;
+mod needs;
+mod normal;
+mod octree;
+mod tree;
+mod validate;
+
+pub use assemble::{AssembleOptions, FIRST_SLOT, assemble};
+pub use color::ColorBlock;
+pub use contour::{Contour, Slab};
+pub use descriptor::{ChildDescriptor, MAX_CONTOUR_POINTER, MAX_NEAR_POINTER};
+pub use error::{Broken, FormatError};
+pub use esvo_spec::ids;
+pub use io::write_atomically;
+pub use needs::Needs;
+pub use normal::{NormalBlock, RawNormal};
+pub use octree::{BlockParts, Octree, UnknownSection};
+pub use tree::{Tree, TreeNode, Voxel};

@@ -1,1 +1,10 @@
 //! Rays, cameras, the Caster trait, the reference caster and the kernel sources of esvo.
+
+mod caster;
+mod frame;
+mod hit;
+pub mod reference;
+
+pub use caster::{CastError, Caster, Device, DeviceKind, FrameTime};
+pub use frame::{BEAM_BLOCK, COARSE_VOXEL_PIXELS, Camera, CastOptions, FLAG_BEAM, FLAG_CONTOURS, Ray, View};
+pub use hit::{Hit, exp2};

@@ -1,0 +1,43 @@
+//! What a build can be told.
+
+use esvo_format::AssembleOptions;
+use serde::{Deserialize, Serialize};
+
+/// Settings of a build. The error bounds mean what they mean in the authors' builder, so that builds can be compared.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct BuildSettings {
+    /// Deepest level, 1..=23: voxels are at least `2^-levels` of the root cube.
+    pub levels: u32,
+    /// Whether voxels get contours. Without them all geometry is refined to the deepest level.
+    pub contours: bool,
+    /// Largest distance of a voxel's shape from the surface, given as a level: the diagonal of a voxel of that level.
+    pub contour_error: f64,
+    /// Largest deviation of a colour channel from what it stands for, in steps of 1/256.
+    pub color_error: f64,
+    /// Largest deviation of a normal's component from what it stands for; the components of a unit normal span 2.
+    pub normal_error: f64,
+    /// Whether colours are stored.
+    pub colors: bool,
+    /// Whether normals are stored.
+    pub normals: bool,
+    /// How the octree is cut into blocks.
+    #[serde(skip)]
+    pub assemble: AssembleOptions,
+}
+
+impl Default for BuildSettings {
+    /// Ten levels, contours, and the authors' defaults 16 / 0.01 / 15.
+    fn default() -> Self {
+        Self {
+            levels: 10,
+            contours: true,
+            contour_error: 15.0,
+            color_error: 16.0,
+            normal_error: 0.01,
+            colors: true,
+            normals: true,
+            assemble: AssembleOptions::default(),
+        }
+    }
+}

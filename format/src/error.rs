@@ -1,0 +1,51 @@
+//! What can be wrong with a file.
+
+use std::path::PathBuf;
+
+/// Why a file could not be opened, read or written.
+#[derive(Debug, thiserror::Error)]
+pub enum FormatError {
+    /// The operating system refused.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The bytes break a rule of the specification.
+    #[error(transparent)]
+    Broken(#[from] Broken),
+    /// Something that the format cannot express, or a limit that was reached.
+    #[error("{0}")]
+    Limit(String),
+}
+
+/// A rule of the specification that the bytes break.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error, serde::Serialize)]
+#[error("{what} (byte offset {offset}, rule {rule}: {})", rule_text(rule))]
+pub struct Broken {
+    /// Id of the rule, as in the specification.
+    pub rule: &'static str,
+    /// Offset in the file in bytes; for what lies in a compressed block, the offset in the image.
+    pub offset: u64,
+    /// What was found.
+    pub what: String,
+}
+
+fn rule_text(id: &str) -> &'static str {
+    esvo_spec::rule(id).map_or("", |rule| rule.text.trim_end_matches('.'))
+}
+
+impl Broken {
+    /// A finding.
+    pub fn new(rule: &'static str, offset: u64, what: impl Into<String>) -> Self {
+        Self { rule, offset, what: what.into() }
+    }
+}
+
+impl FormatError {
+    pub(crate) fn io(path: &std::path::Path, source: std::io::Error) -> Self {
+        Self::Io { path: path.to_owned(), source }
+    }
+}

@@ -1,0 +1,229 @@
+//! The structured parts of a file: header, directory, object table, block table, info section (spec sections 2 to 4, 6).
+
+use binrw::{BinRead, BinWrite};
+
+/// The identifier: the name between a byte above 127 and the two line endings, so that 7-bit transfers, text-mode
+/// transfers and truncation at a control-Z all show.
+pub const IDENTIFIER: [u8; 12] = *b"\xABESVO 1\xBB\r\n\x1A\n";
+/// Major version written and understood.
+pub const MAJOR_VERSION: u16 = 1;
+/// Minor version written.
+pub const MINOR_VERSION: u16 = 0;
+/// Required feature bit 0: some blocks are stored compressed.
+pub const FEATURE_COMPRESSED: u64 = 1;
+/// All required feature bits that this reader knows.
+pub const KNOWN_REQUIRED: u64 = 0;
+
+/// Bytes in a page; blocks are multiples of it and start at multiples of it.
+pub const PAGE_BYTES: u64 = 8192;
+/// Slots in a page.
+pub const PAGE_SLOTS: u32 = 1024;
+
+/// File header, 64 bytes at offset 0.
+#[derive(BinRead, BinWrite, Clone, Copy, PartialEq, Eq, Debug)]
+#[brw(little)]
+pub struct Header {
+    /// [`IDENTIFIER`].
+    pub identifier: [u8; 12],
+    /// [`MAJOR_VERSION`].
+    pub major: u16,
+    /// [`MINOR_VERSION`]; a reader accepts any.
+    pub minor: u16,
+    /// Feature bits that a reader must know or refuse the file.
+    pub required_features: u64,
+    /// Feature bits that a reader may ignore.
+    pub optional_features: u64,
+    /// Length of the whole file in bytes.
+    pub file_length: u64,
+    /// Offset of the directory in bytes.
+    pub directory_offset: u64,
+    /// Number of directory entries.
+    pub directory_count: u32,
+    /// CRC-32 of the directory.
+    pub directory_crc: u32,
+    /// Zero.
+    pub reserved: u32,
+    /// CRC-32 of the 60 bytes before.
+    pub header_crc: u32,
+}
+
+/// Size of a [`Header`] in bytes.
+pub const HEADER_BYTES: u64 = 64;
+
+/// Directory entry, 32 bytes.
+#[derive(BinRead, BinWrite, Clone, Copy, PartialEq, Eq, Debug)]
+#[brw(little)]
+pub struct SectionEntry {
+    /// Four ASCII characters.
+    pub tag: [u8; 4],
+    /// [`SECTION_REQUIRED`], [`SECTION_OWN_CHECKSUMS`].
+    pub flags: u32,
+    /// Offset in the file in bytes.
+    pub offset: u64,
+    /// Length in bytes.
+    pub length: u64,
+    /// CRC-32 of the section, or 0 with [`SECTION_OWN_CHECKSUMS`].
+    pub crc: u32,
+    /// Zero.
+    pub reserved: u32,
+}
+
+/// Size of a [`SectionEntry`] in bytes.
+pub const SECTION_BYTES: u64 = 32;
+/// Section flag: a reader that does not know the tag must refuse the file.
+pub const SECTION_REQUIRED: u32 = 1;
+/// Section flag: the parts of the section carry checksums of their own.
+pub const SECTION_OWN_CHECKSUMS: u32 = 2;
+
+/// Tag of the object table.
+pub const TAG_OBJECTS: [u8; 4] = *b"OBJT";
+/// Tag of the block table.
+pub const TAG_BLOCKS: [u8; 4] = *b"BLKT";
+/// Tag of the block data.
+pub const TAG_DATA: [u8; 4] = *b"BLKS";
+/// Tag of the metadata: a JSON object in UTF-8.
+pub const TAG_META: [u8; 4] = *b"META";
+
+/// Object table entry, 192 bytes: one octree and its place in the mesh's space.
+#[derive(BinRead, BinWrite, Clone, Copy, PartialEq, Debug)]
+#[brw(little)]
+pub struct ObjectEntry {
+    /// Octree space (the root cube is `[0, 1]³`) to mesh space; 4 x 4, column-major, column vectors.
+    pub octree_to_mesh: [f64; 16],
+    /// Index of the root block in the block table.
+    pub root_block: u32,
+    /// Level of the deepest voxel, 1..=23; the root is level 0.
+    pub levels: u32,
+    /// Slot of the root's child descriptor, counted from the start of the image.
+    pub root_slot: u64,
+    /// Number of child descriptors, that is, of non-leaf voxels.
+    pub descriptors: u64,
+    /// Number of leaf voxels.
+    pub leaf_voxels: u64,
+    /// Number of contour values.
+    pub contours: u64,
+    /// Number of far pointers.
+    pub far_pointers: u64,
+    /// Zero.
+    pub reserved: [u32; 4],
+}
+
+/// Size of an [`ObjectEntry`] in bytes.
+pub const OBJECT_BYTES: u64 = 192;
+
+impl ObjectEntry {
+    /// Every voxel that has a slot: all but the root.
+    pub fn voxels(&self) -> u64 {
+        // Each descriptor but the root's is the voxel of one child slot.
+        (self.descriptors + self.leaf_voxels).saturating_sub(1)
+    }
+}
+
+/// Block table entry, 72 bytes.
+#[derive(BinRead, BinWrite, Clone, Copy, PartialEq, Eq, Debug)]
+#[brw(little)]
+pub struct BlockEntry {
+    /// Index of the object.
+    pub object: u32,
+    /// Index of the block that refers to this one, or [`NO_PARENT`].
+    pub parent: u32,
+    /// Lower corner of the cube whose descendants the block holds, in units of 2^-23 of the root cube.
+    pub cube_position: [u32; 3],
+    /// Scale of that cube: its edge is `2^(scale - 23)` of the root cube.
+    pub cube_scale: u32,
+    /// Offset in the image in bytes.
+    pub image_offset: u64,
+    /// Size in the image in bytes.
+    pub image_size: u64,
+    /// Offset in the file in bytes.
+    pub file_offset: u64,
+    /// Size as stored in bytes.
+    pub stored_size: u64,
+    /// [`CODEC_RAW`].
+    pub codec: u32,
+    /// CRC-32 of the stored bytes.
+    pub crc: u32,
+    /// Zero.
+    pub reserved: u64,
+}
+
+/// Size of a [`BlockEntry`] in bytes.
+pub const BLOCK_BYTES: u64 = 72;
+/// Parent of a root block.
+pub const NO_PARENT: u32 = u32::MAX;
+/// The block is stored as it is in memory.
+pub const CODEC_RAW: u32 = 0;
+
+/// Fixed part of a block's info section, 32 bytes, followed by `attachment_count` [`AttachmentEntry`].
+///
+/// Starts in the slot right behind the descriptor array.
+#[derive(BinRead, BinWrite, Clone, Copy, PartialEq, Eq, Debug)]
+#[brw(little)]
+pub struct InfoSection {
+    /// Index of the block in the block table.
+    pub block: u32,
+    /// Length of the descriptor array in slots; also the distance back to the start of the block.
+    pub array_slots: u32,
+    /// Distance back, in slots, from the info section to the first child descriptor.
+    pub first_descriptor: u32,
+    /// Distance in 32-bit words from the info section to the contour pool.
+    pub contour_offset: u32,
+    /// Number of contour values in the pool.
+    pub contour_count: u32,
+    /// Number of attachments.
+    pub attachment_count: u32,
+    /// Zero.
+    pub reserved: u64,
+}
+
+/// Size of an [`InfoSection`] in bytes.
+pub const INFO_BYTES: u64 = 32;
+
+/// Entry of a block's attachment directory, 16 bytes.
+#[derive(BinRead, BinWrite, Clone, Copy, PartialEq, Eq, Debug)]
+#[brw(little)]
+pub struct AttachmentEntry {
+    /// Registered type, see [`attachment`].
+    pub kind: u32,
+    /// Distance in bytes from the info section to the data; a multiple of 8.
+    pub offset: u32,
+    /// Size of the data in bytes.
+    pub size: u64,
+}
+
+/// Size of an [`AttachmentEntry`] in bytes.
+pub const ATTACHMENT_BYTES: u64 = 16;
+
+/// Registered attachment types. Types from 0x8000 to 0xffff belong to vendors.
+pub mod attachment {
+    /// One [`ColorBlock`](crate::ColorBlock) per pair of slots of the descriptor array.
+    pub const COLOR_BLOCKS: u32 = 1;
+    /// One [`NormalBlock`](crate::NormalBlock) per pair of slots of the descriptor array.
+    pub const NORMAL_BLOCKS: u32 = 2;
+    /// One colour for every voxel of the block: four bytes R, G, B, 0 (sRGB-encoded) and four zero bytes.
+    pub const COLOR_CONSTANT: u32 = 3;
+    /// First vendor type.
+    pub const VENDOR_FIRST: u32 = 0x8000;
+    /// Last vendor type.
+    pub const VENDOR_LAST: u32 = 0xffff;
+}
+
+/// The bytes of a structure.
+pub(crate) fn to_bytes<T>(value: &T) -> Vec<u8>
+where
+    T: BinWrite + binrw::meta::WriteEndian,
+    for<'a> T::Args<'a>: Default,
+{
+    let mut out = std::io::Cursor::new(Vec::new());
+    value.write(&mut out).expect("writing to memory does not fail");
+    out.into_inner()
+}
+
+/// A structure from the start of `bytes`; `None` if they are too short.
+pub(crate) fn from_bytes<T>(bytes: &[u8]) -> Option<T>
+where
+    T: BinRead + binrw::meta::ReadEndian,
+    for<'a> T::Args<'a>: Default,
+{
+    T::read(&mut std::io::Cursor::new(bytes)).ok()
+}

@@ -1,0 +1,308 @@
+//! An octree in memory: the image as the casters walk it, and the tables around it.
+
+use std::sync::OnceLock;
+
+use glam::{DMat4, Vec3};
+use memmap2::Mmap;
+
+use crate::file::{
+    ATTACHMENT_BYTES, AttachmentEntry, BlockEntry, INFO_BYTES, InfoSection, ObjectEntry, PAGE_SLOTS, attachment,
+    from_bytes,
+};
+use crate::{Broken, ChildDescriptor, ColorBlock, Contour, FormatError, Needs, NormalBlock, ids};
+
+/// The image: every block, uncompressed, one after the other, in slots of 8 bytes.
+pub(crate) enum Image {
+    Owned(Vec<u64>),
+    Mapped { map: Mmap, offset: usize, bytes: usize },
+}
+
+impl Image {
+    fn slots(&self) -> &[u64] {
+        match self {
+            Self::Owned(slots) => slots,
+            Self::Mapped { map, offset, bytes } => bytemuck::cast_slice(&map[*offset..*offset + *bytes]),
+        }
+    }
+}
+
+/// Where the parts of a block lie in the image; made from its info section.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct BlockParts {
+    /// First slot of the block in the image.
+    pub start: u32,
+    /// Length of the descriptor array in slots.
+    pub array_slots: u32,
+    /// First word of the contour pool in the image, in 32-bit words.
+    pub contour_words: usize,
+    /// Number of contours.
+    pub contour_count: u32,
+    /// Type, first byte in the image, and size in bytes of every attachment.
+    pub attachments: Vec<(u32, u64, u64)>,
+}
+
+impl BlockParts {
+    /// First word in the image of the attachment of this type.
+    fn words(&self, kind: u32) -> Option<usize> {
+        self.attachments.iter().find(|(k, ..)| *k == kind).map(|(_, at, _)| (*at / 4) as usize)
+    }
+}
+
+/// A section that this library does not know; kept when a file is rewritten.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct UnknownSection {
+    /// Four characters.
+    pub tag: [u8; 4],
+    /// As in the directory.
+    pub flags: u32,
+    /// The bytes.
+    pub bytes: Vec<u8>,
+}
+
+/// An octree: the image, mapped from a file or held in memory, with its object and block tables.
+///
+/// Opening checks the header, the tables and the info sections. What the descriptors say is checked by
+/// [`validate`](Self::validate), or once and briefly by [`sound`](Self::sound), which every caster calls before it walks.
+pub struct Octree {
+    pub(crate) objects: Vec<ObjectEntry>,
+    pub(crate) blocks: Vec<BlockEntry>,
+    pub(crate) parts: Vec<BlockParts>,
+    pub(crate) meta: String,
+    pub(crate) unknown: Vec<UnknownSection>,
+    pub(crate) image: Image,
+    pub(crate) sound: OnceLock<Result<(), Broken>>,
+}
+
+impl Octree {
+    /// An octree from tables and an image. Blocks must follow each other in the image as rule B003 says.
+    ///
+    /// # Errors
+    /// Info sections that do not fit the blocks.
+    pub fn from_parts(
+        objects: Vec<ObjectEntry>,
+        blocks: Vec<BlockEntry>,
+        image: Vec<u64>,
+    ) -> Result<Self, FormatError> {
+        Self::new(objects, blocks, String::new(), Vec::new(), Image::Owned(image))
+    }
+
+    pub(crate) fn new(
+        objects: Vec<ObjectEntry>,
+        blocks: Vec<BlockEntry>,
+        meta: String,
+        unknown: Vec<UnknownSection>,
+        image: Image,
+    ) -> Result<Self, FormatError> {
+        let bytes: &[u8] = bytemuck::cast_slice(image.slots());
+        let parts = (blocks.iter().enumerate())
+            .map(|(index, block)| block_parts(bytes, index, block))
+            .collect::<Result<_, Broken>>()?;
+        Ok(Self { objects, blocks, parts, meta, unknown, image, sound: OnceLock::new() })
+    }
+
+    /// The objects; at least one.
+    pub fn objects(&self) -> &[ObjectEntry] {
+        &self.objects
+    }
+
+    /// The block table.
+    pub fn blocks(&self) -> &[BlockEntry] {
+        &self.blocks
+    }
+
+    /// The parts of each block, in the order of the block table.
+    pub fn parts(&self) -> &[BlockParts] {
+        &self.parts
+    }
+
+    /// The metadata, a JSON object, or empty.
+    pub fn meta(&self) -> &str {
+        &self.meta
+    }
+
+    /// Replaces the metadata. `meta` should be a JSON object.
+    pub fn set_meta(&mut self, meta: String) {
+        self.meta = meta;
+    }
+
+    /// Sections of the file that this library does not know.
+    pub fn unknown_sections(&self) -> &[UnknownSection] {
+        &self.unknown
+    }
+
+    /// The image in slots of 8 bytes. Pointers in descriptors are distances in this array.
+    pub fn slots(&self) -> &[u64] {
+        self.image.slots()
+    }
+
+    /// The image in 32-bit words: the low word of slot `s` is word `2 s`.
+    pub fn words(&self) -> &[u32] {
+        bytemuck::cast_slice(self.slots())
+    }
+
+    /// Octree space (root cube `[0, 1]³`) to mesh space of object `object`.
+    pub fn octree_to_mesh(&self, object: usize) -> DMat4 {
+        DMat4::from_cols_array(&self.objects[object].octree_to_mesh)
+    }
+
+    /// What casting this octree takes.
+    pub fn needs(&self) -> Needs {
+        let kind = |kinds: &[u32]| self.parts.iter().any(|p| p.attachments.iter().any(|a| kinds.contains(&a.0)));
+        Needs {
+            contours: self.parts.iter().any(|p| p.contour_count > 0),
+            far_pointers: self.objects.iter().any(|o| o.far_pointers > 0),
+            levels: self.objects.iter().map(|o| o.levels).max().unwrap_or(0),
+            colors: kind(&[attachment::COLOR_BLOCKS, attachment::COLOR_CONSTANT]),
+            normals: kind(&[attachment::NORMAL_BLOCKS]),
+        }
+    }
+
+    /// Whether every pointer that a traversal can follow stays in the image; checked once, remembered.
+    ///
+    /// # Errors
+    /// The first rule found broken.
+    pub fn sound(&self) -> Result<(), Broken> {
+        self.sound.get_or_init(|| crate::validate::check_topology(self)).clone()
+    }
+
+    /// The descriptor at `slot`.
+    ///
+    /// # Panics
+    /// Slots outside the image.
+    pub fn descriptor(&self, slot: u32) -> ChildDescriptor {
+        ChildDescriptor(self.slots()[slot as usize])
+    }
+
+    /// Slot of the first child descriptor of the descriptor at `slot`; meaningless if it has no non-leaf child.
+    pub fn first_child(&self, slot: u32) -> u32 {
+        let descriptor = self.descriptor(slot);
+        let near = slot + descriptor.child_ptr();
+        if descriptor.far() { slot.wrapping_add(self.slots()[near as usize] as u32) } else { near }
+    }
+
+    /// Slot of the descriptor of child `child`, if it has one.
+    pub fn child(&self, slot: u32, child: u8) -> Option<u32> {
+        let descriptor = self.descriptor(slot);
+        (descriptor.nonleaf_mask() >> child & 1 != 0).then(|| self.first_child(slot) + descriptor.child_rank(child))
+    }
+
+    /// Contour of child `child` of the descriptor at `slot`, if it has one.
+    pub fn contour(&self, slot: u32, child: u8) -> Option<Contour> {
+        let descriptor = self.descriptor(slot);
+        (descriptor.contour_mask() >> child & 1 != 0).then(|| {
+            let word = slot as usize * 2 + (descriptor.contour_ptr() + descriptor.contour_rank(child)) as usize;
+            Contour(self.words()[word])
+        })
+    }
+
+    /// Index of the block that the descriptor at `slot` lies in, by its page header.
+    pub fn block_of(&self, slot: u32) -> u32 {
+        let page = slot & !(PAGE_SLOTS - 1);
+        let info = page + self.slots()[page as usize] as u32;
+        self.words()[info as usize * 2]
+    }
+
+    /// Colour of child `child` of the descriptor at `slot`: sRGB-encoded, channels in `0.0..=1.0`.
+    pub fn color(&self, slot: u32, child: u8) -> Option<[f32; 3]> {
+        let parts = &self.parts[self.block_of(slot) as usize];
+        if let Some(word) = parts.words(attachment::COLOR_CONSTANT) {
+            let [r, g, b, _] = self.words()[word].to_le_bytes();
+            return Some([r, g, b].map(|c| f32::from(c) / 255.0));
+        }
+        let (pair, texel) = pair_of(slot - parts.start, child);
+        let words = self.words().get(parts.words(attachment::COLOR_BLOCKS)? + pair * 2..)?;
+        Some(ColorBlock { head: words[0], indices: words[1] }.decode(texel))
+    }
+
+    /// Unit normal of child `child` of the descriptor at `slot`, in mesh orientation.
+    pub fn normal(&self, slot: u32, child: u8) -> Option<Vec3> {
+        let parts = &self.parts[self.block_of(slot) as usize];
+        let (pair, texel) = pair_of(slot - parts.start, child);
+        let words = self.words().get(parts.words(attachment::NORMAL_BLOCKS)? + pair * 4..)?;
+        Some(bytemuck::pod_read_unaligned::<NormalBlock>(bytemuck::cast_slice(&words[..4])).decode(texel))
+    }
+}
+
+/// Compression block and place in it for child `child` of the descriptor at `slot` of its block.
+fn pair_of(slot: u32, child: u8) -> (usize, usize) {
+    ((slot / 2) as usize, (child as u32 + 8 * (slot % 2)) as usize)
+}
+
+/// Reads and checks the info section of one block.
+fn block_parts(image: &[u8], index: usize, block: &BlockEntry) -> Result<BlockParts, Broken> {
+    let at = block.image_offset;
+    let broken = |rule, what: String| Err(Broken::new(rule, at, format!("block {index}: {what}")));
+    let Some(bytes) = image.get(at as usize..at.saturating_add(block.image_size) as usize) else {
+        return broken(ids::BLOCK_IMAGE, "lies outside the image".into());
+    };
+    let header = bytes.first_chunk::<8>().map_or(0, |b| u64::from_le_bytes(*b));
+    if header > block.image_size / 8 || header < 4 {
+        return broken(ids::PAGE_HEADER, format!("its first page header points {header} slots ahead"));
+    }
+    let info_at = header * 8;
+    let Some(info) = from_bytes::<InfoSection>(&bytes[info_at as usize..]) else {
+        return broken(ids::INFO_RANGE, "the info section does not fit".into());
+    };
+    if info.block as usize != index {
+        return broken(ids::INFO_BLOCK, format!("its info section says block {}", info.block));
+    }
+    if u64::from(info.array_slots) != header {
+        return broken(
+            ids::INFO_RANGE,
+            format!("{} slots, but the info section is at slot {header}", info.array_slots),
+        );
+    }
+    if u64::from(info.first_descriptor) + 2 != header {
+        return broken(ids::INFO_FIRST, format!("first descriptor {} slots back", info.first_descriptor));
+    }
+    let directory_end = info_at + INFO_BYTES + u64::from(info.attachment_count) * ATTACHMENT_BYTES;
+    let contours = info_at + u64::from(info.contour_offset) * 4;
+    let contours_end = contours + u64::from(info.contour_count) * 4;
+    if directory_end > block.image_size {
+        return broken(ids::INFO_RANGE, format!("{} attachments do not fit", info.attachment_count));
+    }
+    if contours < directory_end || contours_end > block.image_size {
+        return broken(ids::INFO_CONTOURS, "the contour pool does not fit".into());
+    }
+    let mut attachments: Vec<(u32, u64, u64)> = Vec::new();
+    for k in 0..u64::from(info.attachment_count) {
+        let entry_at = info_at + INFO_BYTES + k * ATTACHMENT_BYTES;
+        let Some(entry) = from_bytes::<AttachmentEntry>(&bytes[entry_at as usize..]) else {
+            return broken(ids::INFO_RANGE, "the attachment directory does not fit".into());
+        };
+        let start = info_at + u64::from(entry.offset);
+        let pairs = u64::from(info.array_slots.div_ceil(2));
+        let expected = match entry.kind {
+            attachment::COLOR_BLOCKS => pairs * 8,
+            attachment::NORMAL_BLOCKS => pairs * 16,
+            attachment::COLOR_CONSTANT => 8,
+            attachment::VENDOR_FIRST..=attachment::VENDOR_LAST => entry.size,
+            kind => return broken(ids::ATTACHMENT_TYPE, format!("attachment type {kind} is not registered")),
+        };
+        if entry.size != expected {
+            return broken(
+                ids::ATTACHMENT_SIZE,
+                format!("attachment {} has {} bytes, not {expected}", entry.kind, entry.size),
+            );
+        }
+        let fits = start % 8 == 0
+            && start >= contours_end
+            && start.checked_add(entry.size).is_some_and(|end| end <= block.image_size);
+        let overlaps =
+            |&(_, other, size): &(u32, u64, u64)| start < other - at + size && other - at < start + entry.size;
+        if !fits || attachments.iter().any(overlaps) {
+            return broken(ids::ATTACHMENT_RANGE, format!("attachment {} does not fit", entry.kind));
+        }
+        if attachments.iter().any(|a| a.0 == entry.kind) {
+            return broken(ids::ATTACHMENT_TYPE, format!("attachment type {} occurs twice", entry.kind));
+        }
+        attachments.push((entry.kind, at + start, entry.size));
+    }
+    Ok(BlockParts {
+        start: (at / 8) as u32,
+        array_slots: info.array_slots,
+        contour_words: ((at + contours) / 4) as usize,
+        contour_count: info.contour_count,
+        attachments,
+    })
+}
