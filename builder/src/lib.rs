@@ -1,5 +1,6 @@
 //! Turns triangle meshes into esvo sparse voxel octrees.
 
+pub mod import;
 pub mod mesh;
 
 pub use mesh::{Material, Mesh, MipLevel, Texture};

@@ -2,6 +2,8 @@
 
 use std::sync::Arc;
 
+use glam::{DMat3, DMat4, DVec3};
+
 /// An indexed triangle mesh in its own units.
 ///
 /// Vertex attributes other than the position are optional: each array is either empty or as long as `positions`.
@@ -23,6 +25,169 @@ pub struct Mesh {
     pub materials: Vec<Material>,
     /// What the loader had to say: missing textures, skipped primitives. One line each.
     pub warnings: Vec<String>,
+}
+
+/// What [`Mesh::validate`] found wrong. Indices count from 0.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum MeshError {
+    /// Nothing to voxelize.
+    #[error("the mesh has no triangles")]
+    NoTriangles,
+    /// An attribute array has neither one entry per vertex nor none at all, or `triangle_materials` not one per triangle.
+    #[error("{what} has {found} entries where {expected} are needed")]
+    WrongLength {
+        /// Name of the array.
+        what: &'static str,
+        /// Its length.
+        found: usize,
+        /// The length it should have.
+        expected: usize,
+    },
+    /// A position is infinite or NaN.
+    #[error("vertex {vertex} is not finite; repair or remove it")]
+    NonFiniteVertex {
+        /// Index into `positions`.
+        vertex: usize,
+    },
+    /// A normal, texture coordinate or colour is infinite or NaN.
+    #[error("the {what} of vertex {vertex} is not finite; repair or remove it")]
+    NonFiniteAttribute {
+        /// Name of the attribute.
+        what: &'static str,
+        /// Index of the vertex.
+        vertex: usize,
+    },
+    /// A triangle names a vertex that does not exist.
+    #[error("triangle {triangle} refers to vertex {vertex}, but there are only {vertices}")]
+    VertexOutOfRange {
+        /// Index into `triangles`.
+        triangle: usize,
+        /// The vertex index it holds.
+        vertex: u32,
+        /// Number of vertices.
+        vertices: usize,
+    },
+    /// A triangle names a material that does not exist.
+    #[error("triangle {triangle} refers to material {material}, but there are only {materials}")]
+    MaterialOutOfRange {
+        /// Index into `triangles`.
+        triangle: usize,
+        /// The material index it holds.
+        material: u32,
+        /// Number of materials.
+        materials: usize,
+    },
+}
+
+impl Mesh {
+    /// Number of triangles, degenerate ones included.
+    #[must_use]
+    pub fn triangle_count(&self) -> usize {
+        self.triangles.len()
+    }
+
+    /// Smallest and largest coordinates over all vertices, in mesh units, or `None` without vertices.
+    #[must_use]
+    pub fn bounds(&self) -> Option<([f64; 3], [f64; 3])> {
+        let first = DVec3::from(*self.positions.first()?);
+        let (low, high) = self
+            .positions
+            .iter()
+            .fold((first, first), |(low, high), &p| (low.min(DVec3::from(p)), high.max(DVec3::from(p))));
+        Some((low.to_array(), high.to_array()))
+    }
+
+    /// Moves all vertices by `matrix`. Normals follow by its inverse transpose, and a mirroring matrix swaps the
+    /// winding of the triangles, so that both still point outwards.
+    pub fn transform(&mut self, matrix: &DMat4) {
+        for p in &mut self.positions {
+            *p = matrix.transform_point3(DVec3::from(*p)).to_array();
+        }
+        let normal_matrix = normal_matrix(matrix);
+        for n in &mut self.normals {
+            *n = transform_normal(&normal_matrix, *n);
+        }
+        if mirrors(matrix) {
+            for t in &mut self.triangles {
+                t.swap(1, 2);
+            }
+        }
+    }
+
+    /// Checks everything the builder takes for granted.
+    ///
+    /// # Errors
+    /// The first rule of the fields' documentation that does not hold.
+    pub fn validate(&self) -> Result<(), MeshError> {
+        if self.triangles.is_empty() {
+            return Err(MeshError::NoTriangles);
+        }
+        let vertices = self.positions.len();
+        for (what, found) in [("normals", self.normals.len()), ("uvs", self.uvs.len()), ("colors", self.colors.len())] {
+            if found != 0 && found != vertices {
+                return Err(MeshError::WrongLength { what, found, expected: vertices });
+            }
+        }
+        if self.triangle_materials.len() != self.triangles.len() {
+            return Err(MeshError::WrongLength {
+                what: "triangle_materials",
+                found: self.triangle_materials.len(),
+                expected: self.triangles.len(),
+            });
+        }
+        if let Some(vertex) = first_non_finite(&self.positions, |x| x.is_finite()) {
+            return Err(MeshError::NonFiniteVertex { vertex });
+        }
+        for (what, vertex) in [
+            ("normal", first_non_finite(&self.normals, |x| x.is_finite())),
+            ("texture coordinate", first_non_finite(&self.uvs, |x| x.is_finite())),
+            ("colour", first_non_finite(&self.colors, |x| x.is_finite())),
+        ] {
+            if let Some(vertex) = vertex {
+                return Err(MeshError::NonFiniteAttribute { what, vertex });
+            }
+        }
+        for (triangle, (corners, &material)) in self.triangles.iter().zip(&self.triangle_materials).enumerate() {
+            if let Some(&vertex) = corners.iter().find(|&&v| v as usize >= vertices) {
+                return Err(MeshError::VertexOutOfRange { triangle, vertex, vertices });
+            }
+            if material as usize >= self.materials.len() {
+                return Err(MeshError::MaterialOutOfRange { triangle, material, materials: self.materials.len() });
+            }
+        }
+        Ok(())
+    }
+}
+
+fn first_non_finite<T: Copy, const N: usize>(values: &[[T; N]], finite: impl Fn(T) -> bool) -> Option<usize> {
+    values.iter().position(|value| !value.iter().all(|&x| finite(x)))
+}
+
+/// Whether `matrix` turns outside into inside (negative determinant).
+pub(crate) fn mirrors(matrix: &DMat4) -> bool {
+    DMat3::from_mat4(*matrix).determinant() < 0.0
+}
+
+/// The inverse transpose of the linear part of `matrix` up to a positive factor. Made from cofactors, so that a matrix
+/// that flattens the mesh into a plane still gives the normal of that plane.
+pub(crate) fn normal_matrix(matrix: &DMat4) -> DMat3 {
+    let linear = DMat3::from_mat4(*matrix);
+    let (x, y, z) = (linear.x_axis, linear.y_axis, linear.z_axis);
+    let cofactors = DMat3::from_cols(y.cross(z), z.cross(x), x.cross(y));
+    if linear.determinant() < 0.0 { -cofactors } else { cofactors }
+}
+
+/// `normal` turned by a [`normal_matrix`] and brought to unit length; zero if nothing is left of it.
+pub(crate) fn transform_normal(normal_matrix: &DMat3, normal: [f32; 3]) -> [f32; 3] {
+    let n = DVec3::from(normal.map(f64::from));
+    // The factor of the matrix may be tiny or huge: bring it near one before squaring.
+    let turned = *normal_matrix * n;
+    let largest = turned.abs().max_element();
+    if largest > 0.0 && largest.is_finite() {
+        (turned / largest).normalize_or_zero().as_vec3().to_array()
+    } else {
+        [0.0; 3]
+    }
 }
 
 /// Surface colour of a set of triangles.
