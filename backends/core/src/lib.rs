@@ -1,6 +1,7 @@
 //! Rays, cameras, the Caster trait, the reference caster and the kernel sources of esvo.
 
 mod caster;
+pub mod exact;
 mod frame;
 mod hit;
 pub mod reference;
