@@ -1,0 +1,148 @@
+//! Finding real meshes on this machine and telling which copy one is.
+
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::{Path, PathBuf};
+
+use sha2::{Digest, Sha256};
+
+use crate::camera::CameraSpec;
+use crate::manifest::{MeshFile, SceneEntry};
+
+/// The environment variable that names the directory of scenes.
+pub const SCENES_VARIABLE: &str = "ESVO_SCENES";
+/// Where scenes are looked for at last, relative to the current directory.
+pub const DEFAULT_SCENES_DIR: &str = "../shared/scenes";
+
+/// Which of a scene's two meshes was measured. Tables always say.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum SceneVariant {
+    /// The mesh the manifest names.
+    Real,
+    /// The procedural mesh that takes its place.
+    StandIn,
+}
+
+impl std::fmt::Display for SceneVariant {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Real => "real",
+            Self::StandIn => "stand-in",
+        })
+    }
+}
+
+/// Whether a file is the one that the manifest names.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum FileIdentity {
+    /// Every hash agrees.
+    Listed,
+    /// A file differs from what the manifest names: results are not comparable with those of others.
+    Modified {
+        /// The file that differs.
+        path: PathBuf,
+        /// The hash that the manifest names.
+        expected: String,
+        /// The hash of the file, or `None` if the file (a part of the mesh) is missing.
+        found: Option<String>,
+    },
+}
+
+impl std::fmt::Display for FileIdentity {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Listed => f.write_str("as listed in the manifest"),
+            Self::Modified { path, expected, found: Some(found) } => write!(
+                f,
+                "{} is modified: its sha256 is {found}, the manifest names {expected}; results are not comparable with others",
+                path.display()
+            ),
+            Self::Modified { path, expected, found: None } => {
+                write!(f, "{} is missing (the manifest names sha256 {expected})", path.display())
+            }
+        }
+    }
+}
+
+/// A real mesh that was found.
+#[derive(Clone, Debug)]
+pub struct FoundScene<'a> {
+    /// Where it is.
+    pub path: PathBuf,
+    /// Which of the entry's copies it is by its name; its cameras are in this file's units.
+    pub mesh: &'a MeshFile,
+    /// Whether its content is the listed one. Show it as a warning if not.
+    pub identity: FileIdentity,
+}
+
+/// The directories that are looked in, in order: the explicit one, `$ESVO_SCENES`, `../shared/scenes`.
+///
+/// An explicit directory does not replace the others: a scene it does not have may still be in one of them.
+pub fn scene_dirs(explicit: Option<&Path>) -> Vec<PathBuf> {
+    let variable = std::env::var_os(SCENES_VARIABLE).filter(|v| !v.is_empty()).map(PathBuf::from);
+    explicit.map(Path::to_owned).into_iter().chain(variable).chain([PathBuf::from(DEFAULT_SCENES_DIR)]).collect()
+}
+
+/// The path of the scene's real mesh, or `None` if no copy is in any of [`scene_dirs`]. Does not read the file.
+pub fn find_scene_file(entry: &SceneEntry, explicit_dir: Option<&Path>) -> Option<PathBuf> {
+    find(entry, &scene_dirs(explicit_dir)).map(|(path, _, _)| path)
+}
+
+/// Finds the scene's real mesh and compares its hashes with the manifest. `Ok(None)`: use the stand-in.
+///
+/// # Errors
+/// A file that is there but cannot be read; the message names it.
+pub fn locate_scene<'a>(entry: &'a SceneEntry, explicit_dir: Option<&Path>) -> io::Result<Option<FoundScene<'a>>> {
+    locate_scene_in(entry, &scene_dirs(explicit_dir))
+}
+
+/// As [`locate_scene`], in the given directories only.
+pub fn locate_scene_in<'a>(entry: &'a SceneEntry, dirs: &[PathBuf]) -> io::Result<Option<FoundScene<'a>>> {
+    let Some((path, dir, mesh)) = find(entry, dirs) else { return Ok(None) };
+    let files = std::iter::once((&mesh.file, &mesh.sha256)).chain(mesh.parts.iter().map(|p| (&p.file, &p.sha256)));
+    let mut identity = FileIdentity::Listed;
+    for (file, expected) in files {
+        let path = dir.join(file);
+        let found = if path.is_file() { Some(sha256_of(&path)?) } else { None };
+        if found.as_ref() != Some(expected) {
+            identity = FileIdentity::Modified { path, expected: expected.clone(), found };
+            break;
+        }
+    }
+    Ok(Some(FoundScene { path, mesh, identity }))
+}
+
+fn find<'a, 'd>(entry: &'a SceneEntry, dirs: &'d [PathBuf]) -> Option<(PathBuf, &'d Path, &'a MeshFile)> {
+    // Directories outrank copies: what the user points at comes before what happens to lie around.
+    dirs.iter()
+        .flat_map(|dir| entry.meshes.iter().map(move |mesh| (dir.join(&mesh.file), dir.as_path(), mesh)))
+        .find(|(path, _, _)| path.is_file())
+}
+
+/// SHA-256 of a file as 64 lower-case hexadecimal digits, read in pieces.
+pub fn sha256_of(path: &Path) -> io::Result<String> {
+    let annotate = |e: io::Error| io::Error::new(e.kind(), format!("cannot read {}: {e}", path.display()));
+    let mut file = File::open(path).map_err(annotate)?;
+    let mut hash = Sha256::new();
+    let mut piece = vec![0; 1 << 16];
+    loop {
+        match file.read(&mut piece) {
+            Ok(0) => break,
+            Ok(n) => hash.update(&piece[..n]),
+            Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
+            Err(e) => return Err(annotate(e)),
+        }
+    }
+    Ok(hash.finalize().iter().map(|b| format!("{b:02x}")).collect())
+}
+
+impl SceneEntry {
+    /// The viewpoints of a variant in its own units: those of the preferred copy for [`SceneVariant::Real`] (another copy's
+    /// are in [`FoundScene::mesh`]). Empty if the scene has no such variant.
+    pub fn cameras(&self, variant: SceneVariant) -> &[CameraSpec] {
+        match variant {
+            SceneVariant::Real => self.meshes.first().map_or(&[], |m| &m.cameras),
+            SceneVariant::StandIn => self.stand_in.as_ref().map_or(&[], |s| &s.cameras),
+        }
+    }
+}

@@ -1,0 +1,256 @@
+//! Manifests: which scenes there are, by content hash, and from where they are looked at.
+
+use std::collections::HashSet;
+use std::path::{Component, Path, PathBuf};
+
+use esvo_builder::mesh::Mesh;
+use serde::Deserialize;
+
+use crate::camera::CameraSpec;
+use crate::generate::generator;
+
+/// The version of manifests that this crate reads.
+pub const MANIFEST_VERSION: u32 = 1;
+
+const BUILTIN: &str = include_str!("../manifests/paper.toml");
+
+/// A list of scenes.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SceneManifest {
+    /// [`MANIFEST_VERSION`].
+    pub version: u32,
+    /// The scenes, in the order in which tables list them.
+    #[serde(rename = "scene")]
+    pub scenes: Vec<SceneEntry>,
+}
+
+/// One scene: its real mesh, its stand-in, or both.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SceneEntry {
+    /// As in the paper's tables where the scene is one of the paper's. Unique, without regard to letter case.
+    pub name: String,
+    /// True for the scenes of the paper's tables, false for extras.
+    #[serde(default)]
+    pub paper: bool,
+    /// Number of triangles that the paper states.
+    pub paper_triangles: Option<u64>,
+    /// What the scene tests or is, in a line.
+    pub about: String,
+    /// Where a person gets the mesh.
+    pub source: String,
+    /// Credit line to print wherever a picture or a table of the real mesh is published.
+    pub credit: String,
+    /// Whether pictures of the real mesh may be published. (Pictures of stand-ins always may.)
+    pub publish: bool,
+    /// Why the scene cannot be measured, if so: tables show it as left out and say this.
+    pub unsupported: Option<String>,
+    /// The paper's settings of the builder for this scene.
+    pub build: BuildSettings,
+    /// Copies of the real mesh, the preferred one first. Empty if none is known.
+    #[serde(default, rename = "mesh")]
+    pub meshes: Vec<MeshFile>,
+    /// The procedural stand-in, if there is one.
+    pub stand_in: Option<StandIn>,
+}
+
+/// Limits that the paper's builder stops refining at.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BuildSettings {
+    /// Allowed deviation of a colour component, in 256ths of its range; 256 switches the test off.
+    pub color_error: f64,
+    /// Allowed deviation of a component of the unit normal (0..=2).
+    pub normal_error: f64,
+    /// Allowed deviation of the surface: the diagonal of a voxel this many levels deep (fractions allowed, at most 23).
+    pub contour_error: f64,
+}
+
+/// A mesh file that a person may have, and the viewpoints in its units.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MeshFile {
+    /// Path relative to the directory of scenes, with `/`.
+    pub file: String,
+    /// SHA-256 of the file, 64 lower-case hexadecimal digits.
+    pub sha256: String,
+    /// Number of triangles, if known.
+    pub triangles: Option<u64>,
+    /// Other files whose content belongs to the geometry (buffers of a glTF file).
+    #[serde(default)]
+    pub parts: Vec<MeshPart>,
+    /// What is special about this copy.
+    pub note: Option<String>,
+    /// Viewpoints in the units of this file.
+    #[serde(default)]
+    pub cameras: Vec<CameraSpec>,
+}
+
+/// A file that a mesh file refers to.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MeshPart {
+    /// Path relative to the directory of scenes, with `/`.
+    pub file: String,
+    /// SHA-256 of the file, 64 lower-case hexadecimal digits.
+    pub sha256: String,
+}
+
+/// A procedural mesh that takes the place of a real one, and the viewpoints in its units.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StandIn {
+    /// Name of a generator, see [`crate::generate::GENERATORS`].
+    pub generator: String,
+    /// Seed of the generator.
+    pub seed: u64,
+    /// Exact number of triangles; has to agree with the generator.
+    pub triangles: u64,
+    /// Viewpoints in the units of the generator.
+    pub cameras: Vec<CameraSpec>,
+}
+
+impl StandIn {
+    /// Makes the mesh. `None` only if the entry was not validated and names a generator that does not exist.
+    pub fn generate(&self) -> Option<Mesh> {
+        Some((generator(&self.generator)?.make)(self.seed))
+    }
+}
+
+/// Why a manifest could not be used.
+#[derive(Debug, thiserror::Error)]
+pub enum ManifestError {
+    /// The file could not be read.
+    #[error("cannot read the scene manifest {}: {source}", path.display())]
+    Read {
+        /// The manifest.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// Not TOML, or an unknown key, a missing one, or one of the wrong type. The source names line and column.
+    #[error("scene manifest {}: {source}", path.display())]
+    Parse {
+        /// The manifest.
+        path: PathBuf,
+        /// What the parser said.
+        source: Box<toml::de::Error>,
+    },
+    /// Well-formed, but a value is out of range or contradicts another.
+    #[error("scene manifest {}: {what}", path.display())]
+    Invalid {
+        /// The manifest.
+        path: PathBuf,
+        /// The scene and what is wrong with it.
+        what: String,
+    },
+}
+
+impl SceneManifest {
+    /// Reads and validates a manifest file.
+    pub fn load(path: &Path) -> Result<Self, ManifestError> {
+        let text =
+            std::fs::read_to_string(path).map_err(|source| ManifestError::Read { path: path.to_owned(), source })?;
+        Self::parse(&text, path)
+    }
+
+    /// The manifest of the paper's scenes that is part of this crate.
+    pub fn builtin() -> Result<Self, ManifestError> {
+        Self::parse(BUILTIN, Path::new("paper.toml (built in)"))
+    }
+
+    /// Reads and validates a manifest from text; `path` only serves the messages.
+    pub fn parse(text: &str, path: &Path) -> Result<Self, ManifestError> {
+        let manifest: Self = toml::from_str(text)
+            .map_err(|source| ManifestError::Parse { path: path.to_owned(), source: Box::new(source) })?;
+        manifest.validate().map_err(|what| ManifestError::Invalid { path: path.to_owned(), what })?;
+        Ok(manifest)
+    }
+
+    /// The scene of that name, without regard to letter case.
+    pub fn scene(&self, name: &str) -> Option<&SceneEntry> {
+        self.scenes.iter().find(|s| s.name.eq_ignore_ascii_case(name))
+    }
+
+    fn validate(&self) -> Result<(), String> {
+        if self.version != MANIFEST_VERSION {
+            return Err(format!(
+                "`version` is {}, this program reads version {MANIFEST_VERSION}: use the esvo release that the manifest was made for",
+                self.version
+            ));
+        }
+        let mut names = HashSet::new();
+        for scene in &self.scenes {
+            scene.validate().map_err(|what| format!("scene \"{}\": {what}", scene.name))?;
+            if !names.insert(scene.name.to_ascii_uppercase()) {
+                return Err(format!("scene \"{}\" is listed twice", scene.name));
+            }
+        }
+        Ok(())
+    }
+}
+
+impl SceneEntry {
+    fn validate(&self) -> Result<(), String> {
+        if self.name.is_empty() {
+            return Err("the name is empty".into());
+        }
+        if self.meshes.is_empty() && self.stand_in.is_none() {
+            return Err("neither a `mesh` nor a `stand_in` is given, so there is nothing to measure".into());
+        }
+        let BuildSettings { color_error, normal_error, contour_error } = self.build;
+        for (key, value, most) in [
+            ("color_error", color_error, 256.0),
+            ("normal_error", normal_error, 2.0),
+            ("contour_error", contour_error, 23.0),
+        ] {
+            if !(value > 0.0 && value <= most) {
+                return Err(format!("`build.{key}` is {value}, it has to be more than 0 and at most {most}"));
+            }
+        }
+        for mesh in &self.meshes {
+            check_file(&mesh.file, &mesh.sha256)?;
+            for part in &mesh.parts {
+                check_file(&part.file, &part.sha256)?;
+            }
+            self.check_cameras(&mesh.cameras).map_err(|what| format!("mesh {}: {what}", mesh.file))?;
+        }
+        if let Some(stand_in) = &self.stand_in {
+            let Some(generator) = generator(&stand_in.generator) else {
+                return Err(format!("`stand_in.generator`: there is no generator \"{}\"", stand_in.generator));
+            };
+            if generator.triangles as u64 != stand_in.triangles {
+                return Err(format!(
+                    "`stand_in.triangles` is {}, but the generator \"{}\" makes {}",
+                    stand_in.triangles, stand_in.generator, generator.triangles
+                ));
+            }
+            self.check_cameras(&stand_in.cameras).map_err(|what| format!("stand-in: {what}"))?;
+        }
+        Ok(())
+    }
+
+    fn check_cameras(&self, cameras: &[CameraSpec]) -> Result<(), String> {
+        if cameras.is_empty() && self.unsupported.is_none() {
+            return Err("there are no `cameras`, and the scene is not marked `unsupported`".into());
+        }
+        let mut names = HashSet::new();
+        match cameras.iter().find(|c| !names.insert(&c.name)) {
+            Some(camera) => Err(format!("two cameras are called \"{}\"", camera.name)),
+            None => Ok(()),
+        }
+    }
+}
+
+fn check_file(file: &str, sha256: &str) -> Result<(), String> {
+    // A manifest must not be able to point outside the directory of scenes.
+    let plain = Path::new(file).components().all(|c| matches!(c, Component::Normal(_)));
+    if file.is_empty() || !plain || file.contains('\\') {
+        return Err(format!("`file` \"{file}\" has to be a relative path with `/`, without `..`"));
+    }
+    if sha256.len() != 64 || !sha256.bytes().all(|b| matches!(b, b'0'..=b'9' | b'a'..=b'f')) {
+        return Err(format!("`sha256` of {file} has to be 64 lower-case hexadecimal digits"));
+    }
+    Ok(())
+}
