@@ -1,10 +1,14 @@
 //! Rays, cameras, the Caster trait, the reference caster and the kernel sources of esvo.
 
 mod caster;
+pub mod compare;
 pub mod exact;
 mod frame;
 mod hit;
+pub mod kernel;
 pub mod reference;
+pub mod resident;
+pub mod sample;
 
 pub use caster::{CastError, Caster, Device, DeviceKind, FrameTime};
 pub use frame::{BEAM_BLOCK, COARSE_VOXEL_PIXELS, Camera, CastOptions, FLAG_BEAM, FLAG_CONTOURS, Ray, View};

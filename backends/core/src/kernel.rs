@@ -1,0 +1,172 @@
+//! The GPU kernel: one WGSL source, specialised by a generated prelude to what an octree needs and a frame asks for.
+//!
+//! wgpu takes the text as it is; ash takes it as SPIR-V. WGSL's pipeline overrides could switch the features, but neither
+//! the number of storage bindings nor the size of the stack, so everything comes from the prelude, and a variant contains
+//! nothing that it does not use.
+
+use std::fmt::Write as _;
+
+use crate::View;
+
+/// The kernel without its prelude.
+pub const CAST_WGSL: &str = include_str!("../kernels/cast.wgsl");
+
+/// Entry point of the coarse pass. Bindings of group 0: the view and the values (one `f32` per corner).
+pub const ENTRY_COARSE: &str = "coarse";
+/// Entry point of the main pass. Bindings of group 0: the view, the coarse values with [`Variant::beam`], the hits.
+pub const ENTRY_CAST: &str = "cast";
+/// Entry point of the main pass that stores one `f32` per pixel; bindings as for [`ENTRY_CAST`].
+pub const ENTRY_TIME: &str = "time";
+
+/// Binding in group 0 of the uniform buffer with the view (see [`band_view`]).
+pub const BINDING_VIEW: u32 = 0;
+/// Binding in group 0 of the values of the coarse pass: written by it, read by the main pass.
+pub const BINDING_COARSE: u32 = 1;
+/// Binding in group 0 of what the main pass writes.
+pub const BINDING_OUT: u32 = 2;
+/// Group of the octree: bindings from 0, one for each part.
+pub const GROUP_OCTREE: u32 = 1;
+
+/// What a kernel takes care of. What it leaves out costs nothing.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub struct Variant {
+    /// Clip voxels by their contours.
+    pub contours: bool,
+    /// Follow far pointers.
+    pub far_pointers: bool,
+    /// End rays at voxels that are small enough.
+    pub lod: bool,
+    /// Start rays at what the coarse pass found.
+    pub beam: bool,
+    /// Level of the deepest voxel, 1..=23: frames of the stack.
+    pub levels: u32,
+    /// Number of bindings that hold the octree, at least 1.
+    pub parts: u32,
+    /// With several bindings: each but the last holds `2^part_shift` slots.
+    pub part_shift: u32,
+    /// Width and height of a workgroup in pixels: powers of two.
+    pub workgroup: (u32, u32),
+}
+
+impl Variant {
+    /// The kernel of the coarse pass for the same octree.
+    ///
+    /// Contours are off: they would let a ray pass through voxels that others hit. It always ends at small voxels.
+    pub fn of_coarse_pass(self) -> Self {
+        Self { contours: false, lod: true, beam: false, ..self }
+    }
+
+    /// The kernel's source for this variant.
+    pub fn source(&self) -> String {
+        self.source_with(CAST_WGSL)
+    }
+
+    /// The same with another body than [`CAST_WGSL`]: for trying changes, and for tests that break it on purpose.
+    pub fn source_with(&self, body: &str) -> String {
+        let mut text = String::new();
+        let flags =
+            [("CONTOURS", self.contours), ("FAR_POINTERS", self.far_pointers), ("LOD", self.lod), ("BEAM", self.beam)];
+        for (name, value) in flags {
+            let _ = writeln!(text, "const {name}: bool = {value};");
+        }
+        let numbers = [("LEVELS", self.levels.clamp(1, 23)), ("WIDTH", self.workgroup.0), ("HEIGHT", self.workgroup.1)];
+        for (name, value) in numbers {
+            let _ = writeln!(text, "const {name}: u32 = {value}u;");
+        }
+        for part in 0..self.parts {
+            let _ = writeln!(
+                text,
+                "@group({GROUP_OCTREE}) @binding({part}) var<storage, read> part_{part}: array<vec2<u32>>;"
+            );
+        }
+        text.push_str("fn slot_at(slot: u32) -> vec2<u32> {\n");
+        if self.parts == 1 {
+            text.push_str("    return part_0[slot];\n}\n");
+        } else {
+            let _ = writeln!(text, "    let within = slot & {}u;", (1u32 << self.part_shift) - 1);
+            let _ = writeln!(text, "    switch slot >> {}u {{", self.part_shift);
+            for part in 0..self.parts - 1 {
+                let _ = writeln!(text, "        case {part}u: {{ return part_{part}[within]; }}");
+            }
+            let _ = writeln!(text, "        default: {{ return part_{}[within]; }}\n    }}\n}}", self.parts - 1);
+        }
+        text + body
+    }
+}
+
+/// How an octree of `slots` slots is split over bindings of at most `max_bytes` each: number of parts and
+/// [`Variant::part_shift`]. `None` if it takes more than `max_parts`.
+pub fn split(slots: usize, max_bytes: u64, max_parts: u32) -> Option<(u32, u32)> {
+    let max_slots = (max_bytes / 8).max(1);
+    if slots as u64 <= max_slots {
+        return (max_parts > 0).then_some((1, 31));
+    }
+    let shift = max_slots.ilog2().min(31);
+    let parts = u32::try_from((slots as u64).div_ceil(1 << shift)).ok()?;
+    (parts <= max_parts).then_some((parts, shift))
+}
+
+/// The uniform buffer for rows `first_row..` of the picture, with the octree's root at slot `root` of the
+/// [resident](crate::resident::Resident) image.
+pub fn band_view(view: &View, root: u32, first_row: u32) -> View {
+    View { root, padding: [first_row, 0, 0, 0], ..*view }
+}
+
+/// Workgroups per row and column for a picture of `width` by `rows` invocations.
+pub fn workgroups(width: u32, rows: u32, workgroup: (u32, u32)) -> (u32, u32) {
+    (width.div_ceil(workgroup.0), rows.div_ceil(workgroup.1))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn octrees_are_split_only_when_they_must_be() {
+        assert_eq!(split(1000, 8000, 4), Some((1, 31)));
+        assert_eq!(split(1001, 8000, 4), Some((2, 9)));
+        assert_eq!(split(2048, 8000, 4), Some((4, 9)));
+        assert_eq!(split(2049, 8000, 4), None);
+        assert_eq!(split(1 << 24, 1 << 27, 1), Some((1, 31)));
+        assert_eq!(split((1 << 24) + 1, 1 << 27, 2), Some((2, 24)));
+        assert_eq!(split(1, 8, 0), None);
+    }
+
+    #[test]
+    fn every_part_is_bound_and_read() {
+        let variant = Variant {
+            contours: true,
+            far_pointers: true,
+            lod: true,
+            beam: true,
+            levels: 9,
+            parts: 3,
+            part_shift: 24,
+            workgroup: (8, 8),
+        };
+        let source = variant.source();
+        for part in 0..3 {
+            assert!(source.contains(&format!("@group(1) @binding({part}) ")), "{source}");
+            assert!(source.contains(&format!("return part_{part}[within];")), "{source}");
+        }
+        assert!(source.contains("slot >> 24u") && source.contains("slot & 16777215u"));
+        assert!(!Variant { parts: 1, ..variant }.source().contains("switch"));
+    }
+
+    #[test]
+    fn the_kernel_shares_the_constants_of_the_reference() {
+        let constant = |name: &str| {
+            let from = CAST_WGSL.split(&format!("const {name}: ")).nth(1).expect("the constant is there");
+            from.split(" = ").nth(1).and_then(|text| text.split(';').next()).expect("it has a value").to_owned()
+        };
+        let bits = |name| u32::from_str_radix(constant(name).trim_start_matches("0x").trim_end_matches('u'), 16);
+        let number = |name| constant(name).parse::<f32>().expect("a number");
+        assert_eq!(number("EPSILON"), crate::reference::EPSILON);
+        assert_eq!(bits("EPSILON_BITS").map(f32::from_bits), Ok(crate::reference::EPSILON));
+        assert_eq!(bits("MAX_COMPONENT_BITS").map(f32::from_bits), Ok(crate::reference::MAX_COMPONENT));
+        assert_eq!(number("COARSE_VOXEL_PIXELS"), crate::COARSE_VOXEL_PIXELS);
+        assert_eq!(number("MISS_T"), crate::Hit::MISS_T);
+        assert_eq!(constant("BEAM_BLOCK"), format!("{}u", crate::BEAM_BLOCK));
+        assert_eq!(constant("MAX_ITERATIONS"), format!("1u << {}u", crate::reference::MAX_ITERATIONS.ilog2()));
+    }
+}

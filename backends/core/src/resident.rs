@@ -1,0 +1,204 @@
+//! What of an octree a device holds: descriptors, far pointers and contours, not the attachments.
+
+use std::borrow::Cow;
+
+use esvo_format::Octree;
+
+use crate::Hit;
+
+/// The part of an octree's image that rays read.
+///
+/// A block keeps everything before its attachments, that is, its descriptor array, info section and contour pool, so that
+/// all pointers within the block stay as they are. Blocks keep their order and move together; the far pointers from block
+/// to block shrink accordingly. The octree must be [sound](Octree::sound).
+pub struct Resident<'a> {
+    slots: Cow<'a, [u64]>,
+    map: SlotMap,
+}
+
+/// Slots of the resident image and of the octree's image.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SlotMap {
+    /// First slot in the resident image, first slot in the octree's image; ascending in both.
+    starts: Vec<(u32, u32)>,
+}
+
+impl<'a> Resident<'a> {
+    /// Leaves out what casting does not read. Borrows the image of an octree of one block.
+    pub fn new(octree: &'a Octree) -> Self {
+        let mut starts = Vec::with_capacity(octree.parts().len());
+        let mut ranges = Vec::with_capacity(octree.parts().len());
+        let mut next = 0u32;
+        for parts in octree.parts() {
+            let first = parts.start as usize;
+            let end = (parts.contour_words + parts.contour_count as usize).div_ceil(2);
+            // An info section without contours may say that they start anywhere behind it.
+            let end = if parts.contour_count == 0 { first + parts.array_slots as usize } else { end };
+            starts.push((next, parts.start));
+            ranges.push(first..end);
+            next += (end - first) as u32;
+        }
+        if let [only] = &ranges[..] {
+            return Self { slots: Cow::Borrowed(&octree.slots()[only.clone()]), map: SlotMap { starts } };
+        }
+        let mut slots = Vec::with_capacity(next as usize);
+        for range in ranges {
+            slots.extend_from_slice(&octree.slots()[range]);
+        }
+        let map = SlotMap { starts };
+        patch(octree, &map, &mut slots);
+        Self { slots: Cow::Owned(slots), map }
+    }
+
+    /// The slots to upload.
+    pub fn slots(&self) -> &[u64] {
+        &self.slots
+    }
+
+    /// Where they come from.
+    pub fn into_map(self) -> SlotMap {
+        self.map
+    }
+
+    /// Where they come from.
+    pub fn map(&self) -> &SlotMap {
+        &self.map
+    }
+}
+
+/// Corrects the far pointers that lead to another block.
+///
+/// Only a walk tells descriptors from far pointers. Pointers lead forward, so one pass over the image in order, with a bit
+/// for every slot that a descriptor was seen to lead to, visits every descriptor after its parent.
+fn patch(octree: &Octree, map: &SlotMap, resident: &mut [u64]) {
+    let mut reached = vec![0u64; octree.slots().len().div_ceil(64)];
+    for object in octree.objects() {
+        reached[object.root_slot as usize / 64] |= 1 << (object.root_slot % 64);
+    }
+    for (parts, (to, from)) in octree.parts().iter().zip(&map.starts) {
+        let end = parts.start + parts.array_slots;
+        for slot in parts.start..end {
+            if reached[slot as usize / 64] >> (slot % 64) & 1 == 0 {
+                continue;
+            }
+            let descriptor = octree.descriptor(slot);
+            let count = descriptor.nonleaf_mask().count_ones();
+            if count == 0 {
+                continue;
+            }
+            let first = octree.first_child(slot);
+            for child in first..first + count {
+                reached[child as usize / 64] |= 1 << (child % 64);
+            }
+            if first >= end {
+                let here = slot - from + to;
+                let far = here + descriptor.child_ptr();
+                resident[far as usize] = u64::from(map.to_resident(first) - here);
+            }
+        }
+    }
+}
+
+impl SlotMap {
+    /// The resident slot of a slot of the octree's image, which must be one of a descriptor array.
+    pub fn to_resident(&self, slot: u32) -> u32 {
+        let block = self.starts.partition_point(|start| start.1 <= slot).saturating_sub(1);
+        slot - self.starts[block].1 + self.starts[block].0
+    }
+
+    /// The slot of the octree's image of a resident slot.
+    pub fn to_image(&self, slot: u32) -> u32 {
+        let block = self.starts.partition_point(|start| start.0 <= slot).saturating_sub(1);
+        slot - self.starts[block].0 + self.starts[block].1
+    }
+
+    /// Turns the slots of hits on the resident image to those of the octree's image.
+    pub fn restore(&self, hits: &mut [Hit]) {
+        if let [(0, start)] = self.starts[..] {
+            hits.iter_mut().filter(|hit| !hit.is_miss()).for_each(|hit| hit.slot += start);
+            return;
+        }
+        // Neighbours tend to hit the same block.
+        let (mut first, mut end, mut image) = (0, 0, 0);
+        for hit in hits.iter_mut().filter(|hit| !hit.is_miss()) {
+            if !(first..end).contains(&hit.slot) {
+                let next = self.starts.partition_point(|start| start.0 <= hit.slot);
+                (first, image) = self.starts[next.saturating_sub(1)];
+                end = self.starts.get(next).map_or(u32::MAX, |start| start.0);
+            }
+            hit.slot = hit.slot - first + image;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use esvo_format::Octree;
+
+    use super::*;
+    use crate::compare::Comparison;
+    use crate::sample::{Sample, cameras};
+    use crate::{CastOptions, View, reference};
+
+    /// The resident image as an octree of one block, for the reference caster.
+    fn as_octree(octree: &Octree, resident: &Resident) -> Vec<Hit> {
+        let mut all = Vec::new();
+        for camera in cameras() {
+            let root = resident.map().to_resident(octree.objects()[0].root_slot as u32);
+            let view = View::new(&camera, octree.octree_to_mesh(0), root, (40, 30), &CastOptions::default());
+            let view = view.expect("the camera is valid");
+            let mut hits = Vec::new();
+            // Only its image matters to a ray.
+            let words = Octree::from_parts(octree.objects().to_vec(), Vec::new(), resident.slots().to_vec());
+            reference::cast_fine(&words.expect("no blocks, nothing to check"), &view, &[], &mut hits);
+            all.extend(hits);
+        }
+        resident.map().restore(&mut all);
+        all
+    }
+
+    fn direct(octree: &Octree) -> Vec<Hit> {
+        let mut all = Vec::new();
+        for camera in cameras() {
+            let root = octree.objects()[0].root_slot as u32;
+            let view = View::new(&camera, octree.octree_to_mesh(0), root, (40, 30), &CastOptions::default());
+            let mut hits = Vec::new();
+            reference::cast_fine(octree, &view.expect("the camera is valid"), &[], &mut hits);
+            all.extend(hits);
+        }
+        all
+    }
+
+    #[test]
+    fn rays_find_the_same_in_less() {
+        for sample in [Sample::plain(6, true), Sample::scattered(6, true), Sample::scattered(6, false)] {
+            let octree = sample.octree().expect("assembles");
+            let resident = Resident::new(&octree);
+            assert!(resident.slots().len() < octree.slots().len());
+            let (ours, theirs) = (as_octree(&octree, &resident), direct(&octree));
+            assert_eq!(ours, theirs);
+            assert!(Comparison::of(&ours, &theirs).within(0.0, 0));
+        }
+    }
+
+    #[test]
+    fn slots_map_both_ways() {
+        let octree = Sample::scattered(5, true).octree().expect("assembles");
+        let resident = Resident::new(&octree);
+        assert!(octree.parts().len() > 3);
+        for parts in octree.parts() {
+            for slot in [parts.start, parts.start + 2, parts.start + parts.array_slots - 1] {
+                let there = resident.map().to_resident(slot);
+                assert_eq!(resident.map().to_image(there), slot);
+                assert_eq!(resident.slots()[there as usize] as u32 >> 17, octree.slots()[slot as usize] as u32 >> 17);
+            }
+        }
+    }
+
+    #[test]
+    fn one_block_is_not_copied() {
+        let octree = Sample::plain(5, true).octree().expect("assembles");
+        let resident = Resident::new(&octree);
+        assert!(std::ptr::eq(resident.slots().as_ptr(), octree.slots().as_ptr()));
+    }
+}

@@ -1,0 +1,195 @@
+//! Small octrees and cameras for tests and examples of casters, and a run of one caster against the reference.
+
+use std::sync::Arc;
+
+use esvo_format::{AssembleOptions, Contour, FormatError, Octree, Tree, Voxel, assemble};
+use glam::{DMat4, DVec3};
+
+use crate::compare::Comparison;
+use crate::{Camera, CastError, CastOptions, Caster, View, reference};
+
+/// How a sample octree is made.
+#[derive(Clone, Copy, Debug)]
+pub struct Sample {
+    /// Level of the deepest voxels, 1..=12.
+    pub levels: u32,
+    /// Whether voxels have contours.
+    pub contours: bool,
+    /// Largest descriptor array of a block and reach of near pointers: small ones make many blocks and far pointers.
+    pub layout: AssembleOptions,
+}
+
+impl Sample {
+    /// One block, near pointers only.
+    pub fn plain(levels: u32, contours: bool) -> Self {
+        Self { levels, contours, layout: AssembleOptions::default() }
+    }
+
+    /// Many blocks and far pointers.
+    pub fn scattered(levels: u32, contours: bool) -> Self {
+        Self { levels, contours, layout: AssembleOptions { block_slots: 512, near_limit: 40 } }
+    }
+
+    /// A dented sphere in the unit cube with holes and with leaves of several sizes; always the same one.
+    ///
+    /// # Errors
+    /// Options that [`assemble`] refuses.
+    pub fn octree(&self) -> Result<Arc<Octree>, FormatError> {
+        let mut tree = Tree::default();
+        let mut noise = Noise(1);
+        self.open(&mut tree, &mut noise, DVec3::ZERO, 0);
+        Ok(Arc::new(assemble(&tree, DMat4::IDENTITY, &self.layout)?))
+    }
+
+    /// Opens the node of the cube at `corner` whose edge is `2^-level`, and everything below it.
+    fn open(&self, tree: &mut Tree, noise: &mut Noise, corner: DVec3, level: u32) {
+        let edge = 0.5f64.powi(level as i32 + 1);
+        let mut children = [None; 8];
+        let corners: [DVec3; 8] = std::array::from_fn(|slot| {
+            corner + edge * DVec3::from(std::array::from_fn(|axis| (slot >> axis & 1) as f64))
+        });
+        for (child, &at) in children.iter_mut().zip(&corners) {
+            let centre = at + edge * 0.5;
+            let (value, gradient) = surface(centre);
+            // Everything that the surface may reach, but for a few holes.
+            if value.abs() > edge * 0.9 * gradient.length() || (level >= 2 && noise.next() < 0.02) {
+                continue;
+            }
+            let leaf = level + 1 == self.levels || (level >= 3 && noise.next() < 0.05);
+            let contour = if self.contours && level >= 1 && noise.next() < 0.9 {
+                let bits = Contour::encode_normal(gradient.into());
+                bits.and_then(|bits| {
+                    let normal = DVec3::from(Contour::decode_normal(bits));
+                    let middle = -value / gradient.length() / edge * normal.length();
+                    let half = 0.2 * normal.length();
+                    Contour::encode_bounds(bits, middle - half, middle + half)
+                })
+            } else {
+                None
+            };
+            *child = Some(Voxel { leaf, contour, ..Voxel::default() });
+        }
+        // A node has at least one child.
+        if children.iter().all(Option::is_none) {
+            children[0] = Some(Voxel { leaf: true, ..Voxel::default() });
+        }
+        let index = tree.open(&children);
+        for (child, &at) in children.iter().zip(&corners) {
+            if child.is_some_and(|voxel| !voxel.leaf) {
+                self.open(tree, noise, at, level + 1);
+            }
+        }
+        tree.close(index);
+    }
+}
+
+/// Distance to a dented sphere, roughly, and its gradient.
+fn surface(p: DVec3) -> (f64, DVec3) {
+    let from_centre = p - 0.5;
+    let radius = from_centre.length().max(1e-9);
+    let wave = p * 17.0;
+    let value = radius - 0.38 + 0.02 * (wave.x.sin() + wave.y.sin() + wave.z.sin());
+    let gradient = from_centre / radius + 0.02 * 17.0 * DVec3::new(wave.x.cos(), wave.y.cos(), wave.z.cos());
+    (value, gradient)
+}
+
+/// A small generator of numbers in `0.0..1.0` (a 64-bit linear congruential one; the high bits are returned).
+struct Noise(u64);
+
+impl Noise {
+    fn next(&mut self) -> f64 {
+        self.0 = self.0.wrapping_mul(0x5851_f42d_4c95_7f2d).wrapping_add(0x1405_7b7e_f767_814f);
+        (self.0 >> 11) as f64 / (1u64 << 53) as f64
+    }
+}
+
+/// Cameras around and in the unit cube: from afar, close to the surface, from inside, along an axis.
+pub fn cameras() -> Vec<Camera> {
+    let camera = |eye: [f64; 3], forward: [f64; 3], fov_degrees: f64, far: f64| Camera {
+        eye,
+        forward,
+        up: [0.0, 1.0, 0.0],
+        fov_degrees,
+        near: far * 1e-4,
+        far,
+    };
+    vec![
+        camera([1.6, 1.1, 1.9], [-1.1, -0.6, -1.4], 45.0, 4.0),
+        camera([0.93, 0.55, 0.52], [-1.0, -0.4, 0.3], 70.0, 2.0),
+        camera([0.5, 0.51, 0.49], [0.3, 0.2, -1.0], 90.0, 2.0),
+        camera([0.5, 0.5, 2.0], [0.0, 0.0, -1.0], 40.0, 3.0),
+        // The far plane cuts the octree; the ray of the axis runs between voxels.
+        camera([-0.5, 0.5, 0.5], [1.0, 0.0, 0.0], 60.0, 0.75),
+    ]
+}
+
+/// The settings that pick kernels: contours, beam optimization and level-of-detail termination, each on and off.
+pub fn options() -> Vec<CastOptions> {
+    (0..8)
+        .map(|bits| CastOptions {
+            contours: bits & 1 != 0,
+            beam: bits & 2 != 0,
+            max_voxel_pixels: if bits & 4 != 0 { 3.0 } else { 0.0 },
+        })
+        .collect()
+}
+
+/// Casts pictures of this size from all [`cameras`] with all [`options`], by `caster` and by the reference.
+///
+/// # Errors
+/// What the caster said.
+pub fn against_reference(
+    caster: &mut dyn Caster,
+    octree: &Arc<Octree>,
+    size: (u32, u32),
+) -> Result<Comparison, CastError> {
+    caster.load(octree)?;
+    let mut reference = reference::ReferenceCaster::default();
+    reference.load(octree)?;
+    let (mut ours, mut theirs) = (Vec::new(), Vec::new());
+    let mut all = Comparison::default();
+    for camera in cameras() {
+        for options in options() {
+            let root = octree.objects()[0].root_slot as u32;
+            let view = View::new(&camera, octree.octree_to_mesh(0), root, size, &options)?;
+            caster.cast(&view, &mut ours)?;
+            reference.cast(&view, &mut theirs)?;
+            all = all.and(Comparison::of(&ours, &theirs));
+        }
+    }
+    Ok(all)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn samples_have_what_they_promise() {
+        let plain = Sample::plain(6, true).octree().expect("assembles");
+        assert!(plain.sound().is_ok() && plain.blocks().len() == 1 && plain.needs().contours);
+        assert!(!plain.needs().far_pointers && plain.needs().levels == 6);
+        let scattered = Sample::scattered(6, false).octree().expect("assembles");
+        assert!(scattered.sound().is_ok() && scattered.blocks().len() > 10 && !scattered.needs().contours);
+        assert!(scattered.objects()[0].far_pointers > 100);
+        assert_eq!(
+            plain.objects()[0].leaf_voxels,
+            Sample::scattered(6, true).octree().expect("assembles").objects()[0].leaf_voxels
+        );
+    }
+
+    #[test]
+    fn the_cameras_see_the_sample() {
+        let octree = Sample::plain(5, true).octree().expect("assembles");
+        let mut reference = reference::ReferenceCaster::default();
+        reference.load(&octree).expect("is sound");
+        let mut hits = Vec::new();
+        for camera in cameras() {
+            let root = octree.objects()[0].root_slot as u32;
+            let view = View::new(&camera, DMat4::IDENTITY, root, (32, 24), &CastOptions::default()).expect("is valid");
+            reference.cast(&view, &mut hits).expect("casts");
+            let found = hits.iter().filter(|hit| !hit.is_miss()).count();
+            assert!(found > 32 * 24 / 20, "{found} hits from {camera:?}");
+        }
+    }
+}
