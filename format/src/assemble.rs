@@ -13,7 +13,7 @@ use crate::file::{
 use crate::{ChildDescriptor, ColorBlock, FormatError, NormalBlock, Octree, Tree};
 
 /// How a tree is cut into blocks.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AssembleOptions {
     /// Largest descriptor array of a block in slots, 64 to 2^20. Small values force many blocks.
     pub block_slots: u32,
@@ -34,14 +34,13 @@ pub const FIRST_SLOT: u32 = 2;
 /// Lays the tree out as the only object of an octree.
 ///
 /// # Errors
-/// An empty tree, one deeper than 23 levels, a transform that cannot be inverted, options out of range.
+/// A tree that is empty, not well-formed or deeper than 23 levels, a transform that cannot be inverted, options out of
+/// range, more than 2^32 slots.
 pub fn assemble(tree: &Tree, octree_to_mesh: DMat4, options: &AssembleOptions) -> Result<Octree, FormatError> {
-    if tree.nodes.is_empty() {
-        return Err(FormatError::Limit("an octree needs at least one voxel".into()));
-    }
     if !(64..=1 << 20).contains(&options.block_slots) || !(1..=MAX_NEAR_POINTER).contains(&options.near_limit) {
         return Err(FormatError::Limit(format!("block_slots 64..=1048576 and near_limit 1..=32767, not {options:?}")));
     }
+    tree.check()?;
     let levels = tree.levels();
     if levels > 23 {
         return Err(FormatError::Limit(format!("{levels} levels: an octree has at most 23")));
@@ -105,18 +104,19 @@ fn subtree_slots(tree: &Tree) -> Vec<u32> {
     let mut sizes = vec![0u32; tree.nodes.len()];
     for index in (0..tree.nodes.len()).rev() {
         let group = tree.nodes[index].nonleaf().count_ones().next_multiple_of(2);
-        sizes[index] = group + tree.children(index).map(|(_, child)| sizes[child]).sum::<u32>();
+        // Saturated sizes are far beyond what the image can hold; that is refused once its length is known.
+        sizes[index] = tree.children(index).fold(group, |sum, (_, child)| sum.saturating_add(sizes[child]));
     }
     sizes
 }
 
 /// An upper bound for the same with everything counted: up to 18 slots of every 1024 go to a page header and to a
-/// group that did not fit, and far pointers are needed at most seven times per few thousand slots at the default limit.
+/// group that did not fit. A far pointer takes siblings with more than about `near_limit` slots below them; such a
+/// group and its ancestors hold at most 22 times 8 far pointers.
 fn upper_bound(size: u32, near_limit: u32) -> u32 {
-    // With a forced small limit any descriptor may need one.
-    let far = if near_limit < 1 << 12 { size } else { 0 };
-    let size = size + far;
-    size + size / 32 + 64
+    let far = u64::from(size).min(u64::from(size) * 256 / u64::from(near_limit));
+    let size = u64::from(size) + far;
+    (size + size / 32 + 64).min(u64::from(u32::MAX)) as u32
 }
 
 struct PlannedBlock {

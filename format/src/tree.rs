@@ -1,6 +1,6 @@
 //! An octree in depth-first order, before it has addresses: what a builder makes and [`assemble`](crate::assemble) lays out.
 
-use crate::{Contour, RawNormal};
+use crate::{Contour, FormatError, RawNormal};
 
 /// One non-leaf voxel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -81,6 +81,11 @@ impl Tree {
         self.nodes.len() - 1
     }
 
+    /// Turns child `slot` of the node at `index`, for which nothing has been pushed, into a leaf.
+    pub fn make_leaf(&mut self, index: usize, slot: usize) {
+        self.nodes[index].leaf |= 1 << slot;
+    }
+
     /// Ends the subtree of the node at `index`: everything pushed since belongs to it.
     pub fn close(&mut self, index: usize) {
         self.nodes[index].subtree = (self.nodes.len() - index) as u32;
@@ -118,9 +123,62 @@ impl Tree {
 
     /// Level of the deepest voxel; the root is level 0.
     pub fn levels(&self) -> u32 {
-        fn depth(tree: &Tree, index: usize) -> u32 {
-            1 + tree.children(index).map(|(_, child)| depth(tree, child)).max().unwrap_or(0)
+        // The ends of the subtrees that are open: as many as the node is deep.
+        let (mut open, mut deepest) = (Vec::new(), 0);
+        for (index, node) in self.nodes.iter().enumerate() {
+            while open.last().is_some_and(|end| *end <= index) {
+                open.pop();
+            }
+            open.push(index + node.subtree as usize);
+            deepest = deepest.max(open.len());
         }
-        if self.nodes.is_empty() { 0 } else { depth(self, 0) }
+        deepest as u32
+    }
+
+    /// Whether the nodes are what [`open`](Self::open) and [`close`](Self::close) make of an octree, each node with
+    /// its children behind it and its attributes in place.
+    ///
+    /// # Errors
+    /// What is wrong with the first node that is not.
+    pub(crate) fn check(&self) -> Result<(), FormatError> {
+        if self.nodes.is_empty() {
+            return Err(FormatError::Limit("an octree needs at least one voxel".into()));
+        }
+        for (what, count) in [("colours", self.colors.len()), ("normals", self.normals.len())] {
+            if count != 0 && count != self.voxels as usize {
+                let what = format!("{count} {what} for {} voxels: give every voxel one, or none", self.voxels);
+                return Err(FormatError::Limit(what));
+            }
+        }
+        if let Some(index) = self.contours.iter().position(|c| c.0 << 14 == 0) {
+            return Err(FormatError::Limit(format!("contour {index} has no normal")));
+        }
+        let (mut voxels, mut contours) = (0, 0);
+        // End of each open subtree and the children still to come in it.
+        let mut open = vec![(self.nodes.len(), 1u32)];
+        for (index, node) in self.nodes.iter().enumerate() {
+            while open.last() == Some(&(index, 0)) {
+                open.pop();
+            }
+            let fits = open.last_mut().is_some_and(|(end, children)| {
+                let fits = *children > 0 && index + node.subtree as usize <= *end;
+                *children = children.saturating_sub(1);
+                fits
+            });
+            let masks = node.valid != 0 && (node.leaf | node.contours) & !node.valid == 0;
+            if !fits || !masks || node.first_voxel != voxels || node.first_contour as usize != contours {
+                return Err(FormatError::Limit(format!("node {index} of the tree is not well-formed: {node:?}")));
+            }
+            voxels += node.valid.count_ones();
+            contours += node.contours.count_ones() as usize;
+            open.push((index + node.subtree as usize, node.nonleaf().count_ones()));
+        }
+        while open.last() == Some(&(self.nodes.len(), 0)) {
+            open.pop();
+        }
+        if !open.is_empty() || voxels != self.voxels || contours != self.contours.len() {
+            return Err(FormatError::Limit("the tree ends before all its nodes are closed".into()));
+        }
+        Ok(())
     }
 }
