@@ -3,6 +3,8 @@
 use esvo_format::AssembleOptions;
 use serde::{Deserialize, Serialize};
 
+use crate::BuildError;
+
 /// Settings of a build. The error bounds mean what they mean in the authors' builder, so that builds can be compared.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -39,5 +41,28 @@ impl Default for BuildSettings {
             normals: true,
             assemble: AssembleOptions::default(),
         }
+    }
+}
+
+impl BuildSettings {
+    /// Checks the ranges.
+    ///
+    /// # Errors
+    /// The first setting out of its range.
+    pub fn check(&self) -> Result<(), BuildError> {
+        let bad = |name, value: String, range| Err(BuildError::Setting { name, value, range });
+        if !(1..=23).contains(&self.levels) {
+            return bad("levels", self.levels.to_string(), "between 1 and 23");
+        }
+        for (name, value) in [
+            ("contour-error", self.contour_error),
+            ("color-error", self.color_error),
+            ("normal-error", self.normal_error),
+        ] {
+            if !(value >= 0.0 && value.is_finite()) {
+                return bad(name, value.to_string(), "zero or a positive number");
+            }
+        }
+        Ok(())
     }
 }

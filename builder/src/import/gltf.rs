@@ -27,7 +27,8 @@ const HARMLESS: [&str; 6] = [
 /// Extensions that are honoured.
 const HONOURED: [&str; 3] = ["KHR_materials_pbrSpecularGlossiness", "KHR_mesh_quantization", "KHR_texture_transform"];
 
-/// Reads the default scene, or all scenes if there is no default, or all nodes if there is no scene.
+/// Reads the default scene, or all scenes if there is no default, or all nodes if there is no scene, or all meshes where
+/// they are if there is no node.
 pub(super) fn load(path: &Path, bytes: Vec<u8>) -> Result<Mesh, ImportError> {
     let source = Source::parse(path, &bytes)?;
     drop(bytes);
@@ -95,6 +96,10 @@ fn instances(source: &Source<'_>, assembly: &mut Assembly) -> Result<Vec<(usize,
             (0..nodes.len()).filter(|&i| !is_child[i]).collect()
         }
     };
+    if nodes.is_empty() && starts.is_empty() && !root.meshes.is_empty() {
+        assembly.warn("the file has no nodes; its meshes are read where they are");
+        return Ok((0..root.meshes.len()).map(|mesh| (mesh, DMat4::IDENTITY)).collect());
+    }
     // First node first: the stack is taken from its end.
     starts.reverse();
     let mut stack: Vec<(usize, DMat4)> = starts.into_iter().map(|i| (i, DMat4::IDENTITY)).collect();

@@ -63,7 +63,10 @@ impl<'p> Source<'p> {
             let needed = one_line(needed);
             return Err(ImportError::unsupported(path, format!("glTF version {needed}; only version 2 can be read")));
         }
-        let root = json::Root::from_slice(text).map_err(|e| bad(&e))?;
+        let root = match json::Root::from_slice(text) {
+            Ok(root) => root,
+            Err(e) => without_unused_parts(text).ok_or_else(|| bad(&e))?,
+        };
         let buffers = root.buffers.iter().map(|_| OnceCell::new()).collect();
         Ok(Self { path, root, binary_chunk, buffers })
     }
@@ -238,6 +241,23 @@ impl<'p> Source<'p> {
         let found = candidates.iter().find(|c| c.is_file()).unwrap_or(&candidates[0]);
         Ok(Resource::File(found.clone()))
     }
+}
+
+/// The document without the parts that are not needed here, for files that are wrong, or ahead of the parser, only there.
+/// `None` if that does not help.
+fn without_unused_parts(text: &[u8]) -> Option<json::Root> {
+    let mut document: json::Value = json::deserialize::from_slice(text).ok()?;
+    let root = document.as_object_mut()?;
+    for unused in ["animations", "cameras", "skins", "extensions", "extras"] {
+        root.remove(unused);
+    }
+    // A scene may be empty; the parser demands its list of nodes.
+    for scene in root.get_mut("scenes").and_then(json::Value::as_array_mut).into_iter().flatten() {
+        if let Some(scene) = scene.as_object_mut() {
+            scene.entry("nodes").or_insert_with(|| json::Value::Array(Vec::new()));
+        }
+    }
+    json::deserialize::from_value(document).ok()
 }
 
 /// Where the bytes of a URI are.

@@ -127,7 +127,12 @@ impl Materials {
             _ => None,
         };
         let unit = |x: f32| if x.is_finite() { x.clamp(0.0, 1.0) } else { 1.0 };
-        let base_color = color.factor.map(unit);
+        let mut base_color = color.factor.map(unit);
+        let glow = material.emissive_factor.0.map(unit);
+        if base_color[..3] == [0.0; 3] && glow != [0.0; 3] {
+            // A lamp: black under light, and seen by what it sends out.
+            base_color[..3].copy_from_slice(&glow);
+        }
         let alpha_cutoff = match material.alpha_mode {
             Checked::Valid(AlphaMode::Mask) => Some(unit(material.alpha_cutoff.unwrap_or_default().0)),
             Checked::Valid(AlphaMode::Blend) if texture.as_deref().is_some_and(has_holes) => {

@@ -168,10 +168,11 @@ fn load_maps(
     texture_of(obj, &image.display().to_string(), &pixels)
 }
 
-/// Whether the alpha of a texture separates surface from holes, rather than making all of it thin.
+/// Whether the alpha of a texture cuts holes into the surface (leaves, fences), rather than making all of it thin (glass):
+/// somewhere nothing is left of the surface, and somewhere most of it is.
 pub(super) fn has_holes(texture: &Texture) -> bool {
     let (low, high) = texture.alpha_range();
-    low < 128 && high >= 128
+    low < 16 && high >= 128
 }
 
 /// Where a file named in an OBJ or MTL file lies: as written, with Windows separators, or beside the library.

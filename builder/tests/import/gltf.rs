@@ -1,0 +1,447 @@
+//! glTF: scenes, accessors, materials and what can be wrong with them.
+
+use crate::support::{Files, data_uri, png};
+
+/// Positions of a triangle, then of its texture coordinates, as a buffer of 60 bytes.
+fn triangle_bytes() -> Vec<u8> {
+    let values = [0.0f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.25, 0.25, 0.75, 0.25, 0.25, 0.75];
+    values.iter().flat_map(|x| x.to_le_bytes()).collect()
+}
+
+/// A document with that triangle as mesh 0; each part can be replaced.
+struct Document {
+    buffers: String,
+    views: &'static str,
+    accessors: &'static str,
+    primitive: &'static str,
+    nodes: &'static str,
+    rest: String,
+}
+
+impl Default for Document {
+    fn default() -> Self {
+        Self {
+            buffers: format!(r#"{{"byteLength":60,"uri":"{}"}}"#, data_uri(&triangle_bytes())),
+            views: r#"{"buffer":0,"byteLength":36},{"buffer":0,"byteOffset":36,"byteLength":24}"#,
+            accessors: r#"{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"},
+                {"bufferView":1,"componentType":5126,"count":3,"type":"VEC2"}"#,
+            primitive: r#""attributes":{"POSITION":0}"#,
+            nodes: r#"{"mesh":0}"#,
+            rest: r#""scene":0,"scenes":[{"nodes":[0]}]"#.into(),
+        }
+    }
+}
+
+impl Document {
+    fn json(&self) -> String {
+        let Self { buffers, views, accessors, primitive, nodes, rest } = self;
+        format!(
+            r#"{{"asset":{{"version":"2.0"}},"buffers":[{buffers}],"bufferViews":[{views}],"accessors":[{accessors}],
+            "meshes":[{{"primitives":[{{{primitive}}}]}}],"nodes":[{nodes}],{rest}}}"#
+        )
+    }
+
+    fn mesh(&self) -> esvo_builder::Mesh {
+        Files::new().accept("a.gltf", self.json())
+    }
+
+    /// The error without the name of the file.
+    fn error(&self) -> String {
+        let error = Files::new().refuse("a.gltf", self.json());
+        error.strip_prefix("a.gltf: ").unwrap().to_owned()
+    }
+}
+
+fn with_accessors(accessors: &'static str) -> Document {
+    Document { accessors, ..Document::default() }
+}
+
+fn glb(json: &str, binary: &[u8]) -> Vec<u8> {
+    let mut text = json.as_bytes().to_vec();
+    text.resize(text.len().next_multiple_of(4), b' ');
+    let mut bytes = b"glTF\x02\0\0\0".to_vec();
+    bytes.extend((28 + text.len() as u32 + binary.len() as u32).to_le_bytes());
+    for (kind, chunk) in [(b"JSON", &text[..]), (b"BIN\0", binary)] {
+        bytes.extend((chunk.len() as u32).to_le_bytes());
+        bytes.extend(kind);
+        bytes.extend(chunk);
+    }
+    bytes
+}
+
+#[test]
+fn a_plain_triangle() {
+    let mesh = Document::default().mesh();
+    assert_eq!(mesh.positions, [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
+    assert_eq!(mesh.triangles, [[0, 1, 2]]);
+    assert_eq!(mesh.materials[0].base_color, [1.0; 4]);
+    assert_eq!(mesh.warnings, [""; 0]);
+}
+
+#[test]
+fn buffers_in_files_and_binary_chunks() {
+    let files = Files::new();
+    files.write("my data.bin", triangle_bytes());
+    let beside = Document { buffers: r#"{"byteLength":60,"uri":"my%20data.bin"}"#.into(), ..Document::default() };
+    assert_eq!(files.accept("a.gltf", beside.json()).triangle_count(), 1);
+    let inside = Document { buffers: r#"{"byteLength":60}"#.into(), ..Document::default() };
+    assert_eq!(files.accept("a.glb", glb(&inside.json(), &triangle_bytes())).triangle_count(), 1);
+    // The container under the other extension.
+    assert_eq!(files.accept("b.gltf", glb(&inside.json(), &triangle_bytes())).triangle_count(), 1);
+    assert_eq!(
+        files.refuse("c.glb", glb(&inside.json(), &triangle_bytes()[..56])),
+        "c.glb: buffer 0 has 56 bytes, but 60 are declared"
+    );
+}
+
+#[test]
+fn nodes_place_instances() {
+    let document = Document {
+        nodes: r#"{"children":[1,2],"translation":[10,0,0]},
+            {"mesh":0,"rotation":[0,0,0.70710678,0.70710678],"scale":[2,2,2]},
+            {"mesh":0,"matrix":[-1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,5,1]},
+            {"mesh":0}"#,
+        ..Document::default()
+    };
+    let mesh = document.mesh();
+    // Node 3 is not in the scene.
+    assert_eq!(mesh.triangle_count(), 2);
+    let near = |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).all(|(x, y)| (x - y).abs() < 1e-6);
+    assert!(near(mesh.positions[1], [10.0, 2.0, 0.0]), "{:?}", mesh.positions);
+    assert!(near(mesh.positions[4], [9.0, 0.0, 5.0]), "{:?}", mesh.positions);
+    // The mirrored one keeps its outside.
+    assert_eq!(mesh.triangles, [[0, 1, 2], [3, 5, 4]]);
+}
+
+#[test]
+fn without_a_default_scene_all_scenes_are_read() {
+    let two = r#"{"mesh":0},{"mesh":0},{"children":[4]},{"mesh":0},{"mesh":0}"#;
+    let count = |rest: &str| Document { nodes: two, rest: rest.into(), ..Document::default() }.mesh().triangle_count();
+    assert_eq!(count(r#""scenes":[{"nodes":[0]},{"nodes":[2,0]},{}]"#), 2);
+    assert_eq!(count(r#""scenes":[]"#), 4);
+    let bare = Document { nodes: "", rest: r#""scenes":[]"#.into(), ..Document::default() }.mesh();
+    assert_eq!((bare.triangle_count(), bare.warnings.len()), (1, 1));
+}
+
+#[test]
+fn bad_graphs_end() {
+    let error = |nodes: &'static str| Document { nodes, ..Document::default() }.error();
+    let twice = "has more than one parent, or is its own ancestor";
+    assert_eq!(error(r#"{"children":[0]}"#), format!("node 0 {twice}"));
+    assert_eq!(error(r#"{"children":[1]},{"children":[2]},{"children":[1]}"#), format!("node 1 {twice}"));
+    // Each level would double the number of instances.
+    assert_eq!(error(r#"{"children":[1,1]},{"children":[2,2]},{"mesh":0}"#), format!("node 2 {twice}"));
+    assert_eq!(error(r#"{"children":[7]}"#), "node 7 does not exist: there are only 1");
+    assert_eq!(error(r#"{"mesh":3}"#), "mesh 3 does not exist: there are only 1");
+    assert_eq!(error(r#"{"name":"nothing here"}"#), "the mesh has no triangles");
+    assert_eq!(
+        Document { rest: r#""scene":2,"scenes":[]"#.into(), ..Document::default() }.error(),
+        "scene 2 does not exist: there are only 0"
+    );
+}
+
+#[test]
+fn accessors_are_kept_within_their_bytes() {
+    let position = "accessor 0 (POSITION of mesh 0, primitive 0)";
+    let error = |accessor: &'static str| with_accessors(accessor).error();
+    assert_eq!(
+        error(r#"{"bufferView":0,"componentType":5126,"count":4,"type":"VEC3"}"#),
+        format!("{position} with 4 values reaches past the end of buffer view 0")
+    );
+    assert_eq!(
+        error(r#"{"bufferView":0,"componentType":5126,"count":18446744073709551615,"type":"VEC3"}"#),
+        format!("{position} with 18446744073709551615 values reaches past the end of buffer view 0")
+    );
+    assert_eq!(
+        error(r#"{"bufferView":0,"byteOffset":18446744073709551615,"componentType":5126,"count":3,"type":"VEC3"}"#),
+        format!("{position} with 3 values reaches past the end of buffer view 0")
+    );
+    assert_eq!(
+        error(r#"{"bufferView":9,"componentType":5126,"count":3,"type":"VEC3"}"#),
+        "buffer view 9 does not exist: there are only 2"
+    );
+    assert_eq!(
+        error(r#"{"bufferView":0,"componentType":1,"count":3,"type":"VEC3"}"#),
+        format!("{position} has an unknown component type")
+    );
+    assert_eq!(
+        error(r#"{"bufferView":0,"componentType":5126,"count":3,"type":"MAT4"}"#),
+        format!("{position} must be of type VEC3")
+    );
+    assert_eq!(
+        error(r#"{"componentType":5126,"count":4000000000,"type":"VEC3"}"#),
+        format!("{position} has 4000000000 values and no buffer view; the limit is 16777216")
+    );
+    assert_eq!(error(""), "accessor 0 does not exist: there are only 0");
+    let view = |views: &'static str| Document { views, ..Document::default() }.error();
+    assert_eq!(
+        view(r#"{"buffer":0,"byteOffset":40,"byteLength":36}"#),
+        "buffer view 0 reaches past the end of buffer 0"
+    );
+    assert_eq!(view(r#"{"buffer":4,"byteLength":36}"#), "buffer 4 does not exist: there are only 1");
+    assert_eq!(
+        view(r#"{"buffer":0,"byteLength":36,"byteStride":0}"#),
+        format!("{position} has values of 12 bytes in a buffer view of stride 0")
+    );
+}
+
+#[test]
+fn buffers_must_be_there() {
+    let error = |buffers: &str| Document { buffers: buffers.into(), ..Document::default() }.error();
+    assert_eq!(error(r#"{"byteLength":60}"#), "buffer 0 has no data: no uri and no binary chunk");
+    assert_eq!(error(r#"{"byteLength":1e3}"#).split(':').next(), Some("not a glTF document"));
+    assert_eq!(error(r#"{"byteLength":99,"uri":"data:,abc%20"}"#), "buffer 0 has 4 bytes, but 99 are declared");
+    assert!(
+        error(r#"{"byteLength":60,"uri":"data:x;base64,@@@@"}"#)
+            .starts_with("buffer 0: its data URI is not valid base64: ")
+    );
+    assert_eq!(
+        error(r#"{"byteLength":60,"uri":"data:nothing"}"#),
+        "buffer 0: its data URI has no comma before the data"
+    );
+    assert_eq!(
+        error(r#"{"byteLength":60,"uri":"https://example.com/a.bin"}"#),
+        "buffer 0: the URI https://example.com/a.bin is not a relative path; put the file beside the document"
+    );
+    assert_eq!(error(r#"{"byteLength":60,"uri":"a%ff.bin"}"#), "buffer 0: the URI a%ff.bin is not UTF-8 once decoded");
+    let files = Files::new();
+    let missing = Document { buffers: r#"{"byteLength":60,"uri":"none.bin"}"#.into(), ..Document::default() };
+    assert!(files.refuse("a.gltf", missing.json()).starts_with("none.bin: cannot be read: "));
+    let directory = Document { buffers: r#"{"byteLength":60,"uri":"."}"#.into(), ..Document::default() };
+    assert!(files.refuse("a.gltf", directory.json()).contains("is not a regular file"));
+}
+
+#[test]
+fn sparse_accessors_replace_values() {
+    // The index 2 lies in the last byte of the buffer; the new value is the second vertex.
+    let mut bytes = triangle_bytes();
+    bytes.extend([2, 0, 0, 0]);
+    let buffers = format!(r#"{{"byteLength":64,"uri":"{}"}}"#, data_uri(&bytes));
+    let views = r#"{"buffer":0,"byteLength":36},{"buffer":0,"byteOffset":12,"byteLength":12},{"buffer":0,"byteOffset":60,"byteLength":4}"#;
+    let document = |accessors| Document { buffers: buffers.clone(), views, accessors, ..Document::default() };
+    let mesh = document(
+        r#"{"componentType":5126,"count":3,"type":"VEC3","sparse":{"count":1,
+            "indices":{"bufferView":2,"componentType":5121},"values":{"bufferView":1}}}"#,
+    )
+    .mesh();
+    assert_eq!(mesh.positions, [[0.0; 3], [0.0; 3], [1.0, 0.0, 0.0]]);
+    let position = "accessor 0 (POSITION of mesh 0, primitive 0)";
+    assert_eq!(
+        document(
+            r#"{"bufferView":0,"componentType":5126,"count":2,"type":"VEC3","sparse":{"count":1,
+            "indices":{"bufferView":2,"componentType":5121},"values":{"bufferView":1}}}"#
+        )
+        .error(),
+        format!("{position} replaces value 2, but has only 2")
+    );
+    assert_eq!(
+        document(
+            r#"{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3","sparse":{"count":4000000000000,
+            "indices":{"bufferView":2,"componentType":5121},"values":{"bufferView":1}}}"#
+        )
+        .error(),
+        format!("{position} has sparse indices that reach past the end of buffer view 2")
+    );
+    assert_eq!(
+        document(
+            r#"{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3","sparse":{"count":2,
+            "indices":{"bufferView":2,"componentType":5121},"values":{"bufferView":0}}}"#
+        )
+        .error(),
+        format!("{position} has sparse indices that do not ascend")
+    );
+}
+
+#[test]
+fn indices_are_checked() {
+    let mut bytes = triangle_bytes();
+    bytes.extend([0, 1, 2, 2]);
+    let buffers = format!(r#"{{"byteLength":64,"uri":"{}"}}"#, data_uri(&bytes));
+    let document = |accessors, primitive| Document {
+        buffers: buffers.clone(),
+        views: r#"{"buffer":0,"byteLength":36},{"buffer":0,"byteOffset":60,"byteLength":4}"#,
+        accessors,
+        primitive,
+        ..Document::default()
+    };
+    let vertices = r#"{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"},
+        {"bufferView":1,"componentType":5121,"count":4,"type":"SCALAR"}"#;
+    let indexed = r#""attributes":{"POSITION":0},"indices":1"#;
+    let mesh = document(vertices, indexed).mesh();
+    assert_eq!(mesh.triangles, [[0, 1, 2]]);
+    assert_eq!(mesh.warnings, ["mesh 0, primitive 0 has 1 corners left over after its last triangle"]);
+    // A strip ends in a triangle of no area, which only joins.
+    let strip = document(vertices, r#""attributes":{"POSITION":0},"indices":1,"mode":5"#).mesh();
+    assert_eq!((strip.triangles.as_slice(), strip.warnings.len()), (&[[0, 1, 2]][..], 0));
+    assert_eq!(
+        document(
+            r#"{"bufferView":0,"componentType":5126,"count":2,"type":"VEC3"},
+                {"bufferView":1,"componentType":5121,"count":4,"type":"SCALAR"}"#,
+            indexed
+        )
+        .error(),
+        "mesh 0, primitive 0: index 2 refers to vertex 2 of 2"
+    );
+    assert_eq!(
+        document(
+            r#"{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"},
+                {"bufferView":1,"componentType":5126,"count":1,"type":"SCALAR"}"#,
+            indexed
+        )
+        .error(),
+        "the indices of mesh 0, primitive 0 are not integers"
+    );
+}
+
+#[test]
+fn primitives_without_triangles_are_skipped() {
+    let mesh = |primitive| Document { primitive, ..Document::default() };
+    let points = mesh(r#""attributes":{"POSITION":0}},{"attributes":{"POSITION":0},"mode":0},{"attributes":{}"#).mesh();
+    assert_eq!(points.triangle_count(), 1);
+    assert_eq!(
+        points.warnings,
+        [
+            "mesh 0, primitive 1 is made of points or lines; it is skipped",
+            "mesh 0, primitive 2 has no positions; it is skipped"
+        ]
+    );
+    assert_eq!(mesh(r#""attributes":{"POSITION":0},"mode":1"#).error(), "the mesh has no triangles");
+    assert_eq!(mesh(r#""attributes":{"POSITION":0},"mode":99"#).error(), "mesh 0, primitive 0 has an unknown mode");
+    let morphed = mesh(r#""attributes":{"POSITION":0},"targets":[{"POSITION":0}]"#).mesh();
+    assert_eq!(morphed.warnings, ["morph targets are not applied: the mesh is in its rest pose"]);
+}
+
+#[test]
+fn vertices_must_be_finite() {
+    let mut bytes = triangle_bytes();
+    bytes[16..20].copy_from_slice(&f32::NAN.to_le_bytes());
+    let buffers = format!(r#"{{"byteLength":60,"uri":"{}"}}"#, data_uri(&bytes));
+    let error = Document { buffers, ..Document::default() }.error();
+    assert_eq!(error, "mesh 0, primitive 0: vertex 1 is not finite; repair or remove it");
+    let nodes = r#"{"scale":[3e38,1,1],"children":[1]},{"scale":[3e38,1,1],"children":[2]},
+        {"scale":[3e38,1,1],"children":[3]},{"scale":[3e38,1,1],"children":[4]},{"scale":[3e38,1,1],"children":[5]},
+        {"scale":[3e38,1,1],"children":[6]},{"scale":[3e38,1,1],"children":[7]},{"scale":[3e38,1,1],"children":[8]},
+        {"scale":[3e38,1,1],"mesh":0}"#;
+    assert!(Document { nodes, ..Document::default() }.error().starts_with("vertex "));
+}
+
+#[test]
+fn extensions_that_matter_are_refused_if_required() {
+    let rest = |extensions: &str| Document {
+        rest: format!(r#""scene":0,"scenes":[{{"nodes":[0]}}],{extensions}"#),
+        ..Document::default()
+    };
+    let draco = r#""extensionsUsed":["KHR_draco_mesh_compression"]"#;
+    assert_eq!(
+        rest(&format!(r#"{draco},"extensionsRequired":["KHR_draco_mesh_compression"]"#)).error(),
+        "the file requires the glTF extension KHR_draco_mesh_compression, which is not supported; export it without"
+    );
+    assert_eq!(
+        rest(draco).mesh().warnings,
+        ["the optional glTF extension KHR_draco_mesh_compression is not supported; it is ignored"]
+    );
+    assert!(rest(r#""extensionsRequired":["KHR_materials_unlit","KHR_lights_punctual"]"#).mesh().warnings.is_empty());
+}
+
+#[test]
+fn other_versions_and_other_json_are_refused() {
+    let refuse = |text: &str| Files::new().refuse("a.gltf", text);
+    assert_eq!(refuse(r#"{"asset":{"version":"1.0"}}"#), "a.gltf: glTF version 1.0; only version 2 can be read");
+    assert_eq!(
+        refuse(r#"{"asset":{"version":"2.9","minVersion":"2.1"}}"#),
+        "a.gltf: glTF version 2.1; only version 2 can be read"
+    );
+    assert_eq!(refuse("{}"), "a.gltf: not a glTF document: missing field `asset` at line 1 column 2");
+    assert!(refuse(&"[".repeat(100_000)).starts_with("a.gltf: not a glTF document: "));
+    assert!(refuse(&Document::default().json()[..200]).starts_with("a.gltf: not a glTF document: EOF while parsing"));
+}
+
+/// A textured document: the material's JSON and an image of two texels side by side.
+fn textured(material: &str, texels: &[[u8; 4]; 2]) -> Document {
+    let image = data_uri(&png(2, 1, texels));
+    Document {
+        primitive: r#""attributes":{"POSITION":0,"TEXCOORD_0":1},"material":0"#,
+        rest: format!(
+            r#""scene":0,"scenes":[{{"nodes":[0]}}],"materials":[{{{material}}}],"textures":[{{"source":0}}],
+            "images":[{{"uri":"{image}"}}]"#
+        ),
+        ..Document::default()
+    }
+}
+
+const RED: [u8; 4] = [255, 0, 0, 255];
+const HOLE: [u8; 4] = [0, 0, 0, 0];
+const COLOR: &str = r#""pbrMetallicRoughness":{"baseColorFactor":[0.5,0.25,0.125,1],"baseColorTexture":{"index":0}}"#;
+
+#[test]
+fn factors_are_linear_and_textures_are_found() {
+    let mesh = textured(&format!(r#"{COLOR},"name":"paint""#), &[RED, RED]).mesh();
+    let material = &mesh.materials[mesh.triangle_materials[0] as usize];
+    assert_eq!((&*material.name, material.base_color), ("paint", [0.5, 0.25, 0.125, 1.0]));
+    assert_eq!(material.texture.as_ref().unwrap().sample(mesh.uvs[0], 1.0), [1.0, 0.0, 0.0, 1.0]);
+    assert_eq!(mesh.uvs, [[0.25, 0.25], [0.75, 0.25], [0.25, 0.75]]);
+    assert_eq!(material.alpha_cutoff, None);
+}
+
+#[test]
+fn alpha_modes_decide_on_holes() {
+    let material = |mode: &str, texels| textured(&format!("{COLOR},{mode}"), texels).mesh();
+    let cutoff = |mode, texels| material(mode, texels).materials[0].alpha_cutoff;
+    assert_eq!(cutoff(r#""alphaMode":"OPAQUE""#, &[RED, HOLE]), None);
+    assert_eq!(cutoff(r#""alphaMode":"MASK""#, &[RED, HOLE]), Some(0.5));
+    assert_eq!(cutoff(r#""alphaMode":"MASK","alphaCutoff":0.25"#, &[RED, RED]), Some(0.25));
+    let blend = material(r#""alphaMode":"BLEND","name":"leaf""#, &[RED, HOLE]);
+    assert_eq!(blend.materials[0].alpha_cutoff, Some(0.5));
+    assert_eq!(blend.warnings, ["material leaf blends; texels of less than half opacity become holes"]);
+    assert_eq!(cutoff(r#""alphaMode":"BLEND""#, &[RED, RED]), None);
+    assert_eq!(textured(r#""alphaMode":"WRONG""#, &[RED, RED]).error(), "material 0 has an unknown alphaMode");
+}
+
+#[test]
+fn a_lamp_has_the_colour_of_its_light() {
+    let lamp = r#""pbrMetallicRoughness":{"baseColorFactor":[0,0,0,1]},"emissiveFactor":[1,0.5,0.25]"#;
+    assert_eq!(textured(lamp, &[RED, RED]).mesh().materials[0].base_color, [1.0, 0.5, 0.25, 1.0]);
+}
+
+#[test]
+fn bad_images_and_references_are_errors() {
+    let with = |rest: &str| Document {
+        primitive: r#""attributes":{"POSITION":0,"TEXCOORD_0":1},"material":0"#,
+        rest: format!(r#""scene":0,"scenes":[{{"nodes":[0]}}],"materials":[{{{COLOR}}}],{rest}"#),
+        ..Document::default()
+    };
+    let texture = r#""textures":[{"source":0}]"#;
+    assert_eq!(
+        with(&format!(r#"{texture},"images":[{{"uri":"data:image/png;base64,AAAA"}}]"#)).error(),
+        "cannot decode the image 0 (embedded): it is neither PNG, JPEG nor TGA"
+    );
+    assert_eq!(with(&format!(r#"{texture},"images":[{{}}]"#)).error(), "image 0 has neither uri nor bufferView");
+    assert_eq!(with(texture).error(), "image 0 does not exist: there are only 0");
+    assert_eq!(with(r#""images":[]"#).error(), "texture 0 does not exist: there are only 0");
+    let missing = with(&format!(r#"{texture},"images":[{{"uri":"none.png"}}]"#)).mesh();
+    assert!(missing.materials[0].texture.is_none());
+    assert!(missing.warnings[0].ends_with("none.png is missing; using a plain colour"), "{:?}", missing.warnings);
+    let extension = with(r#""textures":[{}]"#).mesh();
+    assert_eq!(extension.warnings, ["material material 0: texture 0 has no PNG or JPEG image; using a plain colour"]);
+}
+
+#[test]
+fn textures_need_coordinates() {
+    let mut document = textured(COLOR, &[RED, RED]);
+    document.primitive = r#""attributes":{"POSITION":0},"material":0"#;
+    let mesh = document.mesh();
+    assert!(mesh.materials[0].texture.is_none());
+    assert_eq!(mesh.warnings, ["mesh 0, primitive 0 has no TEXCOORD_0 for its texture; it gets its plain colour"]);
+}
+
+#[test]
+fn only_the_vertices_in_use_are_kept() {
+    let mesh = Document {
+        accessors: r#"{"bufferView":0,"componentType":5126,"count":5,"type":"VEC3"}"#,
+        views: r#"{"buffer":0,"byteLength":60}"#,
+        ..Document::default()
+    };
+    // Five vertices without indices: one triangle and two corners left over.
+    let mesh = mesh.mesh();
+    assert_eq!((mesh.positions.len(), mesh.triangle_count(), mesh.warnings.len()), (3, 1, 1));
+}

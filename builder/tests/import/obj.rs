@@ -1,0 +1,212 @@
+//! OBJ and the errors common to all kinds of files.
+
+use crate::support::{Files, png};
+
+const TRIANGLE: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+
+#[test]
+fn files_that_are_no_mesh_are_named_for_what_they_are() {
+    let files = Files::new();
+    assert_eq!(files.refuse("a.obj", ""), "a.obj: is empty");
+    assert_eq!(
+        files.refuse("a.stl", "solid"),
+        "a.stl: unknown kind of mesh; the extension must be .obj, .gltf, .glb or .ply"
+    );
+    let image = png(1, 1, &[[0; 4]]);
+    assert_eq!(files.refuse("b.obj", &image), "b.obj: is a PNG image, not an OBJ text file as its extension says");
+    assert_eq!(files.refuse("b.glb", &image), "b.glb: is a PNG image, not a binary glTF file as its extension says");
+    assert_eq!(files.refuse("c.glb", TRIANGLE), "c.glb: is a text file, not a binary glTF file as its extension says");
+    assert_eq!(files.refuse("c.ply", TRIANGLE), "c.ply: is a text file, not a PLY file as its extension says");
+    assert_eq!(files.refuse("d.obj", "{}"), "d.obj: is JSON text, not an OBJ text file as its extension says");
+    assert_eq!(files.refuse("d.obj", [1, 0, 2]), "d.obj: is a binary file, not an OBJ text file as its extension says");
+    assert_eq!(
+        files.refuse("e.obj", b"\x1f\x8b\x08.."),
+        "e.obj: is a compressed archive, not an OBJ text file as its extension says"
+    );
+    std::fs::create_dir(files.path("f.obj")).unwrap();
+    let not_a_file = "is not a regular file; give the path of a .obj, .gltf, .glb or .ply file";
+    assert_eq!(files.error("f.obj"), format!("f.obj: {not_a_file}"));
+    std::fs::create_dir(files.path("directory")).unwrap();
+    assert_eq!(files.error("directory"), format!("directory: {not_a_file}"));
+    assert!(files.error("none.obj").starts_with("none.obj: cannot be read: "));
+}
+
+#[test]
+fn a_plain_triangle() {
+    let mesh = Files::new().accept("a.OBJ", TRIANGLE);
+    assert_eq!(mesh.positions, [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
+    assert_eq!(mesh.triangles, [[0, 1, 2]]);
+    assert_eq!((mesh.normals.len(), mesh.uvs.len(), mesh.colors.len()), (0, 0, 0));
+    assert_eq!((mesh.materials.len(), mesh.warnings.len()), (1, 0));
+    assert_eq!(mesh.bounds(), Some(([0.0, 0.0, 0.0], [1.0, 1.0, 0.0])));
+}
+
+#[test]
+fn positions_keep_double_precision() {
+    let mesh = Files::new().accept("a.obj", "v 1000000.0000001 0 0\nv 1 0 0\nv 0 1 0\nf -3 -2 -1\n");
+    assert_eq!(mesh.positions[0][0], 1000000.0000001);
+}
+
+#[test]
+fn lines_may_continue_and_comments_may_follow() {
+    let text = "# caf\u{e9}\nv 0 0 \\\n 0 # first\nv 1 0 0\r\nv 1 1 0\nv 0 1 0\nf 1 2 \\\n3 4 # a quad\n";
+    assert_eq!(Files::new().accept("a.obj", text).triangles, [[0, 1, 2], [0, 2, 3]]);
+}
+
+#[test]
+fn faces_with_and_without_attributes_do_not_mix_up() {
+    let text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nvt 0.25 0.25\nvt 1 0\nvt 0 1\nvn 0 0 2\n\
+                f 1 2 4\nf 1/1/1 2/2/1 3/3/1\nf 2//1 3//1 4//1\nf 1/1 3/2 4/3\n";
+    let mesh = Files::new().accept("a.obj", text);
+    assert_eq!(mesh.triangle_count(), 4);
+    let corner = |t: usize, k: usize| mesh.triangles[t][k] as usize;
+    assert_eq!(mesh.positions[corner(1, 0)], [0.0, 0.0, 0.0]);
+    // v points down here, up in the file.
+    assert_eq!((mesh.uvs[corner(1, 0)], mesh.uvs[corner(1, 2)]), ([0.25, 0.75], [0.0, 0.0]));
+    assert_eq!(mesh.uvs[corner(3, 2)], [0.0, 0.0]);
+    assert_eq!(mesh.normals[corner(1, 0)], [0.0, 0.0, 1.0]);
+    assert_eq!(mesh.normals[corner(2, 2)], [0.0, 0.0, 1.0]);
+    // Made up where the file has none.
+    assert_eq!(mesh.normals[corner(0, 0)], [0.0, -1.0, 0.0]);
+    assert_eq!(mesh.normals[corner(3, 1)], [1.0, 0.0, 0.0]);
+}
+
+#[test]
+fn vertex_colours_are_display_values() {
+    let mesh = Files::new().accept("a.obj", "v 0 0 0 1 0.5 0\nv 1 0 0 1 1 1\nv 0 1 0 0 0 0\nf 1 2 3\n");
+    assert_eq!(mesh.colors[1], [1.0; 3]);
+    assert!((mesh.colors[0][1] - 0.214_041_14).abs() < 1e-6);
+    let mixed = Files::new().accept("a.obj", "v 0 0 0 1 0.5 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
+    assert!(mixed.colors.is_empty());
+    assert_eq!(mixed.warnings, ["2 vertices have no colour; the colours of the others are ignored"]);
+}
+
+#[test]
+fn geometry_errors_name_the_line() {
+    let files = Files::new();
+    let refuse = |text: &str| files.refuse("a.obj", text);
+    assert_eq!(refuse("v 0 0 0\n# no faces\n"), "a.obj: the mesh has no triangles");
+    assert_eq!(refuse("some words\n"), "a.obj: the mesh has no triangles");
+    assert_eq!(
+        refuse("v 0 0 0\n\nv 0 NaN 0\nv 1 0 0\nf 1 2 3\n"),
+        "a.obj: line 3: vertex 2 is not finite; repair or remove it"
+    );
+    assert_eq!(
+        refuse("v 0 0 0\nv 0 1e999 0\nv 1 0 0\nf 1 2 3\n"),
+        "a.obj: line 2: vertex 2 is not finite; repair or remove it"
+    );
+    assert_eq!(refuse("# x\nv 0 0\n"), "a.obj: line 2: position parse error");
+    assert_eq!(refuse("v 0 0 zero\n"), "a.obj: line 1: position parse error");
+    assert_eq!(refuse(&format!("{TRIANGLE}vt x y\n")), "a.obj: line 5: texcoord parse error");
+    let face = |face: &str| refuse(&format!("v 0 0 0\nv 1 0 0\nv 0 1 0\nf {face}\n"));
+    assert_eq!(face("1 2 4"), "a.obj: line 4: a face refers to vertex 4, but there are only 3");
+    assert_eq!(face("1 2 0"), "a.obj: line 4: a face refers to vertex 0, but there are only 3 so far");
+    assert_eq!(face("1 2 -4"), "a.obj: line 4: a face refers to vertex -4, but there are only 3 so far");
+    assert_eq!(
+        face("1 2 9223372036854775807"),
+        "a.obj: line 4: a face refers to vertex 9223372036854775807, but there are only 3"
+    );
+    assert_eq!(
+        face("1 2 -9223372036854775808"),
+        "a.obj: line 4: a face refers to vertex -9223372036854775808, but there are only 3 so far"
+    );
+    assert_eq!(face("1 2 99999999999999999999"), "a.obj: line 4: cannot read the face corner '99999999999999999999'");
+    assert_eq!(face("1/1 2/1 3/1"), "a.obj: line 4: a face refers to texture coordinate 1, but there are only 0");
+    assert_eq!(face("1//5 2//5 3//5"), "a.obj: line 4: a face refers to normal 5, but there are only 0");
+    assert_eq!(
+        face("1 2//1 3"),
+        "a.obj: line 4: the corners of a face must all have the same attributes (v, v/vt, v//vn or v/vt/vn)"
+    );
+    assert_eq!(face("a b c"), "a.obj: line 4: cannot read the face corner 'a'");
+    assert_eq!(face("1/1/1/1 2 3"), "a.obj: line 4: cannot read the face corner '1/1/1/1'");
+}
+
+#[test]
+fn points_and_lines_are_skipped_with_a_warning() {
+    let mesh = Files::new().accept("a.obj", format!("{TRIANGLE}l 1 2\np 1\nf 1 2\n"));
+    assert_eq!(mesh.triangle_count(), 1);
+    assert_eq!(mesh.warnings, ["3 points and lines were skipped; only triangles and polygons are read"]);
+}
+
+#[test]
+fn missing_materials_leave_a_plain_colour_and_a_warning() {
+    let files = Files::new();
+    files.write("b.mtl", "newmtl red\nKd 1 0 0\nmap_Kd none.png\nnewmtl half\nKd 0.5 0.5 0.5\nd 0.25\n");
+    let text = "mtllib none.mtl\nmtllib b.mtl\nvt 0 0\nv 0 0 0\nv 1 0 0\nv 0 1 0\n\
+                usemtl red\nf 1/1 2/1 3/1\nusemtl blue\nf 1/1 2/1 3/1\nusemtl half\nf 1/1 2/1 3/1\n";
+    let mesh = files.accept("a.obj", text);
+    let colors: Vec<_> = mesh
+        .triangle_materials
+        .iter()
+        .map(|&m| (&*mesh.materials[m as usize].name, mesh.materials[m as usize].base_color))
+        .collect();
+    assert_eq!(colors[0], ("red", [1.0, 0.0, 0.0, 1.0]));
+    assert_eq!(colors[1], ("default", [0.8, 0.8, 0.8, 1.0]));
+    // Kd is a display value: half of it is 0.214 of the light.
+    assert_eq!(colors[2], ("half", [0.214_041_14, 0.214_041_14, 0.214_041_14, 0.25]));
+    assert_eq!(
+        mesh.warnings,
+        [
+            "the material library none.mtl is missing",
+            "material red: the texture none.png is missing; using a plain colour",
+            "no material library defines blue; using a plain colour",
+        ]
+    );
+}
+
+const TEXTURED: &str = "mtllib my lib.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\n\
+                        usemtl a\nf 1/1 2/1 3/1\nusemtl b\nf 1/1 2/1 3/1\nf 1 2 3\n";
+
+#[test]
+fn textures_are_read_once_and_shared() {
+    let files = Files::new();
+    std::fs::create_dir(files.path("maps")).unwrap();
+    files.write("maps/red.png", png(2, 1, &[[255, 0, 0, 255]; 2]));
+    files.write("my lib.mtl", "newmtl a\nmap_Kd maps/red.png\nnewmtl b\nKd 0 0 0\nmap_Kd -s 1 1 1 maps\\red.png\n");
+    let mesh = files.accept("a.obj", TEXTURED);
+    let [a, b, plain] = &mesh.materials[..] else { panic!("{:?}", mesh.materials) };
+    let (a, b) = (a.texture.as_ref().unwrap(), b.texture.as_ref().unwrap());
+    assert!(std::sync::Arc::ptr_eq(a, b));
+    assert_eq!(a.sample([0.5, 0.5], 1.0), [1.0, 0.0, 0.0, 1.0]);
+    assert_eq!(mesh.materials[1].base_color, [1.0; 4]);
+    assert!(plain.texture.is_none());
+    assert_eq!(
+        mesh.warnings,
+        [
+            "material b: Kd is black; taking the colour from the texture alone",
+            "some faces of material b have no texture coordinates; they get its plain colour",
+        ]
+    );
+}
+
+#[test]
+fn textures_that_cannot_be_decoded_are_errors() {
+    let files = Files::new();
+    files.write("my lib.mtl", "newmtl a\nmap_Kd bad.png\nnewmtl b\n");
+    files.write("bad.png", "this is no image");
+    files.write("a.obj", TEXTURED);
+    assert_eq!(files.error("a.obj"), "a.obj: cannot decode the image bad.png: it is neither PNG, JPEG nor TGA");
+    files.write("bad.png", "");
+    assert_eq!(files.error("a.obj"), "a.obj: cannot decode the image bad.png: it is empty");
+    let good = png(8, 8, &[[1, 2, 3, 4]; 64]);
+    files.write("bad.png", &good[..good.len() / 2]);
+    assert!(files.error("a.obj").starts_with("a.obj: cannot decode the image bad.png: "), "{}", files.error("a.obj"));
+    // A header that promises more texels than allowed.
+    let mut huge = good;
+    huge[16..24].copy_from_slice(&[0, 1, 0, 0, 0, 1, 0, 0]);
+    files.write("bad.png", huge);
+    assert!(files.error("a.obj").starts_with("a.obj: cannot decode the image bad.png: "), "{}", files.error("a.obj"));
+}
+
+#[test]
+fn opacity_maps_become_alpha() {
+    let files = Files::new();
+    files.write("color.png", png(2, 1, &[[255, 255, 255, 255]; 2]));
+    files.write("mask.png", png(2, 1, &[[0, 0, 0, 255], [255, 255, 255, 255]]));
+    files.write("my lib.mtl", "newmtl a\nmap_Kd color.png\nmap_d mask.png\nnewmtl b\nmap_Kd color.png\n");
+    let mesh = files.accept("a.obj", TEXTURED);
+    let [masked, opaque, ..] = &mesh.materials[..] else { panic!("{:?}", mesh.materials) };
+    assert_eq!((masked.alpha_cutoff, opaque.alpha_cutoff), (Some(0.5), None));
+    let alpha = |u: f32| masked.texture.as_ref().unwrap().sample([u, 0.5], 1.0)[3];
+    assert_eq!((alpha(0.25), alpha(0.75)), (0.0, 1.0));
+}

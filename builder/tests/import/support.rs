@@ -1,0 +1,63 @@
+//! Files in a temporary directory, and the importer's answer to them.
+
+use std::fs;
+use std::path::PathBuf;
+
+use base64::Engine;
+use esvo_builder::Mesh;
+use esvo_builder::import::load_mesh;
+use tempfile::TempDir;
+
+/// A directory that holds the files of one test.
+pub(crate) struct Files(TempDir);
+
+impl Files {
+    pub(crate) fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    pub(crate) fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    pub(crate) fn write(&self, name: &str, bytes: impl AsRef<[u8]>) -> &Self {
+        fs::write(self.path(name), bytes).unwrap();
+        self
+    }
+
+    /// The mesh in a file that must be good.
+    pub(crate) fn mesh(&self, name: &str) -> Mesh {
+        let mesh = load_mesh(&self.path(name)).unwrap_or_else(|e| panic!("{e}"));
+        mesh.validate().unwrap();
+        mesh
+    }
+
+    /// The error for a file that must be bad, without the directory of the test.
+    pub(crate) fn error(&self, name: &str) -> String {
+        let error = load_mesh(&self.path(name)).map(|m| m.triangle_count()).expect_err("the file must be refused");
+        error.to_string().replace(&format!("{}/", self.0.path().display()), "")
+    }
+
+    /// Writes a file and returns the error for it.
+    pub(crate) fn refuse(&self, name: &str, bytes: impl AsRef<[u8]>) -> String {
+        self.write(name, bytes).error(name)
+    }
+
+    /// Writes a file and returns the mesh in it.
+    pub(crate) fn accept(&self, name: &str, bytes: impl AsRef<[u8]>) -> Mesh {
+        self.write(name, bytes).mesh(name)
+    }
+}
+
+/// A PNG file of RGBA texels.
+pub(crate) fn png(width: u32, height: u32, texels: &[[u8; 4]]) -> Vec<u8> {
+    let image = image::RgbaImage::from_raw(width, height, texels.as_flattened().to_vec()).unwrap();
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    image.write_to(&mut bytes, image::ImageFormat::Png).unwrap();
+    bytes.into_inner()
+}
+
+/// Bytes as a data URI.
+pub(crate) fn data_uri(bytes: &[u8]) -> String {
+    format!("data:application/octet-stream;base64,{}", base64::engine::general_purpose::STANDARD.encode(bytes))
+}
