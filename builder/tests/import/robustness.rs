@@ -172,7 +172,7 @@ fn gltf_buffer() -> Vec<u8> {
 #[test]
 fn damaged_gltf_files() {
     let uri = format!(r#","uri":"{}""#, data_uri(&gltf_buffer()));
-    survive("a.gltf", gltf(&uri).as_bytes(), 3000);
+    survive("a.gltf", gltf(&uri).as_bytes(), 1200);
 }
 
 #[test]
@@ -186,5 +186,5 @@ fn damaged_glb_files() {
         bytes.extend(kind);
         bytes.extend(chunk);
     }
-    survive("a.glb", &bytes, 1500);
+    survive("a.glb", &bytes, 800);
 }
