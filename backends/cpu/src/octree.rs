@@ -1,0 +1,102 @@
+//! The parallel octree caster: the reference's operations in the reference's order, on all cores.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use esvo_core::{CastError, Caster, Device, DeviceKind, FrameTime, Hit, View};
+use esvo_format::Octree;
+use rayon::prelude::*;
+
+use crate::machine;
+use crate::scalar::{self, Scene};
+
+/// Rows of pixels per task; also the edge of the tiles that a task goes through.
+const TILE: usize = 8;
+
+/// Casts against octrees on all cores.
+///
+/// Its hits are bit for bit those of the reference caster.
+pub struct CpuCaster {
+    device: Device,
+    pool: rayon::ThreadPool,
+    octree: Option<Arc<Octree>>,
+}
+
+impl CpuCaster {
+    /// A caster on this many threads, or on one per core.
+    ///
+    /// # Errors
+    /// The system refuses the threads.
+    pub fn new(threads: Option<usize>) -> Result<Self, CastError> {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads.unwrap_or(0))
+            .build()
+            .map_err(|e| CastError::Device(format!("no threads to cast with: {e}")))?;
+        let detail = format!("{}, {} threads", scalar::instruction_set(), pool.current_num_threads());
+        Ok(Self { device: Device { name: machine::cpu_name(), kind: DeviceKind::Cpu, detail }, pool, octree: None })
+    }
+
+    fn coarse(&self, octree: &Octree, view: &View) -> Vec<f32> {
+        if !view.beam() {
+            return Vec::new();
+        }
+        let scene = Scene::new(octree, view.root);
+        let (columns, rows) = view.coarse_size();
+        let mut values = vec![0.0; columns as usize * rows as usize];
+        self.pool.install(|| {
+            values.par_chunks_mut(columns as usize).enumerate().for_each(|(j, row)| {
+                scalar::coarse_row(&scene, view, j as u32, row);
+            });
+        });
+        values
+    }
+
+    fn fine(&self, octree: &Octree, view: &View, coarse: &[f32], hits: &mut Vec<Hit>) {
+        let scene = Scene::new(octree, view.root);
+        hits.resize(view.pixels(), Hit::miss(0));
+        self.pool.install(|| {
+            hits.par_chunks_mut(view.width as usize * TILE).enumerate().for_each(|(band, rows)| {
+                scalar::band(&scene, view, coarse, (band * TILE) as u32, rows);
+            });
+        });
+    }
+}
+
+impl Caster for CpuCaster {
+    fn name(&self) -> &'static str {
+        "cpu"
+    }
+
+    fn device(&self) -> &Device {
+        &self.device
+    }
+
+    fn load(&mut self, octree: &Arc<Octree>) -> Result<(), CastError> {
+        octree.sound()?;
+        self.octree = Some(octree.clone());
+        Ok(())
+    }
+
+    fn cast(&mut self, view: &View, hits: &mut Vec<Hit>) -> Result<(), CastError> {
+        let octree = self.octree.as_deref().ok_or(CastError::NotLoaded)?;
+        let coarse = self.coarse(octree, view);
+        self.fine(octree, view, &coarse, hits);
+        Ok(())
+    }
+
+    fn time(&mut self, view: &View) -> Result<FrameTime, CastError> {
+        let octree = self.octree.as_deref().ok_or(CastError::NotLoaded)?;
+        let mut hits = vec![Hit::miss(0); view.pixels()];
+        let start = Instant::now();
+        let values = self.coarse(octree, view);
+        let coarse = if view.beam() { start.elapsed() } else { Duration::ZERO };
+        self.fine(octree, view, &values, &mut hits);
+        let total = start.elapsed();
+        std::hint::black_box(&hits);
+        Ok(FrameTime { total, coarse })
+    }
+
+    fn resident_bytes(&self) -> u64 {
+        self.octree.as_ref().map_or(0, |octree| std::mem::size_of_val(octree.slots()) as u64)
+    }
+}

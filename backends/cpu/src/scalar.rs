@@ -1,0 +1,245 @@
+//! One ray at a time, compiled for what the processor has.
+//!
+//! The same loop as the reference's, which explains it; here the features that a view does not use are compiled out,
+//! the descriptor is kept while siblings are visited, and vectors are spelled out.
+
+use esvo_core::reference::{EPSILON, MAX_COMPONENT, MAX_ITERATIONS, MAX_SCALE};
+use esvo_core::{Hit, Ray, View, exp2};
+use esvo_format::{ChildDescriptor, Octree};
+
+/// The parts of an octree that casting reads.
+pub struct Scene<'a> {
+    slots: &'a [u64],
+    words: &'a [u32],
+    root: u32,
+}
+
+impl<'a> Scene<'a> {
+    /// The octree must be [sound](Octree::sound).
+    pub fn new(octree: &'a Octree, root: u32) -> Self {
+        Self { slots: octree.slots(), words: octree.words(), root }
+    }
+}
+
+/// Edge of the tiles in which the pixels of a band are visited.
+const TILE: usize = 8;
+
+/// Instruction set of the code that [`band`] and [`coarse_row`] run.
+pub fn instruction_set() -> &'static str {
+    if has_v3() { "scalar, x86-64-v3" } else { "scalar, baseline" }
+}
+
+#[cfg(target_arch = "x86_64")]
+fn has_v3() -> bool {
+    is_x86_feature_detected!("avx2")
+        && is_x86_feature_detected!("bmi1")
+        && is_x86_feature_detected!("bmi2")
+        && is_x86_feature_detected!("lzcnt")
+        && is_x86_feature_detected!("popcnt")
+}
+
+#[cfg(not(target_arch = "x86_64"))]
+fn has_v3() -> bool {
+    false
+}
+
+/// Casts the pixels of the rows from `first_row` on that `hits` has room for.
+pub fn band(scene: &Scene, view: &View, coarse: &[f32], first_row: u32, hits: &mut [Hit]) {
+    #[cfg(target_arch = "x86_64")]
+    if has_v3() {
+        // SAFETY: the features that the function is compiled for have just been found.
+        return unsafe { band_v3(scene, view, coarse, first_row, hits) };
+    }
+    band_any(scene, view, coarse, first_row, hits);
+}
+
+/// Row `j` of the coarse pass.
+pub fn coarse_row(scene: &Scene, view: &View, j: u32, row: &mut [f32]) {
+    #[cfg(target_arch = "x86_64")]
+    if has_v3() {
+        // SAFETY: the features that the function is compiled for have just been found.
+        return unsafe { coarse_row_v3(scene, view, j, row) };
+    }
+    coarse_row_any(scene, view, j, row);
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
+fn band_v3(scene: &Scene, view: &View, coarse: &[f32], first_row: u32, hits: &mut [Hit]) {
+    band_any(scene, view, coarse, first_row, hits);
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
+fn coarse_row_v3(scene: &Scene, view: &View, j: u32, row: &mut [f32]) {
+    coarse_row_any(scene, view, j, row);
+}
+
+#[inline(always)]
+fn band_any(scene: &Scene, view: &View, coarse: &[f32], first_row: u32, hits: &mut [Hit]) {
+    match (view.contours(), view.max_voxel_pixels > 0.0) {
+        (true, true) => band_with::<true, true>(scene, view, coarse, first_row, hits),
+        (true, false) => band_with::<true, false>(scene, view, coarse, first_row, hits),
+        (false, true) => band_with::<false, true>(scene, view, coarse, first_row, hits),
+        (false, false) => band_with::<false, false>(scene, view, coarse, first_row, hits),
+    }
+}
+
+#[inline(always)]
+fn band_with<const CONTOURS: bool, const LOD: bool>(
+    scene: &Scene,
+    view: &View,
+    coarse: &[f32],
+    first_row: u32,
+    hits: &mut [Hit],
+) {
+    let width = view.width as usize;
+    for left in (0..width).step_by(TILE) {
+        for (y, row) in hits.chunks_exact_mut(width).enumerate() {
+            for x in left..(left + TILE).min(width) {
+                let (px, py) = (x as u32, first_row + y as u32);
+                let mut ray = view.ray(px, py);
+                if view.beam() {
+                    ray.t_min = view.beam_start(coarse, px, py);
+                }
+                row[x] = cast::<CONTOURS, LOD>(scene, &ray);
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn coarse_row_any(scene: &Scene, view: &View, j: u32, row: &mut [f32]) {
+    for (i, value) in row.iter_mut().enumerate() {
+        let hit = cast::<false, true>(scene, &view.coarse_ray(i as u32, j));
+        *value = if hit.is_miss() { 1.0 } else { view.coarse_start(hit.t, hit.size()) };
+    }
+}
+
+#[inline(always)]
+fn away_from_zero(x: f32) -> f32 {
+    if x.abs() < EPSILON { EPSILON.copysign(x) } else { x }
+}
+
+#[inline(always)]
+fn cast<const CONTOURS: bool, const LOD: bool>(scene: &Scene, ray: &Ray) -> Hit {
+    let finite = ray.origin.is_finite() && ray.direction.is_finite();
+    if !finite || ray.direction.abs().max_element() > MAX_COMPONENT {
+        return Hit::miss(0);
+    }
+    let d: [f32; 3] = ray.direction.to_array().map(away_from_zero);
+    let mut mirror = 0u32;
+    let mut coef = [0.0f32; 3];
+    let mut bias = [0.0f32; 3];
+    for axis in 0..3 {
+        coef[axis] = 1.0 / -d[axis].abs();
+        bias[axis] = coef[axis] * ray.origin[axis];
+        if d[axis] > 0.0 {
+            mirror |= 1 << axis;
+            bias[axis] = 3.0 * coef[axis] - bias[axis];
+        }
+    }
+    let t_at = |axis: usize, x: f32| x * coef[axis] - bias[axis];
+    let mut t_min = t_at(0, 2.0).max(t_at(1, 2.0)).max(t_at(2, 2.0));
+    let mut t_max = t_at(0, 1.0).min(t_at(1, 1.0)).min(t_at(2, 1.0));
+    let mut h = t_max;
+    t_min = t_min.max(ray.t_min);
+    t_max = t_max.min(ray.t_max);
+
+    let mut parent = scene.root;
+    let mut descriptor = ChildDescriptor(scene.slots[parent as usize]);
+    let mut stack = [(0u32, 0.0f32); MAX_SCALE as usize + 1];
+    let mut scale = MAX_SCALE - 1;
+    let mut size = 0.5f32;
+    let mut idx = 0u32;
+    let mut pos = [1.0f32; 3];
+    for axis in 0..3 {
+        if t_at(axis, 1.5) > t_min {
+            idx |= 1 << axis;
+            pos[axis] = 1.5;
+        }
+    }
+    let mut iteration = 0;
+    while iteration < MAX_ITERATIONS {
+        iteration += 1;
+        let corner: [f32; 3] = std::array::from_fn(|axis| t_at(axis, pos[axis]));
+        let tc_max = corner[0].min(corner[1]).min(corner[2]);
+        let child = idx ^ mirror;
+        if descriptor.valid_mask() as u32 >> child & 1 != 0 && t_min <= t_max {
+            if LOD && tc_max * ray.size_per_t + ray.size_at_origin >= size {
+                return Hit::new(t_min, parent, child, scale, iteration);
+            }
+            let half = size * 0.5;
+            let centre: [f32; 3] = std::array::from_fn(|axis| half * coef[axis] + corner[axis]);
+            let mut tv_min = t_min;
+            let mut tv_max = t_max.min(tc_max);
+            if CONTOURS && descriptor.contour_mask() as u32 >> child & 1 != 0 {
+                let at = 2 * parent + descriptor.contour_ptr() + descriptor.contour_rank(child as u8);
+                let word = scene.words[at as usize];
+                let field = |shift: u32| (word << shift) as i32 as f32;
+                let (a, b, c) = (field(14) * d[0], field(20) * d[1], field(26) * d[2]);
+                let inverse = 1.0 / away_from_zero(a + b + c);
+                let offset = field(7) * size * 1.5;
+                let middle = (centre[0] * a + (centre[1] * b + (centre[2] * c + offset))) * inverse;
+                let reach = (word as f32 * size * 0.75 * inverse).abs();
+                tv_min = tv_min.max(middle - reach);
+                tv_max = tv_max.min(middle + reach);
+            }
+            if tv_min <= tv_max {
+                if descriptor.leaf_mask() as u32 >> child & 1 != 0 {
+                    return Hit::new(tv_min, parent, child, scale, iteration);
+                }
+                if tc_max < h {
+                    stack[scale as usize] = (parent, t_max);
+                }
+                h = tc_max;
+                let mut first = parent + descriptor.child_ptr();
+                if descriptor.far() {
+                    first = parent.wrapping_add(scene.slots[first as usize] as u32);
+                }
+                parent = first + descriptor.child_rank(child as u8);
+                descriptor = ChildDescriptor(scene.slots[parent as usize]);
+                scale -= 1;
+                size = half;
+                idx = 0;
+                for axis in 0..3 {
+                    if centre[axis] > tv_min {
+                        idx |= 1 << axis;
+                        pos[axis] += size;
+                    }
+                }
+                (t_min, t_max) = (tv_min, tv_max);
+                continue;
+            }
+        }
+        let mut step = 0;
+        let mut differing = 0;
+        for axis in 0..3 {
+            if corner[axis] <= tc_max {
+                step |= 1 << axis;
+                let next = pos[axis] - size;
+                differing |= pos[axis].to_bits() ^ next.to_bits();
+                pos[axis] = next;
+            }
+        }
+        t_min = tc_max;
+        idx ^= step;
+        if idx & step != 0 {
+            scale = 31 - differing.leading_zeros();
+            if scale >= MAX_SCALE {
+                return Hit::miss(iteration);
+            }
+            size = exp2(scale as i32 - MAX_SCALE as i32);
+            (parent, t_max) = stack[scale as usize];
+            descriptor = ChildDescriptor(scene.slots[parent as usize]);
+            idx = 0;
+            for axis in 0..3 {
+                let path = pos[axis].to_bits() >> scale;
+                pos[axis] = f32::from_bits(path << scale);
+                idx |= (path & 1) << axis;
+            }
+            h = 0.0;
+        }
+    }
+    Hit::miss(MAX_ITERATIONS)
+}
