@@ -1,0 +1,163 @@
+//! Casting triangles: what octrees are measured against, in error and in time.
+//!
+//! Two casters over the same triangles. [`TriangleScene::cast`] is fast: single precision, packets of 16 rays.
+//! [`TriangleScene::cast_exact`] is the truth: double precision, watertight. Both take the same rays, and both give `t`
+//! as depth over far depth, as octree casters do.
+//!
+//! The example `triangles` of this crate measures both on a mesh. On a busy 2-core EPYC (Zen 5, AVX-512), 1024x768, mean of
+//! four interior cameras, in millions of rays per second on SIBENIK and CONFERENCE:
+//!
+//! | caster | one thread | two threads |
+//! |---|---|---|
+//! | fast | 14.4, 16.5 | 22.0, 24.9 |
+//! | exact | 2.0, 2.3 | 3.1, 3.9 |
+//!
+//! Of 3.1 million rays a scene, the two differ in whether they hit for 2 and 0, and by more than 10^-4 of `t` for 4 and 18.
+
+mod bvh;
+mod exact;
+mod packet;
+#[cfg(test)]
+mod tests;
+
+use std::sync::OnceLock;
+use std::time::{Duration, Instant};
+
+use esvo_core::CastError;
+use esvo_core::exact::{CameraRays, ExactRay, TriangleHit};
+use glam::{DVec3, Vec3A};
+use rayon::prelude::*;
+
+use bvh::{Bvh, Placement};
+
+/// Most triangles of a scene: splitting may double the boxes, and their places are 32-bit numbers.
+pub const MAX_TRIANGLES: usize = 1 << 29;
+
+/// Triangles, ready to be cast.
+pub struct TriangleScene {
+    triangles: Vec<[DVec3; 3]>,
+    placement: Placement,
+    fast: Bvh,
+    /// Corners in the space and the order of `fast`.
+    fast_corners: Vec<[Vec3A; 3]>,
+    exact: OnceLock<Bvh>,
+}
+
+impl TriangleScene {
+    /// Takes triangles in mesh units. Triangles without area are kept, so that indices stay, and never hit.
+    ///
+    /// # Errors
+    /// Coordinates that are not finite or too large to subtract, more than [`MAX_TRIANGLES`] triangles.
+    pub fn new(triangles: Vec<[[f64; 3]; 3]>) -> Result<Self, CastError> {
+        if triangles.len() > MAX_TRIANGLES {
+            return Err(CastError::Device(format!(
+                "{} triangles: the triangle caster takes at most {MAX_TRIANGLES}; cast fewer at a time",
+                triangles.len()
+            )));
+        }
+        let triangles: Vec<[DVec3; 3]> = triangles.into_iter().map(|t| t.map(DVec3::from)).collect();
+        // Differences of coordinates within this limit, and products of two of them, are finite.
+        let limit = 1e150;
+        let strange = triangles.iter().position(|t| t.iter().any(|p| !p.is_finite() || p.abs().max_element() > limit));
+        if let Some(index) = strange {
+            return Err(CastError::Device(format!(
+                "triangle {index} has a corner at {:?}: repair the mesh, coordinates are finite numbers below 1e150",
+                triangles[index]
+            )));
+        }
+        let corners = || triangles.iter().flatten().copied();
+        let lo = corners().reduce(DVec3::min).unwrap_or_default();
+        let hi = corners().reduce(DVec3::max).unwrap_or_default();
+        let placement = Placement::of(lo, hi);
+
+        let mut solid = Vec::new();
+        let mut indices = Vec::new();
+        for (index, triangle) in triangles.iter().enumerate() {
+            let [a, b, c] = triangle.map(|p| Vec3A::from(placement.point(p).as_vec3()));
+            if (b - a).cross(c - a) != Vec3A::ZERO {
+                solid.push([a, b, c]);
+                indices.push(index as u32);
+            }
+        }
+        let fast = Bvh::fastest(&solid, &indices);
+        let single = |&i: &u32| triangles[i as usize].map(|p| Vec3A::from(placement.point(p).as_vec3()));
+        let fast_corners = fast.order.iter().map(single).collect();
+        Ok(Self { triangles, placement, fast, fast_corners, exact: OnceLock::new() })
+    }
+
+    /// The triangles, in mesh units, in the order they were given.
+    pub fn triangles(&self) -> &[[DVec3; 3]] {
+        &self.triangles
+    }
+
+    /// Unit normal of a triangle, by the right-hand rule; zero for one without area.
+    ///
+    /// # Panics
+    /// There is no triangle of this index.
+    pub fn normal(&self, triangle: u32) -> DVec3 {
+        let [a, b, c] = self.triangles[triangle as usize];
+        (b - a).cross(c - a).normalize_or_zero()
+    }
+
+    /// Casts a picture in single precision on the threads of the current rayon pool: `hits[y * width + x]`, the first row
+    /// on top. Resizes `hits`.
+    ///
+    /// Not watertight at corners, and up to a few units in the last place of `f32` off.
+    pub fn cast(&self, rays: &CameraRays, hits: &mut Vec<TriangleHit>) {
+        hits.clear();
+        hits.resize(rays.pixels(), TriangleHit::MISS);
+        if self.fast.nodes.is_empty() {
+            return;
+        }
+        hits.par_chunks_mut(packet::EDGE * rays.width as usize).enumerate().for_each(|(strip, hits)| {
+            let row = strip * packet::EDGE;
+            packet::cast_rows(&self.fast, &self.fast_corners, &self.placement, rays, row, hits);
+            for hit in hits.iter_mut().filter(|hit| !hit.is_miss()) {
+                hit.triangle = self.fast.order[hit.triangle as usize];
+            }
+        });
+    }
+
+    /// Casts a picture as [`cast`](Self::cast) does and tells how long that took.
+    pub fn time(&self, rays: &CameraRays) -> Duration {
+        let mut hits = Vec::with_capacity(rays.pixels());
+        let start = Instant::now();
+        self.cast(rays, &mut hits);
+        std::hint::black_box(&hits);
+        start.elapsed()
+    }
+
+    /// Casts a picture in double precision, watertight, on the threads of the current rayon pool.
+    pub fn cast_exact(&self, rays: &CameraRays) -> Vec<TriangleHit> {
+        let bvh = self.exact_bvh();
+        let mut hits = vec![TriangleHit::MISS; rays.pixels()];
+        hits.par_chunks_mut(rays.width as usize).enumerate().for_each(|(y, row)| {
+            let mut stack = Vec::with_capacity(bvh.depth + 2);
+            for (x, hit) in row.iter_mut().enumerate() {
+                let ray = rays.ray(x as u32, y as u32);
+                *hit = exact::closest(bvh, &self.placement, &self.triangles, &ray, &mut stack);
+            }
+        });
+        hits
+    }
+
+    /// Casts one ray, given in mesh units, in double precision, watertight: the closest hit between its ends, of the
+    /// lowest index if several are equally close. Rays that are not finite or have no direction miss.
+    pub fn cast_exact_ray(&self, ray: &ExactRay) -> TriangleHit {
+        exact::closest(self.exact_bvh(), &self.placement, &self.triangles, ray, &mut Vec::new())
+    }
+
+    /// Bytes that [`cast`](Self::cast) reads: nodes, order and single-precision corners.
+    pub fn resident_bytes(&self) -> u64 {
+        (self.fast.bytes() + size_of_val(self.fast_corners.as_slice())) as u64
+    }
+
+    /// Made when first asked for: whoever only measures time does not pay for it.
+    fn exact_bvh(&self) -> &Bvh {
+        self.exact.get_or_init(|| {
+            let boxes: Vec<_> = self.triangles.iter().map(|t| exact::wide_box(t, &self.placement)).collect();
+            let indices: Vec<u32> = (0..boxes.len() as u32).collect();
+            Bvh::over_boxes(&boxes, &indices)
+        })
+    }
+}
