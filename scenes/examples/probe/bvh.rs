@@ -7,15 +7,15 @@ const LEAF: usize = 8;
 
 /// Axis-aligned bounds.
 #[derive(Clone, Copy)]
-pub struct Bounds {
-    pub min: DVec3,
-    pub max: DVec3,
+pub(crate) struct Bounds {
+    pub(crate) min: DVec3,
+    pub(crate) max: DVec3,
 }
 
 impl Bounds {
-    pub const EMPTY: Self = Self { min: DVec3::INFINITY, max: DVec3::NEG_INFINITY };
+    pub(crate) const EMPTY: Self = Self { min: DVec3::INFINITY, max: DVec3::NEG_INFINITY };
 
-    pub fn grow(&mut self, p: DVec3) {
+    pub(crate) fn grow(&mut self, p: DVec3) {
         self.min = self.min.min(p);
         self.max = self.max.max(p);
     }
@@ -36,14 +36,14 @@ struct Node {
     count: usize,
 }
 
-pub struct Bvh {
+pub(crate) struct Bvh {
     corners: Vec<[DVec3; 3]>,
     indices: Vec<usize>,
     nodes: Vec<Node>,
 }
 
 impl Bvh {
-    pub fn new(mesh: &Mesh) -> Self {
+    pub(crate) fn new(mesh: &Mesh) -> Self {
         let corner = |v: u32| DVec3::from_array(mesh.positions[v as usize]);
         let corners: Vec<[DVec3; 3]> = mesh.triangles.iter().map(|t| t.map(corner)).collect();
         let centres: Vec<DVec3> = corners.iter().map(|c| (c[0] + c[1] + c[2]) / 3.0).collect();
@@ -54,12 +54,12 @@ impl Bvh {
         Self { corners, indices, nodes }
     }
 
-    pub fn bounds(&self) -> Bounds {
+    pub(crate) fn bounds(&self) -> Bounds {
         self.nodes.first().map_or(Bounds::EMPTY, |n| n.bounds)
     }
 
     /// Distance (in lengths of `direction`) and index of the nearest triangle in front of the origin.
-    pub fn cast(&self, origin: DVec3, direction: DVec3) -> Option<(f64, usize)> {
+    pub(crate) fn cast(&self, origin: DVec3, direction: DVec3) -> Option<(f64, usize)> {
         let inverse = direction.recip();
         let mut best: Option<(f64, usize)> = None;
         let mut stack = vec![0];

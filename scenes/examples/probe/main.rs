@@ -118,7 +118,7 @@ fn read_positions(path: &Path) -> Result<Mesh, Box<dyn Error>> {
         }
         Ok(p)
     };
-    let mut polygon = |mesh: &mut Mesh, corners: &[u32]| {
+    let polygon = |mesh: &mut Mesh, corners: &[u32]| {
         for k in 2..corners.len() {
             mesh.triangles.push([corners[0], corners[k - 1], corners[k]]);
             mesh.triangle_materials.push(0);

@@ -108,15 +108,17 @@ fn walls(s: &mut Shapes, p: &Palette) {
         for k in 0..52 {
             let y = 0.9 + k as f64 * 0.029;
             let middle = dvec3(x0, y, ROOM.z - 0.06);
+            // Two sheets, 0.8 mm apart: coincident ones would have no defined front.
             for face in [1.0, -1.0] {
                 s.patch(1, 6, |u, v| {
                     let (sin, cos) = sin_cos(0.9 * (if face > 0.0 { v } else { 1.0 - v } - 0.5) + 0.4);
-                    let n = dvec3(0.0, cos, sin);
+                    let n = dvec3(0.0, cos, -sin) * face;
                     (
                         middle
                             + dvec3(1.9 * u, 0.0, 0.0)
-                            + dvec3(0.0, cos - 1.0, sin - 0.4) * 0.03 * dvec3(1.0, 1.0, -1.0),
-                        n * face,
+                            + dvec3(0.0, cos - 1.0, sin - 0.4) * 0.03 * dvec3(1.0, 1.0, -1.0)
+                            + n * 0.0004,
+                        n,
                     )
                 });
             }

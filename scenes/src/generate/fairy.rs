@@ -79,7 +79,7 @@ pub fn fairy(seed: u64) -> Mesh {
             let slope = |d: DVec2| (height(at + d) - height(at - d)) / (2.0 * e);
             (on_ground(at), dvec3(-slope(dvec2(e, 0.0)), 1.0, -slope(dvec2(0.0, e))))
         },
-        |i, j| p.ground[(i * 7 + j * 3) / 16 % 3],
+        |i, j| p.ground[(i / 5 * 7 + j / 4 * 3 + (i / 5) * (j / 4)) % 3],
     );
     s.finish()
 }

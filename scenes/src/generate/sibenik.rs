@@ -63,11 +63,8 @@ pub fn sibenik(seed: u64) -> Mesh {
         // End walls from floor to above the vault; beyond the vault they lie in the shell and nobody sees them.
         s.paint(stone);
         let x = LENGTH * end;
-        let wall = plane(dvec3(x, 0.0, WIDTH * end), dvec3(0.0, 0.0, -2.0 * WIDTH * end), DVec3::Y * 15.5);
-        s.patch(16, 16, |u, v| {
-            let (p, n) = wall(u, v);
-            (p, -n * end.abs())
-        });
+        let wall = plane(dvec3(x, 0.0, -WIDTH * end), dvec3(0.0, 0.0, 2.0 * WIDTH * end), DVec3::Y * 15.5);
+        s.patch(16, 16, wall);
     }
     rose(&mut s, glass, pale);
     choir(&mut s, pale, marble, gold, stone);
@@ -103,7 +100,7 @@ fn column_profile(height: f64) -> Vec<DVec2> {
         let t = k as f64 / 5.0;
         profile.push(dvec2(0.38 + 0.26 * t * t, height - 0.9 + 0.7 * t));
     }
-    profile.extend([dvec2(0.68, height - 0.2), dvec2(0.68, height)]);
+    profile.extend([dvec2(0.68, height - 0.2), dvec2(0.68, height), dvec2(0.0, height)]);
     profile
 }
 
@@ -271,7 +268,8 @@ fn niche(
         ],
     );
     s.paint(glass);
-    s.triangle(dvec3(x - inner, sill + 0.3, deep), dvec3(x + inner, sill + 0.3, deep), dvec3(x, spring, deep));
+    let (a, b, c) = (dvec3(x - inner, sill + 0.3, deep), dvec3(x + inner, sill + 0.3, deep), dvec3(x, spring, deep));
+    if side < 0.0 { s.triangle(a, b, c) } else { s.triangle(b, a, c) }
 }
 
 /// The barrel vault of the nave: coffers between transverse ribs.
@@ -347,10 +345,10 @@ fn rose(s: &mut Shapes, glass: u32, pale: u32) {
 
 /// Five steps, the altar, the apse behind it and six candlesticks at the east end.
 fn choir(s: &mut Shapes, pale: u32, marble: u32, gold: u32, stone: u32) {
-    let front = LENGTH - 9.0;
+    let first_step = LENGTH - 9.0;
     for k in 0..5 {
         s.paint(if k % 2 == 0 { pale } else { marble });
-        let x = front + 0.4 * k as f64;
+        let x = first_step + 0.4 * k as f64;
         s.cuboid(dvec3(x, -0.1, -3.6), dvec3(LENGTH, 0.16 * (k + 1) as f64, 3.6));
     }
     let floor = 0.8;
@@ -360,17 +358,32 @@ fn choir(s: &mut Shapes, pale: u32, marble: u32, gold: u32, stone: u32) {
     s.cuboid(dvec3(LENGTH - 5.3, floor + 0.95, -1.45), dvec3(LENGTH - 4.1, floor + 1.07, 1.45));
     // The apse: half a drum and a quarter of a ball, hollow towards the nave.
     let (radius, top) = (3.3, 7.0);
+    let front = LENGTH - 0.2 - radius;
     s.paint(stone);
+    // The wall around its opening, up into the vault.
+    let high = 15.0;
+    for i in 0..32 {
+        let arch = |i: usize| {
+            let (sin, cos) = sin_cos(PI * i as f64 / 32.0);
+            dvec3(front, top + radius * sin, radius * cos)
+        };
+        let (p, q) = (arch(i), arch(i + 1));
+        s.quad(p, dvec3(front, high, p.z), dvec3(front, high, q.z), q);
+    }
+    let side = ARCADE - THICK;
+    for (z0, z1) in [(-side, -radius), (radius, side)] {
+        s.quad(dvec3(front, 0.0, z0), dvec3(front, 0.0, z1), dvec3(front, high, z1), dvec3(front, high, z0));
+    }
     s.patch(32, 8, |u, v| {
         let (sin, cos) = sin_cos(PI * (0.5 - u));
-        (dvec3(LENGTH - 0.2 - radius + radius * cos, floor + (top - floor) * v, -radius * sin), dvec3(-cos, 0.0, sin))
+        (dvec3(front + radius * cos, floor + (top - floor) * v, -radius * sin), dvec3(-cos, 0.0, sin))
     });
     s.paint(pale);
     s.patch(32, 12, |u, v| {
         let (sin, cos) = sin_cos(PI * (0.5 - u));
         let (up, out) = sin_cos(PI / 2.0 * v);
         let n = dvec3(cos * out, up, -sin * out);
-        (dvec3(LENGTH - 0.2 - radius, top, 0.0) + n * radius, -n)
+        (dvec3(front, top, 0.0) + n * radius, -n)
     });
     s.paint(gold);
     let stick =
