@@ -254,7 +254,7 @@ fn coarse_rows() -> u32 {
 
 // The coarse pass: one start value per corner. Its variant has LOD and no contours.
 @compute @workgroup_size(WIDTH * HEIGHT)
-fn coarse(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
+fn coarse_pass(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
     let at = place(group, local);
     if at.x >= coarse_columns() || at.y >= coarse_rows() {
         return;
@@ -303,16 +303,16 @@ fn cast_pixel(x: u32, y: u32) -> Hit {
 fn place(group: vec3<u32>, local: u32) -> vec2<u32> {
     var x = 0u;
     var y = 0u;
-    var from = local;
+    var rest = local;
     var bit = 1u;
     while bit < WIDTH || bit < HEIGHT {
         if bit < WIDTH {
-            x |= (from & 1u) * bit;
-            from >>= 1u;
+            x |= (rest & 1u) * bit;
+            rest >>= 1u;
         }
         if bit < HEIGHT {
-            y |= (from & 1u) * bit;
-            from >>= 1u;
+            y |= (rest & 1u) * bit;
+            rest >>= 1u;
         }
         bit <<= 1u;
     }
@@ -321,7 +321,7 @@ fn place(group: vec3<u32>, local: u32) -> vec2<u32> {
 
 // The main pass.
 @compute @workgroup_size(WIDTH * HEIGHT)
-fn cast(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
+fn main_pass(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
     let at = place(group, local);
     let y = at.y + view.first_row;
     if at.x < view.width && y < view.height {
@@ -331,7 +331,7 @@ fn cast(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
 
 // The main pass for timing: one number per pixel, so that the time is that of the traversal and not of the memory.
 @compute @workgroup_size(WIDTH * HEIGHT)
-fn time(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
+fn timing_pass(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
     let at = place(group, local);
     let y = at.y + view.first_row;
     if at.x < view.width && y < view.height {

@@ -6,17 +6,17 @@
 
 use std::fmt::Write as _;
 
-use crate::View;
+use crate::{CastError, View};
 
 /// The kernel without its prelude.
 pub const CAST_WGSL: &str = include_str!("../kernels/cast.wgsl");
 
 /// Entry point of the coarse pass. Bindings of group 0: the view and the values (one `f32` per corner).
-pub const ENTRY_COARSE: &str = "coarse";
+pub const ENTRY_COARSE: &str = "coarse_pass";
 /// Entry point of the main pass. Bindings of group 0: the view, the coarse values with [`Variant::beam`], the hits.
-pub const ENTRY_CAST: &str = "cast";
+pub const ENTRY_CAST: &str = "main_pass";
 /// Entry point of the main pass that stores one `f32` per pixel; bindings as for [`ENTRY_CAST`].
-pub const ENTRY_TIME: &str = "time";
+pub const ENTRY_TIME: &str = "timing_pass";
 
 /// Binding in group 0 of the uniform buffer with the view (see [`band_view`]).
 pub const BINDING_VIEW: u32 = 0;
@@ -106,6 +106,59 @@ pub fn split(slots: usize, max_bytes: u64, max_parts: u32) -> Option<(u32, u32)>
     (parts <= max_parts).then_some((parts, shift))
 }
 
+/// Which GPU a caster takes and how. The default is what a person wants; the rest is for tests and experiments.
+#[derive(Clone, Debug, Default)]
+pub struct GpuOptions {
+    /// Takes the first device whose name contains this, whatever its case; otherwise the fastest kind there is.
+    pub adapter: Option<String>,
+    /// Most bytes in one binding of octree data, if the device allows more.
+    pub max_part_bytes: Option<u64>,
+    /// Kernel in place of [`CAST_WGSL`].
+    pub kernel: Option<String>,
+}
+
+impl GpuOptions {
+    /// Whether a device of this name may be taken.
+    pub fn admits(&self, name: &str) -> bool {
+        self.adapter.as_ref().is_none_or(|wanted| name.to_lowercase().contains(&wanted.to_lowercase()))
+    }
+
+    /// The source of a variant, of the kernel in place if there is one.
+    pub fn source(&self, variant: &Variant) -> String {
+        variant.source_with(self.kernel.as_deref().unwrap_or(CAST_WGSL))
+    }
+}
+
+/// Most rows of a picture that one dispatch casts, and the workgroups of it, on a device with these limits.
+///
+/// # Errors
+/// A picture that is too wide, or has too many corners of blocks for the coarse pass.
+pub fn band_rows(
+    view: &View,
+    bytes_per_pixel: u64,
+    max_bytes: u64,
+    max_groups: u32,
+    workgroup: (u32, u32),
+) -> Result<u32, CastError> {
+    let most =
+        (max_bytes / (bytes_per_pixel * u64::from(view.width))).min(u64::from(max_groups) * u64::from(workgroup.1));
+    let (columns, rows) = view.coarse_size();
+    let coarse_fits = !view.beam()
+        || (u64::from(columns) * u64::from(rows) * 4 <= max_bytes
+            && rows.div_ceil(workgroup.1) <= max_groups
+            && columns.div_ceil(workgroup.0) <= max_groups);
+    let most = most.min(u64::from(view.height)) as u32;
+    // Whole workgroups, unless even one does not fit.
+    let most = if most < view.height && most >= workgroup.1 { most - most % workgroup.1 } else { most };
+    if most == 0 || !coarse_fits || view.width.div_ceil(workgroup.0) > max_groups {
+        return Err(CastError::Device(format!(
+            "a picture of {} x {} pixels is more than this device casts at once: make it smaller",
+            view.width, view.height
+        )));
+    }
+    Ok(most)
+}
+
 /// The uniform buffer for rows `first_row..` of the picture, with the octree's root at slot `root` of the
 /// [resident](crate::resident::Resident) image.
 pub fn band_view(view: &View, root: u32, first_row: u32) -> View {
@@ -120,6 +173,8 @@ pub fn workgroups(width: u32, rows: u32, workgroup: (u32, u32)) -> (u32, u32) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::CastOptions;
+    use crate::sample::cameras;
 
     #[test]
     fn octrees_are_split_only_when_they_must_be() {
@@ -130,6 +185,23 @@ mod tests {
         assert_eq!(split(1 << 24, 1 << 27, 1), Some((1, 31)));
         assert_eq!(split((1 << 24) + 1, 1 << 27, 2), Some((2, 24)));
         assert_eq!(split(1, 8, 0), None);
+    }
+
+    #[test]
+    fn large_pictures_are_cast_in_bands() {
+        let view = |width, height, beam| {
+            let options = CastOptions { beam, ..CastOptions::default() };
+            View::new(&cameras()[0], glam::DMat4::IDENTITY, 2, (width, height), &options).expect("is valid")
+        };
+        let rows = |view: &View, max_bytes| band_rows(view, 16, max_bytes, 65535, (8, 8)).ok();
+        assert_eq!(rows(&view(100, 50, true), 1 << 27), Some(50));
+        assert_eq!(rows(&view(100, 50, true), 16 * 100 * 30), Some(24));
+        assert_eq!(rows(&view(100, 50, false), 16 * 100 * 3), Some(3));
+        assert_eq!(rows(&view(100, 50, false), 16 * 99), None);
+        assert_eq!(rows(&view(65535 * 8 + 1, 2, false), 1 << 27), None);
+        assert_eq!(rows(&view(2, 65535 * 8 + 1, false), 1 << 27), Some(65535 * 8));
+        assert_eq!(rows(&view(2, 65535 * 8 + 1, true), 1 << 27), Some(65535 * 8));
+        assert_eq!(rows(&view(64, 1, true), 300), None);
     }
 
     #[test]

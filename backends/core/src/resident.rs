@@ -133,51 +133,61 @@ impl SlotMap {
 
 #[cfg(test)]
 mod tests {
-    use esvo_format::Octree;
+    use esvo_format::{ChildDescriptor, Octree};
 
     use super::*;
-    use crate::compare::Comparison;
-    use crate::sample::{Sample, cameras};
-    use crate::{CastOptions, View, reference};
+    use crate::sample::Sample;
 
-    /// The resident image as an octree of one block, for the reference caster.
-    fn as_octree(octree: &Octree, resident: &Resident) -> Vec<Hit> {
-        let mut all = Vec::new();
-        for camera in cameras() {
-            let root = resident.map().to_resident(octree.objects()[0].root_slot as u32);
-            let view = View::new(&camera, octree.octree_to_mesh(0), root, (40, 30), &CastOptions::default());
-            let view = view.expect("the camera is valid");
-            let mut hits = Vec::new();
-            // Only its image matters to a ray.
-            let words = Octree::from_parts(octree.objects().to_vec(), Vec::new(), resident.slots().to_vec());
-            reference::cast_fine(&words.expect("no blocks, nothing to check"), &view, &[], &mut hits);
-            all.extend(hits);
+    /// Walks both images from the root and compares every descriptor, contour and slot. Returns the descriptors seen.
+    fn same_tree(octree: &Octree, resident: &Resident) -> u64 {
+        let slots = resident.slots();
+        let word = |at: usize| (slots[at / 2] >> (at % 2 * 32)) as u32;
+        let root = octree.objects()[0].root_slot as u32;
+        let mut stack = vec![(root, resident.map().to_resident(root))];
+        let mut seen = 0;
+        while let Some((ours, theirs)) = stack.pop() {
+            seen += 1;
+            assert_eq!(resident.map().to_image(theirs), ours);
+            let descriptor = ChildDescriptor(slots[theirs as usize]);
+            assert_eq!(descriptor, octree.descriptor(ours));
+            let first = descriptor.contour_ptr() as usize + theirs as usize * 2;
+            for child in (0..8).filter(|child| descriptor.contour_mask() >> child & 1 != 0) {
+                let contour = word(first + descriptor.contour_rank(child) as usize);
+                assert_eq!(Some(contour), octree.contour(ours, child).map(|contour| contour.0));
+            }
+            let near = theirs + descriptor.child_ptr();
+            let first = if descriptor.far() { theirs + slots[near as usize] as u32 } else { near };
+            let children = (0..8).filter_map(|child| Some((child, octree.child(ours, child)?)));
+            stack.extend(children.map(|(child, slot)| (slot, first + descriptor.child_rank(child))));
         }
-        resident.map().restore(&mut all);
-        all
-    }
-
-    fn direct(octree: &Octree) -> Vec<Hit> {
-        let mut all = Vec::new();
-        for camera in cameras() {
-            let root = octree.objects()[0].root_slot as u32;
-            let view = View::new(&camera, octree.octree_to_mesh(0), root, (40, 30), &CastOptions::default());
-            let mut hits = Vec::new();
-            reference::cast_fine(octree, &view.expect("the camera is valid"), &[], &mut hits);
-            all.extend(hits);
-        }
-        all
+        seen
     }
 
     #[test]
-    fn rays_find_the_same_in_less() {
+    fn the_same_tree_in_fewer_bytes() {
         for sample in [Sample::plain(6, true), Sample::scattered(6, true), Sample::scattered(6, false)] {
             let octree = sample.octree().expect("assembles");
             let resident = Resident::new(&octree);
             assert!(resident.slots().len() < octree.slots().len());
-            let (ours, theirs) = (as_octree(&octree, &resident), direct(&octree));
-            assert_eq!(ours, theirs);
-            assert!(Comparison::of(&ours, &theirs).within(0.0, 0));
+            assert_eq!(same_tree(&octree, &resident), octree.objects()[0].descriptors);
+        }
+    }
+
+    #[test]
+    fn hits_get_their_slots_back() {
+        for sample in [Sample::plain(5, false), Sample::scattered(5, true)] {
+            let octree = sample.octree().expect("assembles");
+            let map = Resident::new(&octree).into_map();
+            let hit = |slot| Hit::new(0.5, slot, 1, 20, 3);
+            let mut images: Vec<Hit> = octree.parts().iter().map(|parts| hit(parts.start + 2)).collect();
+            images.extend(images.clone().into_iter().rev());
+            images.push(Hit::miss(4));
+            let mut hits = images.clone();
+            for hit in hits.iter_mut().filter(|hit| !hit.is_miss()) {
+                hit.slot = map.to_resident(hit.slot);
+            }
+            map.restore(&mut hits);
+            assert_eq!(hits, images);
         }
     }
 
