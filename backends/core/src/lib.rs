@@ -9,6 +9,7 @@ pub mod kernel;
 pub mod reference;
 pub mod resident;
 pub mod sample;
+pub mod shading;
 
 pub use caster::{CastError, Caster, Device, DeviceKind, FrameTime};
 pub use frame::{BEAM_BLOCK, COARSE_VOXEL_PIXELS, Camera, CastOptions, FLAG_BEAM, FLAG_CONTOURS, Ray, View};

@@ -1,0 +1,371 @@
+//! Pictures of what rays found: shaded, and as maps of iterations, normals and depth.
+//!
+//! Octrees and triangles go through the same shading with the same light in mesh space, so that pictures of both can be
+//! compared pixel by pixel. Colours are decoded from sRGB, lit in linear light and encoded again.
+
+use esvo_format::Octree;
+use glam::{DMat3, DMat4, DVec3, Vec3};
+
+use crate::exact::{CameraRays, TriangleHit};
+use crate::{Hit, Ray, View};
+
+/// A picture of 8-bit sRGB colours.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Picture {
+    /// Width in pixels.
+    pub width: u32,
+    /// Height in pixels.
+    pub height: u32,
+    /// Red, green, blue of each pixel, row by row, the first row on top: `3 * width * height` bytes.
+    pub rgb8: Vec<u8>,
+}
+
+impl Picture {
+    /// A picture from a colour for each pixel, sRGB-encoded, channels in `0.0..=1.0` (others are clamped).
+    pub fn from_fn((width, height): (u32, u32), mut color: impl FnMut(u32, u32) -> [f32; 3]) -> Self {
+        let mut rgb8 = Vec::with_capacity(3 * width as usize * height as usize);
+        for y in 0..height {
+            for x in 0..width {
+                rgb8.extend(color(x, y).map(|c| (c * 255.0 + 0.5) as u8));
+            }
+        }
+        Self { width, height, rgb8 }
+    }
+
+    /// Colour of a pixel.
+    ///
+    /// # Panics
+    /// Pixels outside.
+    pub fn pixel(&self, x: u32, y: u32) -> [u8; 3] {
+        let at = 3 * (y as usize * self.width as usize + x as usize);
+        [self.rgb8[at], self.rgb8[at + 1], self.rgb8[at + 2]]
+    }
+}
+
+/// What is seen at a point of a surface.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Surface {
+    /// Normal in mesh space, any length; either side may face the viewer. Zero: lit as if it faced the viewer.
+    pub normal: DVec3,
+    /// Colour, sRGB-encoded, channels in `0.0..=1.0`.
+    pub color: [f32; 3],
+}
+
+/// Colour of voxels that have none, sRGB-encoded.
+pub const PLAIN_COLOR: [f32; 3] = [0.75, 0.75, 0.75];
+
+/// Light that comes from everywhere, as a part of the colour.
+const AMBIENT: f32 = 0.18;
+/// Light from the lamp that is scattered equally in all directions.
+const DIFFUSE: f32 = 0.78;
+/// Highlight, and how narrow it is.
+const SPECULAR: (f32, f32) = (0.12, 24.0);
+/// The sky at the top and at the bottom of the picture, sRGB-encoded.
+const SKY: [[f32; 3]; 2] = [[0.45, 0.62, 0.87], [0.90, 0.93, 0.96]];
+
+/// A lamp that goes with the camera, above its left shoulder and far away.
+struct Light {
+    to_light: DVec3,
+    height: u32,
+}
+
+impl Light {
+    fn new(rays: &CameraRays) -> Self {
+        let (right, down) = (rays.dx.normalize_or_zero(), rays.dy.normalize_or_zero());
+        let forward = rays.direction(f64::from(rays.width) / 2.0, f64::from(rays.height) / 2.0).normalize_or_zero();
+        Self { to_light: (-forward - right * 0.35 - down * 0.5).normalize_or_zero(), height: rays.height }
+    }
+
+    fn sky(&self, y: u32) -> [f32; 3] {
+        let at = (y as f32 + 0.5) / self.height as f32;
+        std::array::from_fn(|i| SKY[0][i] + (SKY[1][i] - SKY[0][i]) * at)
+    }
+
+    /// Phong's model, both sides alike.
+    fn lit(&self, surface: &Surface, direction: DVec3) -> [f32; 3] {
+        let to_eye = -direction.normalize_or_zero();
+        let normal = facing(surface.normal, direction).try_normalize().unwrap_or(to_eye);
+        let toward = normal.dot(self.to_light);
+        let mirrored = normal * (2.0 * toward) - self.to_light;
+        let diffuse = AMBIENT + DIFFUSE * toward.max(0.0) as f32;
+        let specular =
+            if toward > 0.0 { SPECULAR.0 * (mirrored.dot(to_eye).max(0.0) as f32).powf(SPECULAR.1) } else { 0.0 };
+        surface.color.map(|c| encode_srgb(decode_srgb(c) * diffuse + specular))
+    }
+}
+
+/// Linear light of an sRGB-encoded value, both in `0.0..=1.0`.
+pub fn decode_srgb(encoded: f32) -> f32 {
+    if encoded <= 0.04045 { encoded / 12.92 } else { ((encoded + 0.055) / 1.055).powf(2.4) }
+}
+
+/// The sRGB encoding of linear light; what is outside `0.0..=1.0` is clamped.
+pub fn encode_srgb(linear: f32) -> f32 {
+    let linear = linear.clamp(0.0, 1.0);
+    if linear <= 0.003_130_8 { linear * 12.92 } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
+}
+
+/// The normal, turned against the direction of view.
+fn facing(normal: DVec3, direction: DVec3) -> DVec3 {
+    if normal.dot(direction) > 0.0 { -normal } else { normal }
+}
+
+/// Octree space to mesh space of the object that `view` looks at: the one whose root it names, else the first.
+pub fn octree_to_mesh(octree: &Octree, view: &View) -> DMat4 {
+    let object = octree.objects().iter().position(|o| o.root_slot == view.root.into()).unwrap_or(0);
+    octree.octree_to_mesh(object)
+}
+
+/// Unit normal of a hit voxel in mesh space, facing the ray: of its attachment, else of its contour, else of the side of
+/// the cube that the ray came in by.
+///
+/// # Panics
+/// The hit is not of this octree, or a miss.
+pub fn voxel_normal(octree: &Octree, octree_to_mesh: &DMat4, ray: &Ray, hit: &Hit) -> DVec3 {
+    let direction = octree_to_mesh.transform_vector3(ray.direction.as_dvec3());
+    let normal = octree.normal(hit.slot, hit.child()).map(Vec3::as_dvec3).filter(|n| *n != DVec3::ZERO);
+    let normal = normal.unwrap_or_else(|| {
+        let contour = octree.contour(hit.slot, hit.child()).map(|c| DVec3::from(c.decode().normal));
+        let normal = contour.unwrap_or_else(|| entry_side(ray, hit));
+        DMat3::from_mat4(*octree_to_mesh).inverse().transpose() * normal
+    });
+    facing(normal, direction).normalize_or_zero()
+}
+
+/// Normal of the side of the cube that the ray came in by: of the planes of the voxel's grid, the one nearest to the hit.
+fn entry_side(ray: &Ray, hit: &Hit) -> DVec3 {
+    let cells = (ray.origin + ray.direction * hit.t) / hit.size();
+    let off = (cells - cells.round()).abs();
+    let mut side = DVec3::ZERO;
+    side[off.min_position()] = 1.0;
+    side
+}
+
+/// Colour of a hit voxel, sRGB-encoded, or [`PLAIN_COLOR`].
+///
+/// # Panics
+/// The hit is not of this octree, or a miss.
+pub fn voxel_color(octree: &Octree, hit: &Hit) -> [f32; 3] {
+    octree.color(hit.slot, hit.child()).unwrap_or(PLAIN_COLOR)
+}
+
+/// The octree, shaded: a lamp at the camera, voxels by their own colours and normals, a sky where nothing was hit.
+///
+/// # Panics
+/// `hits` are not those of this octree and view.
+pub fn shade(octree: &Octree, view: &View, hits: &[Hit]) -> Picture {
+    let to_mesh = octree_to_mesh(octree, view);
+    let rays = CameraRays::of_view(view, to_mesh);
+    let light = Light::new(&rays);
+    Picture::from_fn((view.width, view.height), |x, y| {
+        let hit = &hits[y as usize * view.width as usize + x as usize];
+        if hit.is_miss() {
+            return light.sky(y);
+        }
+        let normal = voxel_normal(octree, &to_mesh, &view.ray(x, y), hit);
+        light.lit(&Surface { normal, color: voxel_color(octree, hit) }, rays.ray(x, y).direction)
+    })
+}
+
+/// The triangles, shaded in the same way; `surface` says what is seen of a triangle at a point, in mesh space.
+///
+/// # Panics
+/// There are fewer hits than pixels.
+pub fn shade_triangles(
+    rays: &CameraRays,
+    hits: &[TriangleHit],
+    mut surface: impl FnMut(u32, DVec3) -> Surface,
+) -> Picture {
+    let light = Light::new(rays);
+    Picture::from_fn((rays.width, rays.height), |x, y| {
+        let hit = &hits[y as usize * rays.width as usize + x as usize];
+        if hit.is_miss() {
+            return light.sky(y);
+        }
+        let ray = rays.ray(x, y);
+        light.lit(&surface(hit.triangle, ray.origin + ray.direction * hit.t), ray.direction)
+    })
+}
+
+/// Iterations of every ray as [heat](heat), `most` and more being the hottest.
+///
+/// # Panics
+/// There are fewer hits than pixels.
+pub fn iteration_map(view: &View, hits: &[Hit], most: u32) -> Picture {
+    Picture::from_fn((view.width, view.height), |x, y| {
+        heat(hits[y as usize * view.width as usize + x as usize].iterations as f32 / most.max(1) as f32)
+    })
+}
+
+/// Normals that face the viewer, in mesh space: the components from -1 to 1 become red, green and blue. Misses are black.
+///
+/// # Panics
+/// `hits` are not those of this octree and view.
+pub fn normal_map(octree: &Octree, view: &View, hits: &[Hit]) -> Picture {
+    let to_mesh = octree_to_mesh(octree, view);
+    Picture::from_fn((view.width, view.height), |x, y| {
+        let hit = &hits[y as usize * view.width as usize + x as usize];
+        if hit.is_miss() {
+            return [0.0; 3];
+        }
+        voxel_normal(octree, &to_mesh, &view.ray(x, y), hit).as_vec3().to_array().map(|c| c * 0.5 + 0.5)
+    })
+}
+
+/// Depth: white at the nearest hit of the picture, dark grey at the farthest, black where nothing was hit.
+///
+/// # Panics
+/// There are fewer hits than pixels.
+pub fn depth_map(view: &View, hits: &[Hit]) -> Picture {
+    let depths = || hits.iter().filter(|hit| !hit.is_miss()).map(|hit| hit.t);
+    let (nearest, farthest) = (depths().fold(f32::MAX, f32::min), depths().fold(0.0, f32::max));
+    Picture::from_fn((view.width, view.height), |x, y| {
+        let hit = &hits[y as usize * view.width as usize + x as usize];
+        if hit.is_miss() {
+            return [0.0; 3];
+        }
+        let span = farthest - nearest;
+        let at = if span > 0.0 { (hit.t - nearest) / span } else { 0.0 };
+        [1.0 - 0.85 * at; 3]
+    })
+}
+
+/// A colour for a value from 0 (black) over violet, red and yellow to 1 (white); others are clamped. sRGB-encoded, its
+/// brightness rises all the way, so that it can be read in grey too.
+pub fn heat(value: f32) -> [f32; 3] {
+    const STOPS: [[f32; 3]; 5] =
+        [[0.0, 0.0, 0.0], [0.2, 0.1, 0.45], [0.85, 0.2, 0.2], [1.0, 0.8, 0.1], [1.0, 1.0, 1.0]];
+    let at = value.clamp(0.0, 1.0) * (STOPS.len() - 1) as f32;
+    let stop = (at as usize).min(STOPS.len() - 2);
+    let part = at - stop as f32;
+    std::array::from_fn(|i| STOPS[stop][i] + (STOPS[stop + 1][i] - STOPS[stop][i]) * part)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reference::cast_fine;
+    use crate::{Camera, CastOptions};
+    use esvo_format::{AssembleOptions, Contour, Tree, Voxel, assemble};
+
+    const SIZE: (u32, u32) = (48, 32);
+
+    /// One voxel, the child at the origin of the root cube, which spans 2 mesh units around zero.
+    fn octree(voxel: Voxel) -> Octree {
+        let mut tree = Tree::default();
+        let mut children = [None; 8];
+        children[0] = Some(Voxel { leaf: true, ..voxel });
+        let root = tree.open(&children);
+        tree.close(root);
+        let to_mesh = DMat4::from_translation(DVec3::splat(-1.0)) * DMat4::from_scale(DVec3::splat(2.0));
+        assemble(&tree, to_mesh, &AssembleOptions::default()).unwrap()
+    }
+
+    /// Looks at the lower corner from along one axis, a little from the side.
+    fn camera() -> Camera {
+        Camera {
+            eye: [-0.5, -0.5, -4.0],
+            forward: [0.0, 0.0, 1.0],
+            up: [0.0, 1.0, 0.0],
+            fov_degrees: 30.0,
+            near: 0.1,
+            far: 10.0,
+        }
+    }
+
+    fn view_and_hits(octree: &Octree) -> (View, Vec<Hit>) {
+        let root = octree.objects()[0].root_slot as u32;
+        let view = View::new(&camera(), octree.octree_to_mesh(0), root, SIZE, &CastOptions::default()).unwrap();
+        let mut hits = Vec::new();
+        cast_fine(octree, &view, &[], &mut hits);
+        (view, hits)
+    }
+
+    #[test]
+    fn srgb_goes_there_and_back() {
+        for k in 0..=255u8 {
+            let encoded = f32::from(k) / 255.0;
+            assert!((encode_srgb(decode_srgb(encoded)) - encoded).abs() < 1e-5);
+        }
+        assert!((decode_srgb(0.5) - 0.214_041).abs() < 1e-5);
+        assert_eq!(encode_srgb(-1.0), 0.0);
+        assert!((encode_srgb(7.0) - 1.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_voxel_is_shaded_in_its_colour_and_the_rest_is_sky() {
+        let octree = octree(Voxel { color: Some([255, 0, 0]), ..Voxel::default() });
+        let (view, hits) = view_and_hits(&octree);
+        let picture = shade(&octree, &view, &hits);
+        assert_eq!(picture.rgb8.len(), 3 * 48 * 32);
+        let [r, g, b] = picture.pixel(24, 16);
+        assert!(r > 200 && g < 120 && g == b, "{r} {g} {b}");
+        let [top, bottom] = [picture.pixel(0, 0), picture.pixel(0, 31)];
+        assert!(top[2] > top[0] && bottom[0] > top[0], "{top:?} {bottom:?}");
+        // The voxel's side is 1 wide at depth 3, where the picture is 1.6 high: 20 of 32 pixels.
+        assert_eq!(hits.iter().filter(|hit| !hit.is_miss()).count(), 20 * 20);
+    }
+
+    #[test]
+    fn the_picture_of_the_same_square_as_triangles_is_the_same() {
+        let octree = octree(Voxel { color: Some([40, 160, 90]), ..Voxel::default() });
+        let (view, hits) = view_and_hits(&octree);
+        let rays = CameraRays::new(&camera(), SIZE).unwrap();
+        let triangles: Vec<_> = (hits.iter())
+            .map(|h| if h.is_miss() { TriangleHit::MISS } else { TriangleHit { t: 0.3, triangle: 5 } })
+            .collect();
+        let color = [40.0, 160.0, 90.0].map(|c: f32| c / 255.0);
+        let surface = |triangle: u32, point: DVec3| {
+            assert_eq!(triangle, 5);
+            assert!((point.z - -1.0).abs() < 1e-9, "{point}");
+            // The other side, and longer than a unit: neither changes the picture.
+            Surface { normal: DVec3::Z * 3.0, color }
+        };
+        let expected = shade_triangles(&rays, &triangles, surface);
+        let worst = shade(&octree, &view, &hits).rgb8.iter().zip(&expected.rgb8).map(|(a, b)| a.abs_diff(*b)).max();
+        // One colour for a lone voxel is stored with 5 or 6 bits a channel at the least.
+        assert!(worst.unwrap() <= 6, "{worst:?}");
+        let turned = shade_triangles(&rays, &triangles, |_, _| Surface { normal: DVec3::X, color });
+        assert_ne!(turned, expected, "the normal matters");
+    }
+
+    #[test]
+    fn normals_come_from_the_contour_or_the_side() {
+        let to_mesh = DMat4::from_scale(DVec3::splat(2.0));
+        let plain = octree(Voxel::default());
+        let (view, hits) = view_and_hits(&plain);
+        let at = 16 * 48 + 24;
+        let normal = voxel_normal(&plain, &to_mesh, &view.ray(24, 16), &hits[at]);
+        assert_eq!(normal, DVec3::NEG_Z);
+
+        let bits = Contour::encode_normal([0.0, 1.0, 2.0]).unwrap();
+        let contour = Contour::encode_bounds(bits, -8.0, 8.0).unwrap();
+        let slanted = octree(Voxel { contour: Some(contour), ..Voxel::default() });
+        let (view, hits) = view_and_hits(&slanted);
+        let normal = voxel_normal(&slanted, &to_mesh, &view.ray(24, 16), &hits[at]);
+        let expected = DVec3::new(0.0, -1.0, -2.0).normalize();
+        assert!(normal.dot(expected) > 0.999, "{normal}");
+        let map = normal_map(&slanted, &view, &hits);
+        assert_eq!(map.pixel(0, 0), [0; 3]);
+        let [_, g, b] = map.pixel(24, 16);
+        assert!(g.abs_diff(70) < 4 && b.abs_diff(13) < 4, "{g} {b}");
+    }
+
+    #[test]
+    fn maps_show_what_they_say() {
+        let octree = octree(Voxel::default());
+        let (view, mut hits) = view_and_hits(&octree);
+        assert_eq!(depth_map(&view, &hits).pixel(0, 0), [0; 3]);
+        assert_eq!(depth_map(&view, &hits).pixel(24, 16), [255; 3]);
+        hits[0].iterations = 0;
+        hits[1].iterations = 1000;
+        let map = iteration_map(&view, &hits, 50);
+        assert_eq!((map.pixel(0, 0), map.pixel(1, 0)), ([0; 3], [255; 3]));
+        let brightness =
+            |[r, g, b]: [f32; 3]| 0.2126 * decode_srgb(r) + 0.7152 * decode_srgb(g) + 0.0722 * decode_srgb(b);
+        for k in 0..100 {
+            let (a, b) = (brightness(heat(k as f32 / 100.0)), brightness(heat((k + 1) as f32 / 100.0)));
+            assert!(b >= a, "{k}");
+        }
+    }
+}
