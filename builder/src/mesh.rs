@@ -226,3 +226,64 @@ pub struct MipLevel {
     /// `width * height` texels.
     pub texels: Vec<[u8; 4]>,
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn triangle() -> Mesh {
+        Mesh {
+            positions: vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+            triangles: vec![[0, 1, 2]],
+            triangle_materials: vec![0],
+            materials: vec![Material::default()],
+            ..Mesh::default()
+        }
+    }
+
+    #[test]
+    fn validation_names_what_is_wrong() {
+        triangle().validate().unwrap();
+        let message = |change: fn(&mut Mesh)| {
+            let mut mesh = triangle();
+            change(&mut mesh);
+            mesh.validate().unwrap_err().to_string()
+        };
+        assert_eq!(message(|m| m.triangles.clear()), "the mesh has no triangles");
+        assert_eq!(message(|m| m.normals.push([0.0; 3])), "normals has 1 entries where 3 are needed");
+        assert_eq!(message(|m| m.uvs = vec![[0.0; 2]; 4]), "uvs has 4 entries where 3 are needed");
+        assert_eq!(message(|m| m.colors.push([0.0; 3])), "colors has 1 entries where 3 are needed");
+        assert_eq!(message(|m| m.triangle_materials.clear()), "triangle_materials has 0 entries where 1 are needed");
+        assert_eq!(message(|m| m.positions[2][1] = f64::NEG_INFINITY), "vertex 2 is not finite; repair or remove it");
+        assert_eq!(
+            message(|m| m.uvs = vec![[0.0; 2], [0.0, f32::NAN], [0.0; 2]]),
+            "the texture coordinate of vertex 1 is not finite; repair or remove it"
+        );
+        assert_eq!(message(|m| m.triangles[0][2] = 3), "triangle 0 refers to vertex 3, but there are only 3");
+        assert_eq!(message(|m| m.materials.clear()), "triangle 0 refers to material 0, but there are only 0");
+    }
+
+    #[test]
+    fn transforms_keep_the_outside_outside() {
+        let mut mesh = triangle();
+        mesh.normals = vec![[0.0, 0.6, 0.8]; 3];
+        mesh.transform(&DMat4::from_scale_rotation_translation(
+            DVec3::new(1.0, 2.0, -1.0),
+            glam::DQuat::IDENTITY,
+            DVec3::new(0.0, 0.0, 7.0),
+        ));
+        assert_eq!(mesh.bounds(), Some(([0.0, 0.0, 7.0], [1.0, 2.0, 7.0])));
+        assert_eq!(mesh.triangles, [[0, 2, 1]]);
+        // By the inverse transpose: (0, 0.3, -0.8), brought to unit length.
+        let n = mesh.normals[0];
+        assert!((n[1] / n[2] + 0.375).abs() < 1e-6 && n[2] < 0.0 && (n[1].hypot(n[2]) - 1.0).abs() < 1e-6, "{n:?}");
+    }
+
+    #[test]
+    fn tiny_and_flattening_transforms_keep_normals() {
+        let normal = |scale: DVec3| transform_normal(&normal_matrix(&DMat4::from_scale(scale)), [0.0, 0.0, 1.0]);
+        assert_eq!(normal(DVec3::splat(1e-120)), [0.0, 0.0, 1.0]);
+        assert_eq!(normal(DVec3::new(1.0, 1.0, 0.0)), [0.0, 0.0, 1.0]);
+        assert_eq!(normal(DVec3::ZERO), [0.0; 3]);
+    }
+}

@@ -26,21 +26,30 @@ pub(super) struct Assembly {
 }
 
 impl Assembly {
-    /// Adds `part`, moved by `transform` (normals by the inverse transpose, winding swapped if it mirrors).
-    pub(super) fn append(&mut self, path: &Path, part: &Part, transform: Option<&DMat4>) -> Result<(), ImportError> {
-        let mesh = &mut self.mesh;
-        let first = mesh.positions.len();
-        for (what, have, more) in
-            [("triangles", mesh.triangles.len(), part.triangles.len()), ("vertices", first, part.positions.len())]
-        {
-            if have + more > MAX_ELEMENTS {
+    /// Whether `copies` of `part` fit. Asked for all instances at once before the first is added, so that a file that asks
+    /// for too many is refused before the memory is spent.
+    pub(super) fn check_room(&self, path: &Path, part: &Part, copies: usize) -> Result<(), ImportError> {
+        for (what, have, more) in [
+            ("triangles", self.mesh.triangles.len(), part.triangles.len()),
+            ("vertices", self.mesh.positions.len(), part.positions.len()),
+        ] {
+            let total = more.saturating_mul(copies).saturating_add(have);
+            if total > MAX_ELEMENTS {
                 return Err(ImportError::TooLarge {
                     path: path.into(),
-                    what: format!("the mesh has more than {have} {what} with all instances"),
+                    what: format!("the mesh has at least {total} {what} with all instances"),
                     limit: MAX_ELEMENTS as u64,
                 });
             }
         }
+        Ok(())
+    }
+
+    /// Adds `part`, moved by `transform` (normals by the inverse transpose, winding swapped if it mirrors).
+    pub(super) fn append(&mut self, path: &Path, part: &Part, transform: Option<&DMat4>) -> Result<(), ImportError> {
+        self.check_room(path, part, 1)?;
+        let mesh = &mut self.mesh;
+        let first = mesh.positions.len();
         // A missing normal is marked by zero and made up at the end.
         let moved = |normals: &[[f32; 3]]| match transform {
             Some(matrix) => {

@@ -46,6 +46,7 @@ pub(super) fn load(path: &Path, bytes: Vec<u8>) -> Result<Mesh, ImportError> {
         for (number, primitive) in mesh.primitives.iter().enumerate() {
             let label = format!("mesh {index}{mesh_name}, primitive {number}");
             let Some(part) = decode(&source, primitive, &label, &mut materials, &mut assembly)? else { continue };
+            assembly.check_room(path, &part, group.len())?;
             for (_, transform) in group {
                 assembly.append(path, &part, Some(transform))?;
             }

@@ -17,7 +17,7 @@ use percent_encoding::percent_decode_str;
 use super::{ImportError, one_line, read_file};
 
 /// Most values of an accessor that is not backed by bytes (all zero but for a few): nothing else bounds those.
-const MAX_VALUES_WITHOUT_BYTES: u64 = 1 << 24;
+const MAX_VALUES_WITHOUT_BYTES: u64 = 1 << 20;
 
 /// A parsed file with its buffers, which are read when first needed.
 #[derive(Debug)]

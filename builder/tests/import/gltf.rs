@@ -170,7 +170,7 @@ fn accessors_are_kept_within_their_bytes() {
     );
     assert_eq!(
         error(r#"{"componentType":5126,"count":4000000000,"type":"VEC3"}"#),
-        format!("{position} has 4000000000 values and no buffer view; the limit is 16777216")
+        format!("{position} has 4000000000 values and no buffer view; the limit is 1048576")
     );
     assert_eq!(error(""), "accessor 0 does not exist: there are only 0");
     let view = |views: &'static str| Document { views, ..Document::default() }.error();
@@ -444,4 +444,26 @@ fn only_the_vertices_in_use_are_kept() {
     // Five vertices without indices: one triangle and two corners left over.
     let mesh = mesh.mesh();
     assert_eq!((mesh.positions.len(), mesh.triangle_count(), mesh.warnings.len()), (3, 1, 1));
+}
+
+#[test]
+fn instances_without_end_are_refused_before_they_are_made() {
+    // A strip of a million vertices that take no bytes, two hundred times.
+    let nodes: Vec<String> = (0..200).map(|_| r#"{"mesh":0}"#.to_owned()).collect();
+    let starts: Vec<String> = (0..200).map(|i| i.to_string()).collect();
+    let mut bytes = triangle_bytes();
+    bytes.extend([0, 0, 0, 0]);
+    let document = Document {
+        buffers: format!(r#"{{"byteLength":64,"uri":"{}"}}"#, data_uri(&bytes)),
+        accessors: r#"{"componentType":5126,"count":1000000,"type":"VEC3","sparse":{"count":1,
+            "indices":{"bufferView":1,"componentType":5121},"values":{"bufferView":0}}}"#,
+        primitive: r#""attributes":{"POSITION":0},"mode":5"#,
+        nodes: nodes.join(",").leak(),
+        rest: format!(r#""scene":0,"scenes":[{{"nodes":[{}]}}]"#, starts.join(",")),
+        ..Document::default()
+    };
+    assert_eq!(
+        document.error(),
+        "the mesh has at least 199999600 triangles with all instances; the limit is 134217728"
+    );
 }
