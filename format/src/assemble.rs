@@ -7,8 +7,8 @@ use rayon::prelude::*;
 
 use crate::descriptor::MAX_NEAR_POINTER;
 use crate::file::{
-    ATTACHMENT_BYTES, AttachmentEntry, BlockEntry, CODEC_RAW, INFO_BYTES, InfoSection, NO_PARENT, ObjectEntry,
-    PAGE_BYTES, PAGE_SLOTS, attachment, to_bytes,
+    ATTACHMENT_BYTES, AttachmentEntry, BlockEntry, CODEC_RAW, FIRST_SLOT, INFO_BYTES, InfoSection, NO_PARENT,
+    ObjectEntry, PAGE_BYTES, PAGE_SLOTS, attachment, to_bytes,
 };
 use crate::{ChildDescriptor, ColorBlock, FormatError, NormalBlock, Octree, Tree};
 
@@ -27,9 +27,6 @@ impl Default for AssembleOptions {
         Self { block_slots: 1 << 20, near_limit: MAX_NEAR_POINTER }
     }
 }
-
-/// Slot of the first child descriptor in a block: the page header takes slot 0, its pair stays empty.
-pub const FIRST_SLOT: u32 = 2;
 
 /// Lays the tree out as the only object of an octree.
 ///

@@ -18,6 +18,14 @@ pub const KNOWN_REQUIRED: u64 = 0;
 pub const PAGE_BYTES: u64 = 8192;
 /// Slots in a page.
 pub const PAGE_SLOTS: u32 = 1024;
+/// Slot of the first child descriptor in a block: the page header takes slot 0, its pair stays empty.
+pub const FIRST_SLOT: u32 = 2;
+/// Slots that an image can have: far pointers have 32 bits.
+pub const MAX_IMAGE_SLOTS: u64 = 1 << 32;
+/// Entries that a directory can have.
+pub const MAX_SECTIONS: u32 = 1024;
+/// Attachments that a block can have.
+pub const MAX_ATTACHMENTS: u32 = 64;
 
 /// File header, 64 bytes at offset 0.
 #[derive(BinRead, BinWrite, Clone, Copy, PartialEq, Eq, Debug)]

@@ -8,7 +8,8 @@ use memmap2::Mmap;
 use rayon::prelude::*;
 
 use crate::file::*;
-use crate::octree::{Image, UnknownSection};
+use crate::octree::{Image, Origin, UnknownSection};
+use crate::tables::{check_blocks, check_objects, check_stored};
 use crate::{Broken, FormatError, Octree, ids};
 
 impl Octree {
@@ -20,25 +21,8 @@ impl Octree {
     /// # Errors
     /// The system's, or the rule that the file breaks.
     pub fn open(path: &Path) -> Result<Self, FormatError> {
-        let file = File::open(path).map_err(|e| FormatError::io(path, e))?;
-        let metadata = file.metadata().map_err(|e| FormatError::io(path, e))?;
-        if !metadata.is_file() {
-            return Err(FormatError::io(path, std::io::Error::other("not a regular file")));
-        }
-        if metadata.len() < HEADER_BYTES {
-            let what = format!("{} bytes are too short for a header", metadata.len());
-            return Err(Broken::new(ids::IDENTIFIER, 0, what).into());
-        }
-        // SAFETY: the mapping is private to this process and read-only. The memory is plain bytes, valid for any
-        // content; that nobody truncates the file meanwhile is asked of the caller, as every mapping reader must.
-        let map = unsafe { Mmap::map(&file) }.map_err(|e| FormatError::io(path, e))?;
-        Self::from_map(map)
-    }
-
-    fn from_map(map: Mmap) -> Result<Self, FormatError> {
-        let contents = Contents::read(&map)?;
-        let (offset, bytes) = contents.image;
-        contents.into_octree(Image::Mapped { map, offset, bytes })
+        let map = map(path)?;
+        Contents::read(&map)?.into_mapped(map)
     }
 
     /// Opens a file that is in memory.
@@ -46,11 +30,7 @@ impl Octree {
     /// # Errors
     /// The rule that the bytes break.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, FormatError> {
-        let contents = Contents::read(bytes)?;
-        let (offset, length) = contents.image;
-        let mut image = vec![0u64; length / 8];
-        bytemuck::cast_slice_mut::<u64, u8>(&mut image).copy_from_slice(&bytes[offset..offset + length]);
-        contents.into_octree(Image::Owned(image))
+        Contents::read(bytes)?.into_owned(bytes)
     }
 
     /// Writes the file to a temporary beside `path`, then renames it: `path` is either untouched or complete.
@@ -108,7 +88,7 @@ impl Octree {
         sections[1].1 = &blocks;
         let mut directory = Vec::new();
         for (section, bytes) in &mut sections {
-            section.crc = crc32fast::hash(bytes);
+            section.crc = if section.flags & SECTION_OWN_CHECKSUMS != 0 { 0 } else { crc32fast::hash(bytes) };
             directory.extend(to_bytes(section));
         }
         directory.extend(to_bytes(&data));
@@ -143,6 +123,23 @@ impl Octree {
     }
 }
 
+/// Maps a file for reading. It must not change while the mapping lives.
+pub(crate) fn map(path: &Path) -> Result<Mmap, FormatError> {
+    // Asked before opening: to open a pipe would wait for a writer.
+    let metadata = std::fs::metadata(path).map_err(|e| FormatError::io(path, e))?;
+    if !metadata.is_file() {
+        return Err(FormatError::io(path, std::io::Error::other("not a regular file")));
+    }
+    let file = File::open(path).map_err(|e| FormatError::io(path, e))?;
+    if metadata.len() < HEADER_BYTES {
+        let what = format!("{} bytes are too short for a header", metadata.len());
+        return Err(Broken::new(ids::IDENTIFIER, 0, what).into());
+    }
+    // SAFETY: the mapping is private to this process and read-only. The memory is plain bytes, valid for any
+    // content; that nobody truncates the file meanwhile is asked of the caller, as every mapping reader must.
+    unsafe { Mmap::map(&file) }.map_err(|e| FormatError::io(path, e))
+}
+
 /// Runs `write` on a temporary file beside `path`, syncs it, and renames it to `path`.
 ///
 /// # Errors
@@ -169,26 +166,43 @@ pub fn write_atomically(path: &Path, write: impl FnOnce(&mut dyn Write) -> std::
 }
 
 /// The parts of a file but for the image.
-struct Contents {
+pub(crate) struct Contents {
     objects: Vec<ObjectEntry>,
     blocks: Vec<BlockEntry>,
     meta: String,
     unknown: Vec<UnknownSection>,
     /// Offset and length of the image in the file.
     image: (usize, usize),
+    origin: Origin,
+    /// Start and end of header, directory and sections, in order.
+    pub(crate) ranges: Vec<(u64, u64)>,
 }
 
 /// Largest section other than the block data that is read into memory.
 const MAX_SECTION: u64 = 1 << 30;
 
 impl Contents {
-    fn into_octree(self, image: Image) -> Result<Octree, FormatError> {
-        Octree::new(self.objects, self.blocks, self.meta, self.unknown, image)
+    /// With an image of its own, copied from the bytes that this was read from.
+    pub(crate) fn into_owned(self, bytes: &[u8]) -> Result<Octree, FormatError> {
+        let (offset, length) = self.image;
+        let mut image = vec![0u64; length / 8];
+        bytemuck::cast_slice_mut::<u64, u8>(&mut image).copy_from_slice(&bytes[offset..offset + length]);
+        self.into_octree(Image::Owned(image))
     }
 
-    fn read(bytes: &[u8]) -> Result<Self, FormatError> {
+    /// With the image in the map that this was read from.
+    pub(crate) fn into_mapped(self, map: Mmap) -> Result<Octree, FormatError> {
+        let (offset, bytes) = self.image;
+        self.into_octree(Image::Mapped { map, offset, bytes })
+    }
+
+    fn into_octree(self, image: Image) -> Result<Octree, FormatError> {
+        Octree::new(self.objects, self.blocks, self.meta, self.unknown, image, Some(self.origin))
+    }
+
+    pub(crate) fn read(bytes: &[u8]) -> Result<Self, FormatError> {
         let header = read_header(bytes)?;
-        let sections = read_directory(bytes, &header)?;
+        let Directory { sections, ranges } = read_directory(bytes, &header)?;
         let find = |tag: [u8; 4]| {
             let mut found = sections.iter().filter(|s| s.tag == tag);
             match (found.next(), found.next()) {
@@ -207,7 +221,9 @@ impl Contents {
         let blocks = entries::<BlockEntry>(slice(&block_section), BLOCK_BYTES)
             .ok_or_else(|| broken(ids::BLOCK_SIZE, block_section.offset, "block table has no whole entry".into()))?;
         check_objects(&objects, object_section.offset)?;
-        check_blocks(&blocks, block_section.offset, &objects, &data)?;
+        check_blocks(&blocks, block_section.offset, &objects, data.length)?;
+        check_stored(&blocks, block_section.offset, &data)?;
+        let mut origin = Origin { image: data.offset, objects: object_section.offset, meta: 0 };
         let mut meta = String::new();
         let mut unknown = Vec::new();
         for (i, section) in sections.iter().enumerate() {
@@ -217,7 +233,10 @@ impl Contents {
                     let what = format!("section {} occurs twice", name(tag));
                     return Err(broken(ids::SECTION_MISSING, section.offset, what));
                 }
-                TAG_META => meta = String::from_utf8_lossy(slice(section)).into_owned(),
+                TAG_META => {
+                    meta = String::from_utf8_lossy(slice(section)).into_owned();
+                    origin.meta = section.offset;
+                }
                 tag if section.flags & SECTION_REQUIRED != 0 => {
                     let what = format!("section {} is required and not known to this reader", name(tag));
                     return Err(broken(ids::SECTION_REQUIRED, section.offset, what));
@@ -225,7 +244,7 @@ impl Contents {
                 tag => unknown.push(UnknownSection { tag, flags: section.flags, bytes: slice(section).to_vec() }),
             }
         }
-        Ok(Self { objects, blocks, meta, unknown, image: (data.offset as usize, data.length as usize) })
+        Ok(Self { objects, blocks, meta, unknown, image: (data.offset as usize, data.length as usize), origin, ranges })
     }
 }
 
@@ -280,7 +299,13 @@ fn read_header(bytes: &[u8]) -> Result<Header, FormatError> {
     Ok(header)
 }
 
-fn read_directory(bytes: &[u8], header: &Header) -> Result<Vec<SectionEntry>, FormatError> {
+struct Directory {
+    sections: Vec<SectionEntry>,
+    /// Start and end of header, directory and sections in the file, in order.
+    ranges: Vec<(u64, u64)>,
+}
+
+fn read_directory(bytes: &[u8], header: &Header) -> Result<Directory, FormatError> {
     let at = header.directory_offset;
     let length = u64::from(header.directory_count) * SECTION_BYTES;
     let end =
@@ -288,6 +313,9 @@ fn read_directory(bytes: &[u8], header: &Header) -> Result<Vec<SectionEntry>, Fo
     let Some(end) = end else {
         return Err(broken(ids::DIRECTORY_RANGE, 40, format!("directory at {at} with {length} bytes")));
     };
+    if header.directory_count > MAX_SECTIONS {
+        return Err(broken(ids::DIRECTORY_LIMIT, 48, format!("{} sections", header.directory_count)));
+    }
     let directory = &bytes[at as usize..end as usize];
     if crc32fast::hash(directory) != header.directory_crc {
         return Err(broken(ids::DIRECTORY_CHECKSUM, at, "the directory is damaged".into()));
@@ -313,7 +341,8 @@ fn read_directory(bytes: &[u8], header: &Header) -> Result<Vec<SectionEntry>, Fo
             )));
         }
         ranges.push((section.offset, end));
-        if !own && crc32fast::hash(&bytes[section.offset as usize..end as usize]) != section.crc {
+        let crc = if own { 0 } else { crc32fast::hash(&bytes[section.offset as usize..end as usize]) };
+        if crc != section.crc {
             return Err(broken(ids::SECTION_CHECKSUM, section.offset, format!("section {tag} is damaged")));
         }
     }
@@ -322,86 +351,5 @@ fn read_directory(bytes: &[u8], header: &Header) -> Result<Vec<SectionEntry>, Fo
         let what = format!("something else lies at {} already", pair[1].0);
         return Err(broken(ids::SECTION_RANGE, pair[1].0, what));
     }
-    Ok(sections)
-}
-
-fn check_objects(objects: &[ObjectEntry], at: u64) -> Result<(), FormatError> {
-    for (i, object) in objects.iter().enumerate() {
-        let at = at + i as u64 * OBJECT_BYTES;
-        let transform = glam::DMat4::from_cols_array(&object.octree_to_mesh);
-        let affine = transform.row(3) == glam::DVec4::W;
-        if !transform.is_finite() || !affine || !transform.determinant().is_normal() {
-            return Err(broken(ids::OBJECT_TRANSFORM, at, format!("object {i}: transform {transform}")));
-        }
-        if !(1..=23).contains(&object.levels) {
-            return Err(broken(ids::OBJECT_LEVELS, at + 132, format!("object {i}: {} levels", object.levels)));
-        }
-        if object.reserved != [0; 4] {
-            return Err(broken(ids::OBJECT_RESERVED, at + 176, format!("object {i}: reserved fields are not zero")));
-        }
-    }
-    Ok(())
-}
-
-fn check_blocks(
-    blocks: &[BlockEntry],
-    at: u64,
-    objects: &[ObjectEntry],
-    data: &SectionEntry,
-) -> Result<(), FormatError> {
-    let mut image = 0u64;
-    for (i, block) in blocks.iter().enumerate() {
-        let at = at + i as u64 * BLOCK_BYTES;
-        let fail = |rule, what: String| Err(broken(rule, at, format!("block {i}: {what}")));
-        if block.image_size == 0 || block.image_size % PAGE_BYTES != 0 || block.image_offset % PAGE_BYTES != 0 {
-            return fail(ids::BLOCK_ALIGNMENT, format!("{} bytes at {}", block.image_size, block.image_offset));
-        }
-        if block.image_offset != image {
-            return fail(ids::BLOCK_IMAGE, format!("image offset {}, expected {image}", block.image_offset));
-        }
-        if block.codec != CODEC_RAW || block.stored_size != block.image_size {
-            return fail(ids::BLOCK_CODEC, format!("codec {} with {} bytes", block.codec, block.stored_size));
-        }
-        image = image.saturating_add(block.image_size);
-        // An uncompressed file is mapped: what is stored is the image itself.
-        if block.file_offset != data.offset.saturating_add(block.image_offset) || block.file_offset % PAGE_BYTES != 0 {
-            return fail(ids::BLOCK_RANGE, format!("file offset {}", block.file_offset));
-        }
-        let parent_ok = match block.parent {
-            NO_PARENT => objects.get(block.object as usize).is_some_and(|o| o.root_block as usize == i),
-            parent => (parent as usize) < i && blocks[parent as usize].object == block.object,
-        };
-        if !parent_ok {
-            return fail(ids::BLOCK_PARENT, format!("parent {}", block.parent));
-        }
-        if !cube_fits(block, blocks) {
-            return fail(ids::BLOCK_CUBE, format!("cube at {:?}, scale {}", block.cube_position, block.cube_scale));
-        }
-        if block.reserved != 0 {
-            return fail(ids::BLOCK_RESERVED, "reserved fields are not zero".into());
-        }
-    }
-    if image != data.length {
-        return Err(broken(
-            ids::BLOCK_IMAGE,
-            at,
-            format!("{} bytes of blocks in {} bytes of data", image, data.length),
-        ));
-    }
-    Ok(())
-}
-
-fn cube_fits(block: &BlockEntry, blocks: &[BlockEntry]) -> bool {
-    if !(1..=23).contains(&block.cube_scale) {
-        return false;
-    }
-    let size = 1u32 << block.cube_scale;
-    let inside = |low: u32, outer_low: u32, outer: u32| low >= outer_low && low - outer_low <= outer - size.min(outer);
-    let (outer_position, outer) = match blocks.get(block.parent as usize) {
-        Some(parent) => (parent.cube_position, 1u32 << parent.cube_scale.min(23)),
-        None => ([0; 3], 1 << 23),
-    };
-    (0..3).all(|axis| {
-        block.cube_position[axis].is_multiple_of(size) && inside(block.cube_position[axis], outer_position[axis], outer)
-    }) && size <= outer
+    Ok(Directory { sections, ranges })
 }

@@ -5,11 +5,8 @@ use std::sync::OnceLock;
 use glam::{DMat4, Vec3};
 use memmap2::Mmap;
 
-use crate::file::{
-    ATTACHMENT_BYTES, AttachmentEntry, BlockEntry, INFO_BYTES, InfoSection, ObjectEntry, PAGE_SLOTS, attachment,
-    from_bytes,
-};
-use crate::{Broken, ChildDescriptor, ColorBlock, Contour, FormatError, Needs, NormalBlock, ids};
+use crate::file::{BlockEntry, ObjectEntry, PAGE_SLOTS, attachment};
+use crate::{Broken, ChildDescriptor, ColorBlock, Contour, FormatError, Needs, NormalBlock};
 
 /// The image: every block, uncompressed, one after the other, in slots of 8 bytes.
 pub(crate) enum Image {
@@ -48,6 +45,14 @@ impl BlockParts {
     }
 }
 
+/// Offsets in a file, in bytes.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Origin {
+    pub(crate) image: u64,
+    pub(crate) objects: u64,
+    pub(crate) meta: u64,
+}
+
 /// A section that this library does not know; kept when a file is rewritten.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct UnknownSection {
@@ -62,7 +67,7 @@ pub struct UnknownSection {
 /// An octree: the image, mapped from a file or held in memory, with its object and block tables.
 ///
 /// Opening checks the header, the tables and the info sections. What the descriptors say is checked by
-/// [`validate`](Self::validate), or once and briefly by [`sound`](Self::sound), which every caster calls before it walks.
+/// [`validate`](crate::validate()), or once and briefly by [`sound`](Self::sound), which every caster calls before it walks.
 pub struct Octree {
     pub(crate) objects: Vec<ObjectEntry>,
     pub(crate) blocks: Vec<BlockEntry>,
@@ -70,34 +75,48 @@ pub struct Octree {
     pub(crate) meta: String,
     pub(crate) unknown: Vec<UnknownSection>,
     pub(crate) image: Image,
+    /// Where this lay in the file that it comes from.
+    pub(crate) origin: Option<Origin>,
     pub(crate) sound: OnceLock<Result<(), Broken>>,
 }
 
 impl Octree {
-    /// An octree from tables and an image. Blocks must follow each other in the image as rule B003 says.
+    /// An octree from tables and an image. File offsets, stored sizes and checksums of the blocks are not looked at;
+    /// writing the octree sets them.
     ///
     /// # Errors
-    /// Info sections that do not fit the blocks.
+    /// Entries that break a rule of the object or block table, blocks that do not fill the image, info sections that do
+    /// not fit the blocks. Offsets in them count from the start of the image.
     pub fn from_parts(
         objects: Vec<ObjectEntry>,
         blocks: Vec<BlockEntry>,
         image: Vec<u64>,
     ) -> Result<Self, FormatError> {
-        Self::new(objects, blocks, String::new(), Vec::new(), Image::Owned(image))
+        crate::tables::check_objects(&objects, 0)?;
+        crate::tables::check_blocks(&blocks, 0, &objects, image.len() as u64 * 8)?;
+        Self::new(objects, blocks, String::new(), Vec::new(), Image::Owned(image), None)
     }
 
+    /// The tables have been checked.
     pub(crate) fn new(
         objects: Vec<ObjectEntry>,
         blocks: Vec<BlockEntry>,
         meta: String,
         unknown: Vec<UnknownSection>,
         image: Image,
+        origin: Option<Origin>,
     ) -> Result<Self, FormatError> {
         let bytes: &[u8] = bytemuck::cast_slice(image.slots());
+        let base = origin.map_or(0, |origin| origin.image);
         let parts = (blocks.iter().enumerate())
-            .map(|(index, block)| block_parts(bytes, index, block))
+            .map(|(index, block)| crate::tables::block_parts(bytes, base, index, block))
             .collect::<Result<_, Broken>>()?;
-        Ok(Self { objects, blocks, parts, meta, unknown, image, sound: OnceLock::new() })
+        Ok(Self { objects, blocks, parts, meta, unknown, image, origin, sound: OnceLock::new() })
+    }
+
+    /// Where byte `at` of the image lies in the file that it comes from, or in the image if it comes from none.
+    pub(crate) fn offset(&self, at: u64) -> u64 {
+        self.origin.map_or(0, |origin| origin.image) + at
     }
 
     /// The objects; at least one.
@@ -162,7 +181,7 @@ impl Octree {
     /// # Errors
     /// The first rule found broken.
     pub fn sound(&self) -> Result<(), Broken> {
-        self.sound.get_or_init(|| crate::validate::check_topology(self)).clone()
+        self.sound.get_or_init(|| crate::topology::check(self)).clone()
     }
 
     /// The descriptor at `slot`.
@@ -226,83 +245,4 @@ impl Octree {
 /// Compression block and place in it for child `child` of the descriptor at `slot` of its block.
 fn pair_of(slot: u32, child: u8) -> (usize, usize) {
     ((slot / 2) as usize, (child as u32 + 8 * (slot % 2)) as usize)
-}
-
-/// Reads and checks the info section of one block.
-fn block_parts(image: &[u8], index: usize, block: &BlockEntry) -> Result<BlockParts, Broken> {
-    let at = block.image_offset;
-    let broken = |rule, what: String| Err(Broken::new(rule, at, format!("block {index}: {what}")));
-    let Some(bytes) = image.get(at as usize..at.saturating_add(block.image_size) as usize) else {
-        return broken(ids::BLOCK_IMAGE, "lies outside the image".into());
-    };
-    let header = bytes.first_chunk::<8>().map_or(0, |b| u64::from_le_bytes(*b));
-    if header > block.image_size / 8 || header < 4 {
-        return broken(ids::PAGE_HEADER, format!("its first page header points {header} slots ahead"));
-    }
-    let info_at = header * 8;
-    let Some(info) = from_bytes::<InfoSection>(&bytes[info_at as usize..]) else {
-        return broken(ids::INFO_RANGE, "the info section does not fit".into());
-    };
-    if info.block as usize != index {
-        return broken(ids::INFO_BLOCK, format!("its info section says block {}", info.block));
-    }
-    if u64::from(info.array_slots) != header {
-        return broken(
-            ids::INFO_RANGE,
-            format!("{} slots, but the info section is at slot {header}", info.array_slots),
-        );
-    }
-    if u64::from(info.first_descriptor) + 2 != header {
-        return broken(ids::INFO_FIRST, format!("first descriptor {} slots back", info.first_descriptor));
-    }
-    let directory_end = info_at + INFO_BYTES + u64::from(info.attachment_count) * ATTACHMENT_BYTES;
-    let contours = info_at + u64::from(info.contour_offset) * 4;
-    let contours_end = contours + u64::from(info.contour_count) * 4;
-    if directory_end > block.image_size {
-        return broken(ids::INFO_RANGE, format!("{} attachments do not fit", info.attachment_count));
-    }
-    if contours < directory_end || contours_end > block.image_size {
-        return broken(ids::INFO_CONTOURS, "the contour pool does not fit".into());
-    }
-    let mut attachments: Vec<(u32, u64, u64)> = Vec::new();
-    for k in 0..u64::from(info.attachment_count) {
-        let entry_at = info_at + INFO_BYTES + k * ATTACHMENT_BYTES;
-        let Some(entry) = from_bytes::<AttachmentEntry>(&bytes[entry_at as usize..]) else {
-            return broken(ids::INFO_RANGE, "the attachment directory does not fit".into());
-        };
-        let start = info_at + u64::from(entry.offset);
-        let pairs = u64::from(info.array_slots.div_ceil(2));
-        let expected = match entry.kind {
-            attachment::COLOR_BLOCKS => pairs * 8,
-            attachment::NORMAL_BLOCKS => pairs * 16,
-            attachment::COLOR_CONSTANT => 8,
-            attachment::VENDOR_FIRST..=attachment::VENDOR_LAST => entry.size,
-            kind => return broken(ids::ATTACHMENT_TYPE, format!("attachment type {kind} is not registered")),
-        };
-        if entry.size != expected {
-            return broken(
-                ids::ATTACHMENT_SIZE,
-                format!("attachment {} has {} bytes, not {expected}", entry.kind, entry.size),
-            );
-        }
-        let fits = start % 8 == 0
-            && start >= contours_end
-            && start.checked_add(entry.size).is_some_and(|end| end <= block.image_size);
-        let overlaps =
-            |&(_, other, size): &(u32, u64, u64)| start < other - at + size && other - at < start + entry.size;
-        if !fits || attachments.iter().any(overlaps) {
-            return broken(ids::ATTACHMENT_RANGE, format!("attachment {} does not fit", entry.kind));
-        }
-        if attachments.iter().any(|a| a.0 == entry.kind) {
-            return broken(ids::ATTACHMENT_TYPE, format!("attachment type {} occurs twice", entry.kind));
-        }
-        attachments.push((entry.kind, at + start, entry.size));
-    }
-    Ok(BlockParts {
-        start: (at / 8) as u32,
-        array_slots: info.array_slots,
-        contour_words: ((at + contours) / 4) as usize,
-        contour_count: info.contour_count,
-        attachments,
-    })
 }

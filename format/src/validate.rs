@@ -1,113 +1,426 @@
-//! Checks what the descriptors say.
+//! Validation: every rule of the specification, as many findings as there are.
 
-use crate::file::PAGE_SLOTS;
-use crate::{Broken, Octree, ids};
+use std::fmt;
+use std::ops::ControlFlow;
+use std::path::Path;
 
-/// Follows every pointer once, in order of the image, and stops at the first broken rule.
-///
-/// Time and memory are linear in the image: a bit per slot remembers what has been visited, and pointers only lead
-/// forward, so no chain is followed twice.
-pub(crate) fn check_topology(octree: &Octree) -> Result<(), Broken> {
-    let slots = octree.slots();
-    let mut claimed = vec![0u64; slots.len().div_ceil(64)];
-    for (index, object) in octree.objects().iter().enumerate() {
-        let root = octree
-            .blocks()
-            .get(object.root_block as usize)
-            .filter(|block| block.object as usize == index && block.image_offset / 8 + 2 == object.root_slot);
-        if root.is_none() {
-            return Err(Broken::new(ids::OBJECT_ROOT, 0, format!("object {index}: root slot {}", object.root_slot)));
-        }
-        let mut stack = vec![(object.root_slot as u32, object.root_block, 1u32)];
-        claim(octree, &mut claimed, object.root_slot as u32, 1, object.root_block)?;
-        while let Some((slot, block, level)) = stack.pop() {
-            let descriptor = octree.descriptor(slot);
-            let at = u64::from(slot) * 8;
-            let broken = |rule, what: String| Err(Broken::new(rule, at, format!("descriptor at slot {slot}: {what}")));
-            let (valid, leaf, contours) = (descriptor.valid_mask(), descriptor.leaf_mask(), descriptor.contour_mask());
-            if leaf & !valid != 0 || valid == 0 {
-                return broken(ids::CHILD_LEAF_MASK, format!("valid mask {valid:08b}, leaf mask {leaf:08b}"));
-            }
-            if contours & !valid != 0 {
-                return broken(ids::CONTOUR_MASK, format!("valid mask {valid:08b}, contour mask {contours:08b}"));
-            }
-            if level > object.levels {
-                return broken(ids::CHILD_DEPTH, format!("level {level} of {}", object.levels));
-            }
-            let parts = &octree.parts()[block as usize];
-            if contours != 0 {
-                let first = slot as usize * 2 + descriptor.contour_ptr() as usize;
-                let end = first + contours.count_ones() as usize;
-                if first < parts.contour_words || end > parts.contour_words + parts.contour_count as usize {
-                    return broken(ids::CONTOUR_RANGE, format!("contours at word {first}"));
-                }
-            }
-            let count = descriptor.nonleaf_mask().count_ones();
-            if count == 0 {
-                if descriptor.child_ptr() != 0 || descriptor.far() {
-                    return broken(ids::CHILD_NONE, "has a child pointer without children".into());
-                }
-                continue;
-            }
-            let near = u64::from(slot) + u64::from(descriptor.child_ptr());
-            let array_end = u64::from(parts.start + parts.array_slots);
-            if near >= array_end || descriptor.child_ptr() == 0 {
-                return broken(ids::CHILD_RANGE, format!("child pointer {}", descriptor.child_ptr()));
-            }
-            let (first, child_block) = if descriptor.far() {
-                let far = slots[near as usize];
-                if far == 0 || far > u64::from(u32::MAX) {
-                    return broken(ids::CHILD_FAR, format!("far pointer {far:#x}"));
-                }
-                claim(octree, &mut claimed, near as u32, 1, block)?;
-                let target = u64::from(slot) + far;
-                if target < array_end {
-                    (target, block)
-                } else {
-                    let found =
-                        octree.blocks().partition_point(|b| b.image_offset / 8 <= target).wrapping_sub(1) as u32;
-                    let start = octree.blocks().get(found as usize).map(|b| b.image_offset / 8 + 2);
-                    let parent = octree.blocks().get(found as usize).map(|b| b.parent);
-                    if start != Some(target) || parent != Some(block) {
-                        return broken(ids::CHILD_BLOCK, format!("far pointer to slot {target}"));
-                    }
-                    (target, found)
-                }
-            } else {
-                (near, block)
-            };
-            let last = first + u64::from(count);
-            let child_parts = &octree.parts()[child_block as usize];
-            if last > u64::from(child_parts.start + child_parts.array_slots) {
-                return broken(ids::CHILD_RANGE, format!("children at slots {first}..{last}"));
-            }
-            claim(octree, &mut claimed, first as u32, count, child_block)?;
-            let first = first as u32;
-            stack.extend((first..first + count).map(|child| (child, child_block, level + 1)));
-        }
-    }
-    Ok(())
+use esvo_spec::{Level, rule};
+use rayon::prelude::*;
+
+use crate::file::*;
+use crate::io::{Contents, map};
+use crate::octree::{BlockParts, Origin};
+use crate::topology::{Bits, Step, Visitor, Walked, walk};
+use crate::{Broken, ChildDescriptor, FormatError, Octree, ids};
+
+/// Findings that a report lists; more are counted.
+const MAX_FINDINGS: usize = 1000;
+
+/// A rule that the bytes break.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct Finding {
+    /// Whether the rule is one that a file should keep rather than must.
+    pub warning: bool,
+    /// The rule, the place and what was found there.
+    #[serde(flatten)]
+    pub broken: Broken,
 }
 
-/// Marks slots as used; they must be free, in one page, and not its header.
-fn claim(octree: &Octree, claimed: &mut [u64], first: u32, count: u32, block: u32) -> Result<(), Broken> {
-    let at = u64::from(first) * 8;
-    let in_page = first % PAGE_SLOTS;
-    if in_page == 0 || in_page + count > PAGE_SLOTS {
-        return Err(Broken::new(ids::CHILD_PAGE, at, format!("{count} slots at {first} reach over a page header")));
+/// What validation found.
+#[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct Report {
+    /// The first thousand findings, in the order of the checks.
+    pub findings: Vec<Finding>,
+    /// Findings beyond those.
+    pub left_out: u64,
+    /// Errors among all findings; the others are warnings.
+    pub errors: u64,
+}
+
+impl Report {
+    /// Whether no rule that a file must keep is broken.
+    pub fn is_ok(&self) -> bool {
+        self.errors == 0
     }
-    let page = first - in_page;
-    let info = octree.slots()[page as usize];
-    let parts = &octree.parts()[block as usize];
-    if info != u64::from(parts.start + parts.array_slots - page) {
-        return Err(Broken::new(ids::PAGE_HEADER, u64::from(page) * 8, format!("page header {info:#x}")));
-    }
-    for slot in first..first + count {
-        let (word, bit) = (slot as usize / 64, 1u64 << (slot % 64));
-        if claimed[word] & bit != 0 {
-            return Err(Broken::new(ids::CHILD_ONCE, u64::from(slot) * 8, format!("slot {slot} is referred to twice")));
+
+    fn add(&mut self, broken: Broken) {
+        let warning = rule(broken.rule).is_some_and(|rule| rule.level == Level::Should);
+        self.errors += u64::from(!warning);
+        if self.findings.len() < MAX_FINDINGS {
+            self.findings.push(Finding { warning, broken });
+        } else {
+            self.left_out += 1;
         }
-        claimed[word] |= bit;
     }
-    Ok(())
+}
+
+impl fmt::Display for Report {
+    /// One line per finding and one to sum up.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for finding in &self.findings {
+            let kind = if finding.warning { "warning" } else { "error" };
+            writeln!(f, "{kind} {}: {}", finding.broken.rule, finding.broken)?;
+        }
+        if self.left_out > 0 {
+            writeln!(f, "{} more findings are not listed", self.left_out)?;
+        }
+        let warnings = self.findings.len() as u64 + self.left_out - self.errors;
+        write!(f, "{} errors, {warnings} warnings", self.errors)
+    }
+}
+
+/// Checks a file against every rule. What makes [`Octree::open`] fail is the only finding then, as nothing behind it
+/// can be located.
+///
+/// # Errors
+/// The file cannot be read, or is beyond the limits of this library.
+pub fn validate_file(path: &Path) -> Result<Report, FormatError> {
+    let mut report = Report::default();
+    let result = map(path).and_then(|map| {
+        let contents = Contents::read(&map)?;
+        check_gaps(&map, &contents.ranges, &mut report);
+        contents.into_mapped(map)
+    });
+    finish(report, result)
+}
+
+/// Checks a file that is in memory against every rule, like [`validate_file`].
+///
+/// # Errors
+/// The file is beyond the limits of this library.
+pub fn validate_bytes(bytes: &[u8]) -> Result<Report, FormatError> {
+    let mut report = Report::default();
+    let result = Contents::read(bytes).and_then(|contents| {
+        check_gaps(bytes, &contents.ranges, &mut report);
+        contents.into_owned(bytes)
+    });
+    finish(report, result)
+}
+
+fn finish(mut report: Report, opened: Result<Octree, FormatError>) -> Result<Report, FormatError> {
+    match opened {
+        Ok(octree) => check(&octree, &mut report),
+        Err(FormatError::Broken(broken)) => report.add(broken),
+        Err(other) => return Err(other),
+    }
+    Ok(report)
+}
+
+/// Checks an octree that could be opened, or that was made in memory: tables, blocks and checksums, every descriptor
+/// and contour, unused space. Takes time linear in the image and half a bit per byte of it.
+pub fn validate(octree: &Octree) -> Report {
+    let mut report = Report::default();
+    check(octree, &mut report);
+    report
+}
+
+fn check_gaps(bytes: &[u8], ranges: &[(u64, u64)], report: &mut Report) {
+    let ends = ranges.iter().map(|range| range.1);
+    let starts = ranges.iter().skip(1).map(|range| range.0).chain([bytes.len() as u64]);
+    for (from, to) in ends.zip(starts) {
+        if let Some(at) = bytes[from as usize..to as usize].iter().position(|b| *b != 0) {
+            report.add(Broken::new(ids::FILE_GAPS, from + at as u64, "a byte between sections is not zero"));
+        }
+    }
+}
+
+fn check(octree: &Octree, report: &mut Report) {
+    check_meta(octree, report);
+    check_checksums(octree, report);
+    check_table_order(octree, report);
+    let mut walker = Walker::new(octree, std::mem::take(report));
+    let walked = walk(octree, &mut walker);
+    let Walker { report: found, tallies, reached, descriptors, contours, .. } = walker;
+    *report = found;
+    if walked.complete {
+        check_tallies(octree, &tallies, report);
+    }
+    for (index, parts) in octree.parts().iter().enumerate() {
+        let blocks = BlockCheck { octree, index, parts, walked: &walked, descriptors: &descriptors };
+        blocks.page_headers(report);
+        blocks.contour_values(&contours, reached.has(index), report);
+        blocks.attachments(reached.has(index), report);
+        blocks.gaps(report);
+        // Behind a broken pointer there are descriptors that nobody has claimed: to call them garbage would only
+        // repeat the finding.
+        if walked.complete && reached.has(index) {
+            blocks.unused_slots(report);
+        } else if walked.complete {
+            let at = octree.offset(octree.blocks()[index].image_offset);
+            report.add(Broken::new(ids::BLOCK_REACHED, at, format!("nothing refers to block {index}")));
+        }
+    }
+    check_uniform(octree, report);
+}
+
+fn check_meta(octree: &Octree, report: &mut Report) {
+    if !octree.meta().is_empty()
+        && let Err(error) = serde_json::from_str::<serde_json::Map<String, serde_json::Value>>(octree.meta())
+    {
+        let at = octree.origin.map_or(0, |origin| origin.meta);
+        report.add(Broken::new(ids::META_JSON, at, format!("the metadata is not a JSON object: {error}")));
+    }
+}
+
+fn check_checksums(octree: &Octree, report: &mut Report) {
+    // An octree that comes from no file has no stored bytes.
+    let Some(Origin { image: base, .. }) = octree.origin else { return };
+    let image: &[u8] = bytemuck::cast_slice(octree.slots());
+    let broken: Vec<Broken> = (octree.blocks().par_iter().enumerate())
+        .filter(|(_, b)| {
+            crc32fast::hash(&image[b.image_offset as usize..(b.image_offset + b.image_size) as usize]) != b.crc
+        })
+        .map(|(index, b)| Broken::new(ids::BLOCK_CHECKSUM, base + b.image_offset, format!("block {index} is damaged")))
+        .collect();
+    broken.into_iter().for_each(|finding| report.add(finding));
+}
+
+fn check_table_order(octree: &Octree, report: &mut Report) {
+    let mut last = vec![0; octree.objects().len()];
+    for (index, block) in octree.blocks().iter().enumerate().filter(|(_, b)| b.parent != NO_PARENT) {
+        let last = &mut last[block.object as usize];
+        if block.parent < *last {
+            let what = format!("block {index} of parent {} stands behind one of parent {last}", block.parent);
+            report.add(Broken::new(ids::BLOCK_ORDER, octree.offset(block.image_offset), what));
+        }
+        *last = block.parent.max(*last);
+    }
+}
+
+/// What is counted of an object.
+#[derive(Clone, Copy, Default)]
+struct Tally {
+    levels: u32,
+    descriptors: u64,
+    leaf_voxels: u64,
+    contours: u64,
+    far_pointers: u64,
+}
+
+/// Collects findings and marks on the walk.
+struct Walker<'a> {
+    octree: &'a Octree,
+    report: Report,
+    tallies: Vec<Tally>,
+    object: usize,
+    /// Blocks that were entered, and root blocks.
+    reached: Bits,
+    /// Slots that hold a descriptor.
+    descriptors: Bits,
+    /// Words of the image that hold a contour of some voxel.
+    contours: Bits,
+}
+
+impl<'a> Walker<'a> {
+    fn new(octree: &'a Octree, report: Report) -> Self {
+        Self {
+            octree,
+            report,
+            tallies: vec![Tally::default(); octree.objects().len()],
+            object: 0,
+            reached: Bits::new(octree.blocks().len()),
+            descriptors: Bits::new(octree.slots().len()),
+            contours: Bits::new(octree.words().len()),
+        }
+    }
+}
+
+impl Visitor for Walker<'_> {
+    fn broken(&mut self, finding: Broken) -> ControlFlow<()> {
+        self.report.add(finding);
+        ControlFlow::Continue(())
+    }
+
+    fn descriptor(&mut self, object: u32, step: &Step, descriptor: ChildDescriptor) {
+        self.object = object as usize;
+        self.descriptors.insert(step.slot as usize);
+        // Marks root blocks; the others have been entered.
+        self.reached.insert(step.block as usize);
+        let tally = &mut self.tallies[self.object];
+        tally.levels = tally.levels.max(step.level);
+        tally.descriptors += 1;
+        tally.leaf_voxels += u64::from(descriptor.leaf_mask().count_ones());
+        tally.contours += u64::from(descriptor.contour_mask().count_ones());
+    }
+
+    fn contours(&mut self, step: &Step, first: usize, count: u32) -> ControlFlow<()> {
+        for word in first..first + count as usize {
+            if !self.contours.insert(word) {
+                let what = format!("the contour is one of descriptor {} and of another", step.slot);
+                self.report.add(Broken::new(ids::CONTOUR_ONCE, self.octree.offset(word as u64 * 4), what));
+            }
+        }
+        ControlFlow::Continue(())
+    }
+
+    fn far_pointer(&mut self, _slot: u32) {
+        self.tallies[self.object].far_pointers += 1;
+    }
+
+    fn enter(&mut self, step: &Step, index: u32) -> ControlFlow<()> {
+        let block = &self.octree.blocks()[index as usize];
+        let scale = 24 - step.level;
+        if (block.cube_position, block.cube_scale) != (step.position, scale) {
+            let what = format!(
+                "block {index} says cube {:?} of scale {}, but holds that at {:?} of scale {scale}",
+                block.cube_position, block.cube_scale, step.position
+            );
+            self.report.add(Broken::new(ids::BLOCK_CUBE, self.octree.offset(block.image_offset), what));
+        }
+        ControlFlow::Continue(())
+    }
+}
+
+fn check_tallies(octree: &Octree, tallies: &[Tally], report: &mut Report) {
+    for (index, (object, tally)) in octree.objects().iter().zip(tallies).enumerate() {
+        let at = octree.origin.map_or(0, |origin| origin.objects) + index as u64 * OBJECT_BYTES;
+        if object.levels != tally.levels {
+            let what =
+                format!("object {index} says {} levels, the deepest voxel is at {}", object.levels, tally.levels);
+            report.add(Broken::new(ids::OBJECT_LEVELS, at + 132, what));
+        }
+        let counts = [
+            ("descriptors", object.descriptors, tally.descriptors),
+            ("leaf voxels", object.leaf_voxels, tally.leaf_voxels),
+            ("contours", object.contours, tally.contours),
+            ("far pointers", object.far_pointers, tally.far_pointers),
+        ];
+        for (field, (name, said, found)) in counts.into_iter().enumerate() {
+            if said != found {
+                let what = format!("object {index} says {said} {name}, there are {found}");
+                report.add(Broken::new(ids::OBJECT_COUNTS, at + 144 + 8 * field as u64, what));
+            }
+        }
+    }
+}
+
+/// What is checked of one block once its descriptors have been walked.
+struct BlockCheck<'a> {
+    octree: &'a Octree,
+    index: usize,
+    parts: &'a BlockParts,
+    walked: &'a Walked,
+    descriptors: &'a Bits,
+}
+
+impl BlockCheck<'_> {
+    fn add(&self, report: &mut Report, rule: &'static str, image_byte: u64, what: &str) {
+        report.add(Broken::new(rule, self.octree.offset(image_byte), format!("block {}: {what}", self.index)));
+    }
+
+    fn array(&self) -> std::ops::Range<u32> {
+        self.parts.start..self.parts.start + self.parts.array_slots
+    }
+
+    /// Headers of pages that hold a claimed slot have been checked on the walk.
+    fn page_headers(&self, report: &mut Report) {
+        let array = self.array();
+        for page in array.clone().step_by(PAGE_SLOTS as usize) {
+            let end = page.saturating_add(PAGE_SLOTS).min(array.end);
+            let expected = u64::from(array.end - page);
+            if self.octree.slots()[page as usize] != expected
+                && !(page..end).any(|slot| self.walked.claimed.has(slot as usize))
+            {
+                let what = format!("page header {:#x}", self.octree.slots()[page as usize]);
+                self.add(report, ids::PAGE_HEADER, u64::from(page) * 8, &what);
+            }
+        }
+    }
+
+    fn unused_slots(&self, report: &mut Report) {
+        for slot in self.array() {
+            let used = slot % PAGE_SLOTS == 0 || self.walked.claimed.has(slot as usize);
+            if !used && self.octree.slots()[slot as usize] != 0 {
+                let what = format!("slot {slot} is in no use, but not zero");
+                self.add(report, ids::INFO_RESERVED, u64::from(slot) * 8, &what);
+            }
+        }
+    }
+
+    fn contour_values(&self, used: &Bits, reached: bool, report: &mut Report) {
+        let pool = self.parts.contour_words..self.parts.contour_words + self.parts.contour_count as usize;
+        for word in pool {
+            // The fields of the normal are the low 18 bits.
+            if self.octree.words()[word] << 14 == 0 {
+                self.add(report, ids::CONTOUR_NORMAL, word as u64 * 4, "a contour has no normal");
+            }
+            if self.walked.complete && reached && !used.has(word) {
+                self.add(report, ids::CONTOUR_ONCE, word as u64 * 4, "a contour belongs to no voxel");
+            }
+        }
+    }
+
+    fn attachments(&self, reached: bool, report: &mut Report) {
+        for &(kind, at, _) in &self.parts.attachments {
+            let words_per_pair = match kind {
+                attachment::COLOR_BLOCKS => 2,
+                attachment::NORMAL_BLOCKS => 4,
+                attachment::COLOR_CONSTANT => {
+                    let words = &self.octree.words()[(at / 4) as usize..][..2];
+                    if words[0] >> 24 != 0 || words[1] != 0 {
+                        self.add(report, ids::ATTACHMENT_UNUSED, at, "bytes of the constant colour are not zero");
+                    }
+                    continue;
+                }
+                attachment::VENDOR_FIRST..=attachment::VENDOR_LAST => continue,
+                _ => {
+                    self.add(report, ids::ATTACHMENT_TYPE, at, &format!("attachment type {kind} is not registered"));
+                    continue;
+                }
+            };
+            if self.walked.complete && reached {
+                self.unused_pairs(kind, at, words_per_pair, report);
+            }
+        }
+    }
+
+    fn unused_pairs(&self, kind: u32, at: u64, words_per_pair: usize, report: &mut Report) {
+        let words = &self.octree.words()[(at / 4) as usize..];
+        let array = self.array();
+        for (pair, words) in array.clone().step_by(2).zip(words.chunks_exact(words_per_pair)) {
+            let used = (pair..array.end).take(2).any(|slot| self.descriptors.has(slot as usize));
+            if !used && words.iter().any(|w| *w != 0) {
+                let at = at + u64::from(pair - array.start) / 2 * words_per_pair as u64 * 4;
+                let what = format!("attachment {kind} has values for the pair at slot {pair}, which has no descriptor");
+                self.add(report, ids::ATTACHMENT_UNUSED, at, &what);
+            }
+        }
+    }
+
+    /// What lies between and behind the parts of the block.
+    fn gaps(&self, report: &mut Report) {
+        let block = &self.octree.blocks()[self.index];
+        let info = u64::from(self.array().end) * 8;
+        let info_end = info + INFO_BYTES + self.parts.attachments.len() as u64 * ATTACHMENT_BYTES;
+        let pool = self.parts.contour_words as u64 * 4;
+        let mut used = vec![(info, info_end), (pool, pool + u64::from(self.parts.contour_count) * 4)];
+        used.extend(self.parts.attachments.iter().map(|&(_, at, size)| (at, at + size)));
+        used.sort_unstable();
+        let ends = used.iter().map(|range| range.1);
+        let starts = used.iter().skip(1).map(|range| range.0).chain([block.image_offset + block.image_size]);
+        let image: &[u8] = bytemuck::cast_slice(self.octree.slots());
+        for (from, to) in ends.zip(starts) {
+            if let Some(at) = image[from as usize..to as usize].iter().position(|b| *b != 0) {
+                let what = "a byte between or behind the parts of the block is not zero";
+                self.add(report, ids::INFO_RESERVED, from + at as u64, what);
+            }
+        }
+    }
+}
+
+fn check_uniform(octree: &Octree, report: &mut Report) {
+    let kinds: [(&str, &[u32]); 2] = [
+        ("colours", &[attachment::COLOR_BLOCKS, attachment::COLOR_CONSTANT]),
+        ("normals", &[attachment::NORMAL_BLOCKS]),
+    ];
+    for (name, kinds) in kinds {
+        let has = |index: usize| octree.parts()[index].attachments.iter().any(|a| kinds.contains(&a.0));
+        for (index, block) in octree.blocks().iter().enumerate() {
+            let root = octree.objects()[block.object as usize].root_block as usize;
+            if has(index) != has(root) {
+                let what = format!("of blocks {root} and {index} of one object only one has {name}");
+                report.add(Broken::new(ids::ATTACHMENT_UNIFORM, octree.offset(block.image_offset), what));
+            }
+        }
+    }
 }

@@ -32,6 +32,8 @@ fn through_bytes(tree: &Tree, options: &AssembleOptions) -> Octree {
     let bytes = bytes_of(&octree);
     let octree = Octree::from_bytes(&bytes).expect("what was written can be read");
     assert_eq!(octree.sound(), Ok(()));
+    let report = esvo_format::validate_bytes(&bytes).expect("no limit is reached");
+    assert!(report.findings.is_empty(), "{report}");
     assert_eq!(bytes_of(&octree), bytes, "reading and writing again changes nothing");
     let seen = compare(tree, &octree);
     let object = octree.objects()[0];
@@ -48,6 +50,12 @@ fn through_bytes(tree: &Tree, options: &AssembleOptions) -> Octree {
     assert_eq!(needs.far_pointers, seen.far_pointers > 0);
     assert_eq!(needs.levels, seen.deepest);
     assert_eq!((needs.colors, needs.normals), (!tree.colors.is_empty(), !tree.normals.is_empty()));
+    let stats = esvo_format::stats(&octree);
+    assert_eq!((stats.descriptors, stats.voxels, stats.levels), (object.descriptors, tree.voxels(), object.levels));
+    assert_eq!((stats.contours, stats.far_pointers), (object.contours, object.far_pointers));
+    assert_eq!(stats.voxels_per_level.iter().sum::<u64>(), tree.voxels() + 1);
+    assert_eq!(stats.bytes.total(), octree.slots().len() as u64 * 8);
+    assert_eq!(stats.bytes.contours, tree.contours.len() as u64 * 4);
     for (block, parts) in octree.blocks().iter().zip(octree.parts()) {
         assert_eq!(block.image_offset / 8, u64::from(parts.start));
         assert!(parts.array_slots <= options.block_slots.max(18), "{} slots", parts.array_slots);

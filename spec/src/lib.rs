@@ -4,7 +4,7 @@
 
 mod rules;
 
-pub use rules::{RULES, Rule, ids};
+pub use rules::{Level, RULES, Rule, ids};
 
 /// The prose of version 1 of the specification.
 pub const TEXT_V1: &str = include_str!("../v1/README.md");

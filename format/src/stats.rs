@@ -1,0 +1,157 @@
+//! What an octree is made of, for people and tables.
+
+use std::ops::ControlFlow;
+
+use crate::file::*;
+use crate::topology::{Step, Visitor, walk};
+use crate::{Broken, ChildDescriptor, Octree};
+
+/// What the bytes of an image are for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct Bytes {
+    /// Child descriptors.
+    pub descriptors: u64,
+    /// Far pointers.
+    pub far_pointers: u64,
+    /// Page headers.
+    pub page_headers: u64,
+    /// Slots of descriptor arrays left empty, so that siblings start in pairs and stay in one page.
+    pub gaps: u64,
+    /// Info sections with their attachment directories.
+    pub info_sections: u64,
+    /// Contour values.
+    pub contours: u64,
+    /// Colour blocks and constant colours.
+    pub colors: u64,
+    /// Normal blocks.
+    pub normals: u64,
+    /// Attachments of other types.
+    pub other_attachments: u64,
+    /// Alignment within blocks and up to the next page behind them.
+    pub padding: u64,
+}
+
+impl Bytes {
+    /// All of them: the size of the image.
+    pub fn total(&self) -> u64 {
+        self.named().iter().map(|(_, bytes)| bytes).sum()
+    }
+
+    /// Name and number of each kind, in the order of a block.
+    pub fn named(&self) -> [(&'static str, u64); 10] {
+        [
+            ("descriptors", self.descriptors),
+            ("far pointers", self.far_pointers),
+            ("page headers", self.page_headers),
+            ("gaps", self.gaps),
+            ("info sections", self.info_sections),
+            ("contours", self.contours),
+            ("colors", self.colors),
+            ("normals", self.normals),
+            ("other attachments", self.other_attachments),
+            ("padding", self.padding),
+        ]
+    }
+}
+
+/// Counts of an octree, all objects together.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
+pub struct Stats {
+    /// Objects.
+    pub objects: u64,
+    /// Blocks.
+    pub blocks: u64,
+    /// Level of the deepest voxel; the root is level 0.
+    pub levels: u32,
+    /// Child descriptors: voxels that are not leaves, roots included.
+    pub descriptors: u64,
+    /// Voxels but the roots.
+    pub voxels: u64,
+    /// Leaf voxels.
+    pub leaf_voxels: u64,
+    /// Contours.
+    pub contours: u64,
+    /// Far pointers.
+    pub far_pointers: u64,
+    /// Children per descriptor, on average.
+    pub branching: f64,
+    /// Voxels at each level, 0 (the roots) to [`levels`](Self::levels).
+    pub voxels_per_level: Vec<u64>,
+    /// What the image is made of.
+    pub bytes: Bytes,
+    /// Size of the image in bytes.
+    pub image_bytes: u64,
+    /// Image bytes by the number of voxels.
+    pub bytes_per_voxel: f64,
+}
+
+struct Counter<'a>(&'a mut Stats);
+
+impl Visitor for Counter<'_> {
+    /// What cannot be reached is not counted.
+    fn broken(&mut self, _finding: Broken) -> ControlFlow<()> {
+        ControlFlow::Continue(())
+    }
+
+    fn descriptor(&mut self, _object: u32, step: &Step, descriptor: ChildDescriptor) {
+        let stats = &mut *self.0;
+        let voxels = u64::from(descriptor.valid_mask().count_ones());
+        stats.levels = stats.levels.max(step.level);
+        stats.descriptors += 1;
+        stats.voxels += voxels;
+        stats.leaf_voxels += u64::from(descriptor.leaf_mask().count_ones());
+        stats.contours += u64::from(descriptor.contour_mask().count_ones());
+        stats.voxels_per_level[step.level as usize] += voxels;
+    }
+
+    fn far_pointer(&mut self, _slot: u32) {
+        self.0.far_pointers += 1;
+    }
+}
+
+/// Counts voxels and bytes. The octree is walked once; of one that is not [sound](Octree::sound), what can be reached
+/// is counted and the rest of its descriptor arrays is called gaps.
+pub fn stats(octree: &Octree) -> Stats {
+    let mut stats = Stats {
+        objects: octree.objects().len() as u64,
+        blocks: octree.blocks().len() as u64,
+        voxels_per_level: vec![0; 24],
+        image_bytes: octree.slots().len() as u64 * 8,
+        ..Stats::default()
+    };
+    stats.voxels_per_level[0] = stats.objects;
+    walk(octree, &mut Counter(&mut stats));
+    stats.voxels_per_level.truncate(stats.levels as usize + 1);
+    stats.bytes = bytes(octree, &stats);
+    stats.branching = stats.voxels as f64 / stats.descriptors.max(1) as f64;
+    stats.bytes_per_voxel = stats.image_bytes as f64 / stats.voxels.max(1) as f64;
+    stats
+}
+
+fn bytes(octree: &Octree, stats: &Stats) -> Bytes {
+    let mut bytes =
+        Bytes { descriptors: stats.descriptors * 8, far_pointers: stats.far_pointers * 8, ..Bytes::default() };
+    let mut arrays = 0;
+    for parts in octree.parts() {
+        arrays += u64::from(parts.array_slots) * 8;
+        bytes.page_headers += u64::from(parts.array_slots.div_ceil(PAGE_SLOTS)) * 8;
+        bytes.info_sections += INFO_BYTES + parts.attachments.len() as u64 * ATTACHMENT_BYTES;
+        bytes.contours += u64::from(parts.contour_count) * 4;
+        for &(kind, _, size) in &parts.attachments {
+            *match kind {
+                attachment::COLOR_BLOCKS | attachment::COLOR_CONSTANT => &mut bytes.colors,
+                attachment::NORMAL_BLOCKS => &mut bytes.normals,
+                _ => &mut bytes.other_attachments,
+            } += size;
+        }
+    }
+    bytes.gaps = arrays - bytes.page_headers - bytes.descriptors - bytes.far_pointers;
+    bytes.padding = stats.image_bytes
+        - arrays
+        - bytes.info_sections
+        - bytes.contours
+        - bytes.colors
+        - bytes.normals
+        - bytes.other_attachments;
+    bytes
+}

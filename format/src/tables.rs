@@ -1,0 +1,221 @@
+//! Checks of the object table, the block table and the info sections (spec sections 4, 5 and 7).
+
+use crate::file::*;
+use crate::octree::BlockParts;
+use crate::{Broken, ids};
+
+/// What is found wrong with an entry: rule, bytes from the start of the entry, description.
+type Fault = (&'static str, u64, String);
+
+/// Checks the entries of an object table that starts at byte `at`.
+pub(crate) fn check_objects(objects: &[ObjectEntry], at: u64) -> Result<(), Broken> {
+    if objects.is_empty() {
+        return Err(Broken::new(ids::OBJECT_SIZE, at, "no object"));
+    }
+    for (i, object) in objects.iter().enumerate() {
+        check_object(object).map_err(|(rule, field, what)| {
+            Broken::new(rule, at + i as u64 * OBJECT_BYTES + field, format!("object {i}: {what}"))
+        })?;
+    }
+    Ok(())
+}
+
+fn check_object(object: &ObjectEntry) -> Result<(), Fault> {
+    let transform = glam::DMat4::from_cols_array(&object.octree_to_mesh);
+    let affine = transform.row(3) == glam::DVec4::W;
+    if !transform.is_finite() || !affine || !transform.determinant().is_normal() {
+        return Err((ids::OBJECT_TRANSFORM, 0, format!("transform {transform}")));
+    }
+    if !(1..=23).contains(&object.levels) {
+        return Err((ids::OBJECT_LEVELS, 132, format!("{} levels", object.levels)));
+    }
+    if object.reserved != [0; 4] {
+        return Err((ids::OBJECT_RESERVED, 176, "reserved fields are not zero".into()));
+    }
+    Ok(())
+}
+
+/// Checks the entries of a block table that starts at byte `at`, for an image of so many bytes. Where the blocks are
+/// stored is left to [`check_stored`].
+pub(crate) fn check_blocks(blocks: &[BlockEntry], at: u64, objects: &[ObjectEntry], image: u64) -> Result<(), Broken> {
+    if blocks.is_empty() {
+        return Err(Broken::new(ids::BLOCK_SIZE, at, "no block"));
+    }
+    let mut end = 0u64;
+    for (i, block) in blocks.iter().enumerate() {
+        check_block(block, i, end, blocks, objects).map_err(|fault| block_fault(fault, at, i))?;
+        end = end.saturating_add(block.image_size);
+    }
+    if end != image {
+        return Err(Broken::new(ids::BLOCK_IMAGE, at, format!("{end} bytes of blocks in an image of {image} bytes")));
+    }
+    if image / 8 > MAX_IMAGE_SLOTS {
+        return Err(Broken::new(ids::BLOCK_LIMIT, at, format!("an image of {image} bytes")));
+    }
+    Ok(())
+}
+
+fn block_fault((rule, field, what): Fault, table: u64, index: usize) -> Broken {
+    Broken::new(rule, table + index as u64 * BLOCK_BYTES + field, format!("block {index}: {what}"))
+}
+
+/// `end` is where the block before ends in the image.
+fn check_block(
+    block: &BlockEntry,
+    index: usize,
+    end: u64,
+    blocks: &[BlockEntry],
+    objects: &[ObjectEntry],
+) -> Result<(), Fault> {
+    if !block.image_offset.is_multiple_of(PAGE_BYTES) {
+        return Err((ids::BLOCK_ALIGNMENT, 24, format!("image offset {}", block.image_offset)));
+    }
+    if block.image_size == 0 || !block.image_size.is_multiple_of(PAGE_BYTES) {
+        return Err((ids::BLOCK_ALIGNMENT, 32, format!("image size {}", block.image_size)));
+    }
+    if block.image_offset != end {
+        return Err((ids::BLOCK_IMAGE, 24, format!("image offset {}, expected {end}", block.image_offset)));
+    }
+    let parent_fits = match block.parent {
+        NO_PARENT => objects.get(block.object as usize).is_some_and(|o| o.root_block as usize == index),
+        parent => (parent as usize) < index && blocks[parent as usize].object == block.object,
+    };
+    if !parent_fits {
+        return Err((ids::BLOCK_PARENT, 4, format!("parent {}, object {}", block.parent, block.object)));
+    }
+    if !cube_fits(block, blocks) {
+        return Err((ids::BLOCK_CUBE, 8, format!("cube at {:?}, scale {}", block.cube_position, block.cube_scale)));
+    }
+    if block.reserved != 0 {
+        return Err((ids::BLOCK_RESERVED, 64, "reserved fields are not zero".into()));
+    }
+    Ok(())
+}
+
+/// Checks where the blocks are stored in a file whose block data is `data`. They must be stored as they are: a file is
+/// mapped, so the block data is the image.
+pub(crate) fn check_stored(blocks: &[BlockEntry], at: u64, data: &SectionEntry) -> Result<(), Broken> {
+    for (i, block) in blocks.iter().enumerate() {
+        let fail = |field, rule, what| Err(block_fault((rule, field, what), at, i));
+        if block.codec != CODEC_RAW {
+            return fail(56, ids::BLOCK_CODEC, format!("codec {} is not known to this reader", block.codec));
+        }
+        if block.stored_size != block.image_size {
+            return fail(48, ids::BLOCK_CODEC, format!("{} bytes stored for {}", block.stored_size, block.image_size));
+        }
+        let expected = data.offset.saturating_add(block.image_offset);
+        if block.file_offset != expected || block.file_offset % PAGE_BYTES != 0 {
+            return fail(40, ids::BLOCK_RANGE, format!("file offset {}, expected {expected}", block.file_offset));
+        }
+    }
+    Ok(())
+}
+
+fn cube_fits(block: &BlockEntry, blocks: &[BlockEntry]) -> bool {
+    if !(1..=23).contains(&block.cube_scale) {
+        return false;
+    }
+    let size = 1u32 << block.cube_scale;
+    let inside = |low: u32, outer_low: u32, outer: u32| low >= outer_low && low - outer_low <= outer - size.min(outer);
+    let (outer_position, outer) = match blocks.get(block.parent as usize) {
+        Some(parent) => (parent.cube_position, 1u32 << parent.cube_scale.min(23)),
+        None => ([0; 3], 1 << 23),
+    };
+    (0..3).all(|axis| {
+        block.cube_position[axis].is_multiple_of(size) && inside(block.cube_position[axis], outer_position[axis], outer)
+    }) && size <= outer
+}
+
+/// Reads and checks the info section of one block of the image. Offsets in errors count from `base` before the image.
+pub(crate) fn block_parts(image: &[u8], base: u64, index: usize, block: &BlockEntry) -> Result<BlockParts, Broken> {
+    let start = block.image_offset;
+    let fault = |(rule, at, what): Fault| Broken::new(rule, base + start + at, format!("block {index}: {what}"));
+    // The table says that the block lies in the image.
+    let bytes = &image[start as usize..(start + block.image_size) as usize];
+    let (info_at, info) = info_section(bytes, index as u32).map_err(fault)?;
+    let pool = info_at + u64::from(info.contour_offset) * 4;
+    let attachments = attachments(bytes, info_at, &info).map_err(fault)?;
+    Ok(BlockParts {
+        start: (start / 8) as u32,
+        array_slots: info.array_slots,
+        contour_words: ((start + pool) / 4) as usize,
+        contour_count: info.contour_count,
+        attachments: attachments.into_iter().map(|(kind, at, size)| (kind, start + at, size)).collect(),
+    })
+}
+
+/// The info section of a block and its first byte; every field but those of the attachments is checked.
+fn info_section(bytes: &[u8], index: u32) -> Result<(u64, InfoSection), Fault> {
+    let size = bytes.len() as u64;
+    let array_slots = bytes.first_chunk().map_or(0, |b| u64::from_le_bytes(*b));
+    if array_slots > size / 8 || array_slots < 4 {
+        return Err((ids::PAGE_HEADER, 0, format!("its first page header leads {array_slots} slots ahead")));
+    }
+    let at = array_slots * 8;
+    let Some(info) = from_bytes::<InfoSection>(&bytes[at as usize..]) else {
+        return Err((ids::INFO_RANGE, at, "the info section does not fit".into()));
+    };
+    if info.block != index {
+        return Err((ids::INFO_BLOCK, at, format!("its info section says block {}", info.block)));
+    }
+    if u64::from(info.array_slots) != array_slots {
+        let what = format!("{} slots, but the info section is at slot {array_slots}", info.array_slots);
+        return Err((ids::INFO_RANGE, at + 4, what));
+    }
+    if u64::from(info.first_descriptor) + u64::from(FIRST_SLOT) != array_slots {
+        return Err((ids::INFO_FIRST, at + 8, format!("first descriptor {} slots back", info.first_descriptor)));
+    }
+    if info.attachment_count > MAX_ATTACHMENTS {
+        return Err((ids::ATTACHMENT_LIMIT, at + 20, format!("{} attachments", info.attachment_count)));
+    }
+    if info.reserved != 0 {
+        return Err((ids::INFO_RESERVED, at + 24, "reserved fields of the info section are not zero".into()));
+    }
+    let directory_end = at + INFO_BYTES + u64::from(info.attachment_count) * ATTACHMENT_BYTES;
+    if directory_end > size {
+        return Err((ids::INFO_RANGE, at + 20, format!("{} attachments do not fit", info.attachment_count)));
+    }
+    let pool = at + u64::from(info.contour_offset) * 4;
+    if pool < directory_end || pool + u64::from(info.contour_count) * 4 > size {
+        let what = format!("{} contours at byte {pool} do not fit", info.contour_count);
+        return Err((ids::INFO_CONTOURS, at + 12, what));
+    }
+    Ok((at, info))
+}
+
+/// Type, first byte in the block, and size of the attachments.
+fn attachments(bytes: &[u8], info_at: u64, info: &InfoSection) -> Result<Vec<(u32, u64, u64)>, Fault> {
+    let pool_end = info_at + u64::from(info.contour_offset) * 4 + u64::from(info.contour_count) * 4;
+    let pairs = u64::from(info.array_slots.div_ceil(2));
+    let mut found: Vec<(u32, u64, u64)> = Vec::new();
+    for k in 0..u64::from(info.attachment_count) {
+        let at = info_at + INFO_BYTES + k * ATTACHMENT_BYTES;
+        let Some(AttachmentEntry { kind, offset, size }) = from_bytes(&bytes[at as usize..]) else {
+            return Err((ids::INFO_RANGE, at, "the attachment directory does not fit".into()));
+        };
+        let expected = match kind {
+            attachment::COLOR_BLOCKS => pairs * 8,
+            attachment::NORMAL_BLOCKS => pairs * 16,
+            attachment::COLOR_CONSTANT => 8,
+            // Of a vendor or of a later version: a reader passes over it.
+            _ => size,
+        };
+        if size != expected {
+            return Err((ids::ATTACHMENT_SIZE, at + 8, format!("attachment {kind} has {size} bytes, not {expected}")));
+        }
+        let start = info_at + u64::from(offset);
+        let end = start.checked_add(size).filter(|end| *end <= bytes.len() as u64);
+        let Some(end) = end.filter(|_| start.is_multiple_of(8) && start >= pool_end) else {
+            return Err((ids::ATTACHMENT_RANGE, at + 4, format!("attachment {kind} does not fit")));
+        };
+        if found.iter().any(|&(_, other, size)| start < other + size && other < end) {
+            return Err((ids::ATTACHMENT_RANGE, at + 4, format!("attachment {kind} overlaps another")));
+        }
+        let is_color = |kind| matches!(kind, attachment::COLOR_BLOCKS | attachment::COLOR_CONSTANT);
+        if found.iter().any(|a| a.0 == kind || is_color(a.0) && is_color(kind)) {
+            return Err((ids::ATTACHMENT_TYPE, at, format!("attachment type {kind} is one too many")));
+        }
+        found.push((kind, start, size));
+    }
+    Ok(found)
+}

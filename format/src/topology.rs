@@ -1,0 +1,273 @@
+//! The one walk that follows every pointer of an image whose descriptors nobody has checked yet. Soundness, validation
+//! and statistics are visitors of it.
+
+use std::ops::ControlFlow;
+
+use crate::file::{BlockEntry, FIRST_SLOT, NO_PARENT, ObjectEntry, PAGE_SLOTS};
+use crate::{Broken, ChildDescriptor, Octree, ids};
+
+/// A descriptor on the way.
+#[derive(Clone, Copy)]
+pub(crate) struct Step {
+    /// Slot in the image.
+    pub(crate) slot: u32,
+    /// Block that it lies in.
+    pub(crate) block: u32,
+    /// Level of its children; the root's are at level 1.
+    pub(crate) level: u32,
+    /// Lower corner of its voxel in units of 2^-23 of the root cube.
+    pub(crate) position: [u32; 3],
+}
+
+/// What is told of the walk. All but the findings is reported once it has been checked.
+pub(crate) trait Visitor {
+    /// A rule is broken. [`ControlFlow::Break`] ends the walk; else it goes on with what is not affected.
+    fn broken(&mut self, finding: Broken) -> ControlFlow<()>;
+    /// A descriptor with fitting masks.
+    fn descriptor(&mut self, _object: u32, _step: &Step, _descriptor: ChildDescriptor) {}
+    /// The contours of a descriptor, as words of the image.
+    fn contours(&mut self, _step: &Step, _first: usize, _count: u32) -> ControlFlow<()> {
+        ControlFlow::Continue(())
+    }
+    /// A far pointer at this slot.
+    fn far_pointer(&mut self, _slot: u32) {}
+    /// The children of this descriptor are those of another block.
+    fn enter(&mut self, _step: &Step, _block: u32) -> ControlFlow<()> {
+        ControlFlow::Continue(())
+    }
+}
+
+/// A set of slots of the image.
+pub(crate) struct Bits(Vec<u64>);
+
+impl Bits {
+    pub(crate) fn new(len: usize) -> Self {
+        Self(vec![0; len.div_ceil(64)])
+    }
+
+    pub(crate) fn has(&self, index: usize) -> bool {
+        self.0[index / 64] >> (index % 64) & 1 != 0
+    }
+
+    /// Adds an element; false if it was in already.
+    pub(crate) fn insert(&mut self, index: usize) -> bool {
+        let (word, bit) = (&mut self.0[index / 64], 1u64 << (index % 64));
+        let free = *word & bit == 0;
+        *word |= bit;
+        free
+    }
+}
+
+/// What a walk leaves behind.
+pub(crate) struct Walked {
+    /// Slots of descriptors and far pointers.
+    pub(crate) claimed: Bits,
+    /// Whether every pointer could be followed.
+    pub(crate) complete: bool,
+}
+
+/// Follows every pointer of the image once.
+///
+/// Time is linear in the number of descriptors and memory is a bit per slot: no slot is entered twice, and no path is
+/// longer than 23 levels.
+pub(crate) fn walk(octree: &Octree, visitor: &mut impl Visitor) -> Walked {
+    let mut walk = Walk { octree, visitor, claimed: Bits::new(octree.slots().len()), complete: true };
+    for (index, object) in octree.objects().iter().enumerate() {
+        if walk.object(index, object).is_break() {
+            walk.complete = false;
+            break;
+        }
+    }
+    Walked { claimed: walk.claimed, complete: walk.complete }
+}
+
+struct Walk<'a, V> {
+    octree: &'a Octree,
+    visitor: &'a mut V,
+    claimed: Bits,
+    complete: bool,
+}
+
+impl<V: Visitor> Walk<'_, V> {
+    /// Reports that what lies behind `slot` cannot be followed.
+    #[cold]
+    fn fail(&mut self, rule: &'static str, slot: u64, what: String) -> ControlFlow<()> {
+        self.complete = false;
+        self.note(rule, slot, what)
+    }
+
+    /// Reports something that the walk can go past.
+    #[cold]
+    fn note(&mut self, rule: &'static str, slot: u64, what: String) -> ControlFlow<()> {
+        self.visitor.broken(Broken::new(rule, self.octree.offset(slot * 8), format!("slot {slot}: {what}")))
+    }
+
+    fn object(&mut self, index: usize, object: &ObjectEntry) -> ControlFlow<()> {
+        let is_root = |b: &&BlockEntry| {
+            b.object as usize == index
+                && b.parent == NO_PARENT
+                && b.image_offset / 8 + u64::from(FIRST_SLOT) == object.root_slot
+        };
+        if self.octree.blocks().get(object.root_block as usize).filter(is_root).is_none() {
+            let what = format!("is not the first descriptor of block {}, root of object {index}", object.root_block);
+            return self.fail(ids::OBJECT_ROOT, object.root_slot.min(self.octree.slots().len() as u64), what);
+        }
+        let root = Step { slot: object.root_slot as u32, block: object.root_block, level: 1, position: [0; 3] };
+        if !self.claim(root.slot, 1, root.block)? {
+            return ControlFlow::Continue(());
+        }
+        let mut stack = vec![root];
+        while let Some(step) = stack.pop() {
+            let Some((first, block)) = self.step(index, object, &step)? else { continue };
+            let size = 1 << (23 - step.level);
+            let mut slot = first;
+            for child in 0..8 {
+                if self.octree.descriptor(step.slot).nonleaf_mask() >> child & 1 != 0 {
+                    let half = |axis: usize| if child >> axis & 1 != 0 { size } else { 0 };
+                    let position = std::array::from_fn(|axis| step.position[axis] + half(axis));
+                    stack.push(Step { slot, block, level: step.level + 1, position });
+                    slot += 1;
+                }
+            }
+        }
+        ControlFlow::Continue(())
+    }
+
+    /// Checks one descriptor; returns slot and block of its first child if it has children that can be followed.
+    fn step(&mut self, index: usize, object: &ObjectEntry, step: &Step) -> ControlFlow<(), Option<(u32, u32)>> {
+        let none = ControlFlow::Continue(None);
+        let at = u64::from(step.slot);
+        let descriptor = self.octree.descriptor(step.slot);
+        let (valid, leaf, contours) = (descriptor.valid_mask(), descriptor.leaf_mask(), descriptor.contour_mask());
+        if leaf & !valid != 0 || valid == 0 {
+            self.fail(ids::CHILD_LEAF_MASK, at, format!("valid mask {valid:08b}, leaf mask {leaf:08b}"))?;
+            return none;
+        }
+        if step.level > object.levels {
+            self.fail(ids::CHILD_DEPTH, at, format!("its voxels are at level {} of {}", step.level, object.levels))?;
+            return none;
+        }
+        self.visitor.descriptor(index as u32, step, descriptor);
+        if contours & !valid != 0 {
+            self.fail(ids::CONTOUR_MASK, at, format!("valid mask {valid:08b}, contour mask {contours:08b}"))?;
+        } else if contours != 0 {
+            let parts = &self.octree.parts()[step.block as usize];
+            let first = step.slot as usize * 2 + descriptor.contour_ptr() as usize;
+            let end = first + contours.count_ones() as usize;
+            if first < parts.contour_words || end > parts.contour_words + parts.contour_count as usize {
+                let what = format!("contour pointer {} leads out of the contour pool", descriptor.contour_ptr());
+                self.fail(ids::CONTOUR_RANGE, at, what)?;
+            } else {
+                self.visitor.contours(step, first, contours.count_ones())?;
+            }
+        } else if descriptor.contour_ptr() != 0 {
+            self.note(ids::CONTOUR_NONE, at, format!("contour pointer {}, no contours", descriptor.contour_ptr()))?;
+        }
+        let count = descriptor.nonleaf_mask().count_ones();
+        if count == 0 {
+            if descriptor.child_ptr() != 0 || descriptor.far() {
+                self.note(ids::CHILD_NONE, at, "has a child pointer, but no child has a descriptor".into())?;
+            }
+            return none;
+        }
+        let Some((first, block)) = self.first_child(step, descriptor)? else { return none };
+        if first % 2 != 0 {
+            self.note(ids::CHILD_PAGE, first.into(), "siblings start at an odd slot".into())?;
+        }
+        let parts = &self.octree.parts()[block as usize];
+        if u64::from(first) + u64::from(count) > u64::from(parts.start + parts.array_slots) {
+            self.fail(ids::CHILD_RANGE, at, format!("{count} children at slot {first} leave the descriptor array"))?;
+            return none;
+        }
+        if !self.claim(first, count, block)? {
+            return none;
+        }
+        if block != step.block {
+            self.visitor.enter(step, block)?;
+        }
+        ControlFlow::Continue(Some((first, block)))
+    }
+
+    /// Slot and block of the first child, within a descriptor array.
+    fn first_child(&mut self, step: &Step, descriptor: ChildDescriptor) -> ControlFlow<(), Option<(u32, u32)>> {
+        let none = ControlFlow::Continue(None);
+        let at = u64::from(step.slot);
+        let parts = &self.octree.parts()[step.block as usize];
+        let array_end = u64::from(parts.start + parts.array_slots);
+        let near = at + u64::from(descriptor.child_ptr());
+        if descriptor.child_ptr() == 0 || near >= array_end {
+            let rule = if descriptor.far() { ids::CHILD_FAR } else { ids::CHILD_RANGE };
+            self.fail(rule, at, format!("child pointer {}", descriptor.child_ptr()))?;
+            return none;
+        }
+        if !descriptor.far() {
+            return ControlFlow::Continue(Some((near as u32, step.block)));
+        }
+        if !self.claim(near as u32, 1, step.block)? {
+            return none;
+        }
+        let distance = self.octree.slots()[near as usize];
+        if distance == 0 || distance > u64::from(u32::MAX) {
+            self.fail(ids::CHILD_FAR, near, format!("far pointer {distance:#x}"))?;
+            return none;
+        }
+        self.visitor.far_pointer(near as u32);
+        let target = at + distance;
+        if target < array_end {
+            return ControlFlow::Continue(Some((target as u32, step.block)));
+        }
+        let blocks = self.octree.blocks();
+        let found = blocks.partition_point(|b| b.image_offset / 8 <= target).wrapping_sub(1);
+        if found == step.block as usize || target >= self.octree.slots().len() as u64 {
+            self.fail(ids::CHILD_RANGE, near, format!("leads to slot {target}, in no descriptor array"))?;
+            return none;
+        }
+        let (start, parent) = (blocks[found].image_offset / 8, blocks[found].parent);
+        if target != start + u64::from(FIRST_SLOT) || parent != step.block {
+            let what = format!("leads from block {} to slot {} of block {found}", step.block, target - start);
+            self.fail(ids::CHILD_BLOCK, near, what)?;
+            return none;
+        }
+        ControlFlow::Continue(Some((target as u32, found as u32)))
+    }
+
+    /// Marks slots of a descriptor array as used. They must be free, in one page, and not its header, and the header
+    /// must lead to the info section. False if they cannot be used.
+    fn claim(&mut self, first: u32, count: u32, block: u32) -> ControlFlow<(), bool> {
+        let in_page = first % PAGE_SLOTS;
+        if in_page == 0 || in_page + count > PAGE_SLOTS {
+            self.fail(ids::CHILD_PAGE, first.into(), format!("{count} slots reach over a page header"))?;
+            return ControlFlow::Continue(false);
+        }
+        let page = first - in_page;
+        let header = self.octree.slots()[page as usize];
+        let parts = &self.octree.parts()[block as usize];
+        if header != u64::from(parts.start + parts.array_slots - page) {
+            self.note(ids::PAGE_HEADER, page.into(), format!("page header {header:#x}"))?;
+        }
+        for slot in first..first + count {
+            if !self.claimed.insert(slot as usize) {
+                self.fail(ids::CHILD_ONCE, slot.into(), "is referred to twice".into())?;
+                return ControlFlow::Continue(false);
+            }
+        }
+        ControlFlow::Continue(true)
+    }
+}
+
+/// Remembers the first finding.
+struct First(Option<Broken>);
+
+impl Visitor for First {
+    fn broken(&mut self, finding: Broken) -> ControlFlow<()> {
+        self.0 = Some(finding);
+        ControlFlow::Break(())
+    }
+}
+
+/// The first rule of pointers and masks that is broken, if any.
+pub(crate) fn check(octree: &Octree) -> Result<(), Broken> {
+    let mut first = First(None);
+    walk(octree, &mut first);
+    first.0.map_or(Ok(()), Err)
+}
