@@ -112,7 +112,7 @@ fn facing(normal: DVec3, direction: DVec3) -> DVec3 {
 
 /// Octree space to mesh space of the object that `view` looks at: the one whose root it names, else the first.
 pub fn octree_to_mesh(octree: &Octree, view: &View) -> DMat4 {
-    let object = octree.objects().iter().position(|o| o.root_slot == view.root.into()).unwrap_or(0);
+    let object = octree.objects().iter().position(|o| o.root_slot == u64::from(view.root)).unwrap_or(0);
     octree.octree_to_mesh(object)
 }
 
