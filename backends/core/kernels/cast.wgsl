@@ -132,14 +132,13 @@ fn cast_ray(ray: Ray) -> Hit {
     var h = t_max;
     t_min = max(t_min, ray.t_min);
     t_max = min(t_max, ray.t_max);
-    let whole = t_max;
 
     // 5-7
     var parent = view.root;
     var descriptor = slot_at(parent);
     var stack_parent: array<u32, LEVELS>;
     var stack_t_max: array<f32, LEVELS>;
-    // Bit s: the frame of scale s was written. A rounded ray can POP to one that was not; it finds the root there.
+    // Bit s: the frame of scale s was written. Rounding could make a ray POP to another, which says nothing of the octree.
     var pushed = 0u;
     var scale = MAX_SCALE - 1u;
     var size = 0.5;
@@ -227,8 +226,7 @@ fn cast_ray(ray: Ray) -> Hit {
                 parent = stack_parent[scale - LOWEST_SCALE];
                 t_max = stack_t_max[scale - LOWEST_SCALE];
             } else {
-                parent = view.root;
-                t_max = whole;
+                return miss(iteration);
             }
             descriptor = slot_at(parent);
             let path = bitcast<vec3<u32>>(pos) >> vec3<u32>(scale);

@@ -1,0 +1,121 @@
+//! Buffers, each with memory of its own.
+
+use std::sync::Arc;
+
+use ash::vk;
+use esvo_core::CastError;
+
+use crate::gpu::Gpu;
+
+/// Memory that the device reads fastest.
+const ON_DEVICE: [vk::MemoryPropertyFlags; 2] =
+    [vk::MemoryPropertyFlags::DEVICE_LOCAL, vk::MemoryPropertyFlags::empty()];
+/// Memory that the processor reads and writes; cached if there is such, since results are read from it.
+const ON_HOST: [vk::MemoryPropertyFlags; 2] = [
+    vk::MemoryPropertyFlags::from_raw(
+        vk::MemoryPropertyFlags::HOST_VISIBLE.as_raw()
+            | vk::MemoryPropertyFlags::HOST_COHERENT.as_raw()
+            | vk::MemoryPropertyFlags::HOST_CACHED.as_raw(),
+    ),
+    vk::MemoryPropertyFlags::from_raw(
+        vk::MemoryPropertyFlags::HOST_VISIBLE.as_raw() | vk::MemoryPropertyFlags::HOST_COHERENT.as_raw(),
+    ),
+];
+
+/// A buffer.
+pub(crate) struct Buffer {
+    pub(crate) handle: vk::Buffer,
+    pub(crate) bytes: u64,
+    memory: vk::DeviceMemory,
+    /// Where the processor sees it; null on the device.
+    address: *mut u8,
+    gpu: Arc<Gpu>,
+}
+
+// SAFETY: the address is that of memory owned by this value, reached through its references only.
+unsafe impl Send for Buffer {}
+
+impl Buffer {
+    /// In the memory of the device.
+    pub(crate) fn on_device(gpu: &Arc<Gpu>, bytes: u64, usage: vk::BufferUsageFlags) -> Result<Self, CastError> {
+        Self::new(gpu, bytes, usage, &ON_DEVICE)
+    }
+
+    /// In memory that the processor reads and writes too.
+    pub(crate) fn on_host(gpu: &Arc<Gpu>, bytes: u64, usage: vk::BufferUsageFlags) -> Result<Self, CastError> {
+        let mut buffer = Self::new(gpu, bytes, usage, &ON_HOST)?;
+        // SAFETY: the memory is visible to the host and not mapped yet.
+        let address = unsafe { gpu.device.map_memory(buffer.memory, 0, vk::WHOLE_SIZE, vk::MemoryMapFlags::empty()) };
+        buffer.address = address.map_err(|error| gpu.error(&error))?.cast();
+        Ok(buffer)
+    }
+
+    fn new(
+        gpu: &Arc<Gpu>,
+        bytes: u64,
+        usage: vk::BufferUsageFlags,
+        kinds: &[vk::MemoryPropertyFlags],
+    ) -> Result<Self, CastError> {
+        let bytes = bytes.max(4);
+        let failed = |error: vk::Result| gpu.error(&format!("a buffer of {bytes} bytes could not be made ({error})"));
+        let info = vk::BufferCreateInfo::default().size(bytes).usage(usage);
+        // SAFETY: the device is alive.
+        let handle = unsafe { gpu.device.create_buffer(&info, None) }.map_err(failed)?;
+        let mut buffer =
+            Self { handle, bytes, memory: vk::DeviceMemory::null(), address: std::ptr::null_mut(), gpu: gpu.clone() };
+        // SAFETY: the buffer was just made.
+        let needs = unsafe { gpu.device.get_buffer_memory_requirements(handle) };
+        let types = &gpu.memory.memory_types[..gpu.memory.memory_type_count as usize];
+        let find = |kind: vk::MemoryPropertyFlags| {
+            (0u32..).zip(types).find(|(index, memory)| {
+                needs.memory_type_bits >> index & 1 != 0 && memory.property_flags.contains(kind)
+            })
+        };
+        let (index, _) = (kinds.iter().find_map(|&kind| find(kind)))
+            .ok_or_else(|| gpu.error(&"it has no memory of the kind that is needed"))?;
+        let info = vk::MemoryAllocateInfo::default().allocation_size(needs.size).memory_type_index(index);
+        // SAFETY: the memory type exists and fits; the memory is bound once, to a buffer that has none.
+        unsafe {
+            buffer.memory = gpu.device.allocate_memory(&info, None).map_err(failed)?;
+            gpu.device.bind_buffer_memory(handle, buffer.memory, 0).map_err(failed)?;
+        }
+        Ok(buffer)
+    }
+
+    /// The bytes of a buffer on the host; none of one on the device.
+    pub(crate) fn contents(&mut self) -> &mut [u8] {
+        if self.address.is_null() {
+            return &mut [];
+        }
+        // SAFETY: the mapping covers the buffer and lasts as long as it does; the memory is coherent, and the device is
+        // idle whenever a caster reaches its buffers.
+        unsafe { std::slice::from_raw_parts_mut(self.address, self.bytes as usize) }
+    }
+}
+
+impl Drop for Buffer {
+    fn drop(&mut self) {
+        // SAFETY: every submission is waited for, so the device no longer uses the buffer. Freeing unmaps.
+        unsafe {
+            self.gpu.device.destroy_buffer(self.handle, None);
+            self.gpu.device.free_memory(self.memory, None);
+        }
+    }
+}
+
+/// Copies `slots` to a new buffer on the device through `staging`, a buffer on the host, piece by piece.
+pub(crate) fn upload(gpu: &Arc<Gpu>, slots: &[u64], staging: &mut Buffer) -> Result<Buffer, CastError> {
+    let usage = vk::BufferUsageFlags::STORAGE_BUFFER | vk::BufferUsageFlags::TRANSFER_DST;
+    let buffer = Buffer::on_device(gpu, size_of_val(slots) as u64, usage)?;
+    let piece_slots = (staging.bytes / 8).max(1) as usize;
+    for (piece, offset) in slots.chunks(piece_slots).zip((0u64..).step_by(piece_slots * 8)) {
+        let bytes: &[u8] = bytemuck::cast_slice(piece);
+        staging.contents()[..bytes.len()].copy_from_slice(bytes);
+        let copy = [vk::BufferCopy { src_offset: 0, dst_offset: offset, size: bytes.len() as u64 }];
+        gpu.run(|device, commands| {
+            // SAFETY: the piece lies within both buffers, which outlive the submission.
+            unsafe { device.cmd_copy_buffer(commands, staging.handle, buffer.handle, &copy) };
+        })?;
+    }
+    Ok(buffer)
+}

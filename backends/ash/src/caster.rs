@@ -1,0 +1,312 @@
+//! The caster: buffers, pipelines, passes.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use ash::vk;
+use ash::vk::{BufferUsageFlags as Usage, DescriptorType};
+use esvo_core::kernel::{self, GpuOptions, Variant};
+use esvo_core::resident::{Resident, SlotMap};
+use esvo_core::{CastError, Caster, Device, FrameTime, Hit, View};
+use esvo_format::{Needs, Octree};
+
+use crate::buffers::{Buffer, upload};
+use crate::gpu::{Gpu, TIMESTAMPS};
+use crate::pipeline::{BufferSet, Pipeline};
+
+/// Pixels of a workgroup.
+const WORKGROUP: (u32, u32) = (8, 8);
+/// Octree data is copied in pieces of this many bytes.
+const STAGING_BYTES: u64 = 64 << 20;
+/// Storage buffers that are not octree data: the coarse values and the output.
+const OTHER_STORAGE_BUFFERS: u32 = 2;
+
+/// Casts by the kernel as SPIR-V through Vulkan.
+pub struct AshCaster {
+    // Fields are dropped in this order; each holds the device, so that it goes last.
+    frame: Option<FrameBuffers>,
+    loaded: Option<Loaded>,
+    options: GpuOptions,
+    gpu: Arc<Gpu>,
+}
+
+/// An octree on the device.
+struct Loaded {
+    pipelines: HashMap<(Pass, Variant), Pipeline>,
+    set: BufferSet,
+    _parts: Vec<Buffer>,
+    map: SlotMap,
+    needs: Needs,
+    bytes: u64,
+    parts: u32,
+    part_shift: u32,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+enum Pass {
+    Coarse,
+    Cast,
+    Time,
+}
+
+/// What depends on the size of the picture.
+struct FrameBuffers {
+    coarse_set: BufferSet,
+    main_set: BufferSet,
+    view: Buffer,
+    coarse: Buffer,
+    out: Buffer,
+    /// Made when hits are first read.
+    staging: Option<Buffer>,
+}
+
+impl AshCaster {
+    /// Opens a device.
+    ///
+    /// # Errors
+    /// [`CastError::Device`] without a Vulkan library, without a device, or without one of the wanted name.
+    pub fn new(options: &GpuOptions) -> Result<Self, CastError> {
+        Ok(Self { frame: None, loaded: None, options: options.clone(), gpu: Arc::new(Gpu::open(options)?) })
+    }
+
+    /// Compiles what a frame needs and makes its buffers. Returns the rows of a band.
+    fn prepare(&mut self, view: &View, pass: Pass) -> Result<u32, CastError> {
+        let loaded = self.loaded.as_mut().ok_or(CastError::NotLoaded)?;
+        let limits = &self.gpu.adapter.limits;
+        let max_bytes = u64::from(limits.max_storage_buffer_range).min(self.gpu.adapter.max_allocation);
+        let max_groups = limits.max_compute_work_group_count[0].min(limits.max_compute_work_group_count[1]);
+        let pixel = pass.bytes_per_pixel();
+        let rows = kernel::band_rows(view, pixel, max_bytes, max_groups, WORKGROUP)?;
+        let (columns, corners) = view.coarse_size();
+        let coarse_bytes = if view.beam() { u64::from(columns) * u64::from(corners) * 4 } else { 4 };
+        let out_bytes = u64::from(rows) * u64::from(view.width) * pixel;
+        let fits = |frame: &FrameBuffers| frame.coarse.bytes >= coarse_bytes && frame.out.bytes >= out_bytes;
+        if !self.frame.as_ref().is_some_and(fits) {
+            let before = self.frame.take().map_or((0, 0), |frame| (frame.coarse.bytes, frame.out.bytes));
+            self.frame = Some(FrameBuffers::new(&self.gpu, coarse_bytes.max(before.0), out_bytes.max(before.1))?);
+        }
+        let frame = self.frame.as_mut().ok_or(CastError::NotLoaded)?;
+        if pass == Pass::Cast && frame.staging.as_ref().is_none_or(|staging| staging.bytes < out_bytes) {
+            frame.staging = None;
+            frame.staging = Some(Buffer::on_host(&self.gpu, out_bytes, Usage::TRANSFER_DST)?);
+        }
+        let variant = loaded.variant(view);
+        if view.beam() {
+            let layout = frame.coarse_set.layout;
+            loaded.compile(&self.gpu, &self.options, Pass::Coarse, variant.of_coarse_pass(), layout)?;
+        }
+        loaded.compile(&self.gpu, &self.options, pass, variant, frame.main_set.layout)?;
+        Ok(rows)
+    }
+
+    /// Casts the rows of one band and waits; the coarse pass goes before the first. With `Pass::Cast`, the hits are in
+    /// the staging buffer then.
+    fn band(&mut self, view: &View, pass: Pass, (first_row, rows): (u32, u32)) -> Result<(), CastError> {
+        let (Some(loaded), Some(frame)) = (&self.loaded, &mut self.frame) else { return Err(CastError::NotLoaded) };
+        let band = kernel::band_view(view, loaded.map.to_resident(view.root), first_row);
+        frame.view.contents()[..size_of::<View>()].copy_from_slice(bytemuck::bytes_of(&band));
+        let frame = &*frame;
+        let variant = loaded.variant(view);
+        let main = &loaded.pipelines[&(pass, variant)];
+        let coarse =
+            (view.beam() && first_row == 0).then(|| &loaded.pipelines[&(Pass::Coarse, variant.of_coarse_pass())]);
+        let queries = self.gpu.queries;
+        let bytes = u64::from(rows) * u64::from(view.width) * pass.bytes_per_pixel();
+        self.gpu.run(|device, commands| {
+            let stamp = |query, stage| {
+                if let Some(queries) = queries {
+                    // SAFETY: the pool has the query, which was reset in the same submission and is written once.
+                    unsafe { device.cmd_write_timestamp(commands, stage, queries, query) };
+                }
+            };
+            if let Some(queries) = queries {
+                // SAFETY: the queries are of this pool; nothing else uses them.
+                unsafe { device.cmd_reset_query_pool(commands, queries, 0, TIMESTAMPS) };
+            }
+            let timed = |first, pipeline: &Pipeline, set, (width, height)| {
+                stamp(first, vk::PipelineStageFlags::TOP_OF_PIPE);
+                pipeline.dispatch(commands, &[set, &loaded.set], kernel::workgroups(width, height, WORKGROUP));
+                stamp(first + 1, vk::PipelineStageFlags::BOTTOM_OF_PIPE);
+            };
+            if let Some(coarse) = coarse {
+                timed(0, coarse, &frame.coarse_set, view.coarse_size());
+                wait_for_writes(device, commands, vk::PipelineStageFlags::COMPUTE_SHADER, vk::AccessFlags::SHADER_READ);
+            }
+            timed(2, main, &frame.main_set, (view.width, rows));
+            if let (Pass::Cast, Some(staging)) = (pass, &frame.staging) {
+                wait_for_writes(device, commands, vk::PipelineStageFlags::TRANSFER, vk::AccessFlags::TRANSFER_READ);
+                let copy = [vk::BufferCopy { src_offset: 0, dst_offset: 0, size: bytes }];
+                // SAFETY: `prepare` made both buffers at least this large.
+                unsafe { device.cmd_copy_buffer(commands, frame.out.handle, staging.handle, &copy) };
+                let read = [vk::MemoryBarrier::default()
+                    .src_access_mask(vk::AccessFlags::TRANSFER_WRITE)
+                    .dst_access_mask(vk::AccessFlags::HOST_READ)];
+                let (from, to) = (vk::PipelineStageFlags::TRANSFER, vk::PipelineStageFlags::HOST);
+                // SAFETY: the command buffer is being recorded.
+                unsafe {
+                    device.cmd_pipeline_barrier(commands, from, to, vk::DependencyFlags::empty(), &read, &[], &[]);
+                }
+            }
+        })
+    }
+}
+
+/// Lets what follows, in `stage`, see what shaders have written before.
+fn wait_for_writes(
+    device: &ash::Device,
+    commands: vk::CommandBuffer,
+    stage: vk::PipelineStageFlags,
+    access: vk::AccessFlags,
+) {
+    let barrier = [vk::MemoryBarrier::default().src_access_mask(vk::AccessFlags::SHADER_WRITE).dst_access_mask(access)];
+    let shader = vk::PipelineStageFlags::COMPUTE_SHADER;
+    // SAFETY: the command buffer is being recorded; the barrier names no objects.
+    unsafe { device.cmd_pipeline_barrier(commands, shader, stage, vk::DependencyFlags::empty(), &barrier, &[], &[]) };
+}
+
+impl Caster for AshCaster {
+    fn name(&self) -> &'static str {
+        "ash"
+    }
+
+    fn device(&self) -> &Device {
+        self.gpu.about()
+    }
+
+    fn load(&mut self, octree: &Arc<Octree>) -> Result<(), CastError> {
+        octree.sound()?;
+        // Room for the new one.
+        self.loaded = None;
+        self.loaded = Some(Loaded::new(&self.gpu, &self.options, octree)?);
+        Ok(())
+    }
+
+    fn cast(&mut self, view: &View, hits: &mut Vec<Hit>) -> Result<(), CastError> {
+        let rows = self.prepare(view, Pass::Cast)?;
+        hits.clear();
+        hits.resize(view.pixels(), Hit::miss(0));
+        for first in (0..view.height).step_by(rows as usize) {
+            let rows = rows.min(view.height - first);
+            self.band(view, Pass::Cast, (first, rows))?;
+            let at = first as usize * view.width as usize;
+            let band: &mut [u8] = bytemuck::cast_slice_mut(&mut hits[at..at + rows as usize * view.width as usize]);
+            let staging = self.frame.as_mut().and_then(|frame| frame.staging.as_mut()).ok_or(CastError::NotLoaded)?;
+            band.copy_from_slice(&staging.contents()[..band.len()]);
+        }
+        self.loaded.as_ref().ok_or(CastError::NotLoaded)?.map.restore(hits);
+        Ok(())
+    }
+
+    fn time(&mut self, view: &View) -> Result<FrameTime, CastError> {
+        let rows = self.prepare(view, Pass::Time)?;
+        let mut time = FrameTime { total: Duration::ZERO, coarse: Duration::ZERO };
+        for first in (0..view.height).step_by(rows as usize) {
+            let rows = rows.min(view.height - first);
+            let start = Instant::now();
+            self.band(view, Pass::Time, (first, rows))?;
+            let wall = start.elapsed();
+            let beam = view.beam() && first == 0;
+            time.total += match self.gpu.queries {
+                Some(queries) => self.gpu.between(queries, if beam { 0 } else { 2 }, 3)?,
+                None => wall,
+            };
+            if let (true, Some(queries)) = (beam, self.gpu.queries) {
+                time.coarse += self.gpu.between(queries, 0, 1)?;
+            }
+        }
+        Ok(time)
+    }
+
+    fn resident_bytes(&self) -> u64 {
+        self.loaded.as_ref().map_or(0, |loaded| loaded.bytes)
+    }
+}
+
+impl Pass {
+    fn entry(self) -> &'static str {
+        match self {
+            Self::Coarse => kernel::ENTRY_COARSE,
+            Self::Cast => kernel::ENTRY_CAST,
+            Self::Time => kernel::ENTRY_TIME,
+        }
+    }
+
+    fn bytes_per_pixel(self) -> u64 {
+        if self == Self::Cast { size_of::<Hit>() as u64 } else { 4 }
+    }
+}
+
+impl Loaded {
+    fn new(gpu: &Arc<Gpu>, options: &GpuOptions, octree: &Octree) -> Result<Self, CastError> {
+        let resident = Resident::new(octree);
+        let slots = resident.slots();
+        let limits = &gpu.adapter.limits;
+        let bindings = limits.max_per_stage_descriptor_storage_buffers.min(limits.max_descriptor_set_storage_buffers);
+        let max_parts = bindings.saturating_sub(OTHER_STORAGE_BUFFERS).min(32);
+        let max_bytes = u64::from(limits.max_storage_buffer_range).min(gpu.adapter.max_allocation);
+        let max_bytes = options.max_part_bytes.unwrap_or(u64::MAX).min(max_bytes);
+        let bytes = size_of_val(slots) as u64;
+        let Some((parts, part_shift)) = kernel::split(slots.len(), max_bytes, max_parts) else {
+            return Err(gpu.error(&format!(
+                "the octree takes {bytes} bytes without attachments, more than {max_parts} bindings of {max_bytes} bytes: \
+                 build it with fewer levels, or cast it on the processor"
+            )));
+        };
+        let part_slots = if parts == 1 { slots.len().max(1) } else { 1 << part_shift };
+        let mut staging = Buffer::on_host(gpu, STAGING_BYTES.min(bytes), Usage::TRANSFER_SRC)?;
+        let buffers: Vec<Buffer> =
+            slots.chunks(part_slots).map(|part| upload(gpu, part, &mut staging)).collect::<Result<_, _>>()?;
+        let bindings: Vec<_> = buffers.iter().map(|buffer| (DescriptorType::STORAGE_BUFFER, buffer)).collect();
+        let set = BufferSet::new(gpu, &bindings)?;
+        gpu.check()?;
+        let (map, needs) = (resident.into_map(), octree.needs());
+        Ok(Self { pipelines: HashMap::new(), set, _parts: buffers, map, needs, bytes, parts, part_shift })
+    }
+
+    /// The main pass's kernel for a view.
+    fn variant(&self, view: &View) -> Variant {
+        Variant {
+            contours: view.contours() && self.needs.contours,
+            far_pointers: self.needs.far_pointers,
+            lod: view.max_voxel_pixels > 0.0,
+            beam: view.beam(),
+            levels: self.needs.levels,
+            parts: self.parts,
+            part_shift: self.part_shift,
+            workgroup: WORKGROUP,
+        }
+    }
+
+    /// Makes the pipeline of a pass unless it is there.
+    fn compile(
+        &mut self,
+        gpu: &Arc<Gpu>,
+        options: &GpuOptions,
+        pass: Pass,
+        variant: Variant,
+        frame: vk::DescriptorSetLayout,
+    ) -> Result<(), CastError> {
+        if !self.pipelines.contains_key(&(pass, variant)) {
+            let pipeline = Pipeline::new(gpu, &options.source(&variant), pass.entry(), &[frame, self.set.layout])?;
+            self.pipelines.insert((pass, variant), pipeline);
+        }
+        Ok(())
+    }
+}
+
+impl FrameBuffers {
+    fn new(gpu: &Arc<Gpu>, coarse_bytes: u64, out_bytes: u64) -> Result<Self, CastError> {
+        let view = Buffer::on_host(gpu, size_of::<View>() as u64, Usage::UNIFORM_BUFFER)?;
+        let coarse = Buffer::on_device(gpu, coarse_bytes, Usage::STORAGE_BUFFER)?;
+        let out = Buffer::on_device(gpu, out_bytes, Usage::STORAGE_BUFFER | Usage::TRANSFER_SRC)?;
+        let bindings = [
+            (DescriptorType::UNIFORM_BUFFER, &view),
+            (DescriptorType::STORAGE_BUFFER, &coarse),
+            (DescriptorType::STORAGE_BUFFER, &out),
+        ];
+        let coarse_set = BufferSet::new(gpu, &bindings[..2])?;
+        let main_set = BufferSet::new(gpu, &bindings)?;
+        Ok(Self { coarse_set, main_set, view, coarse, out, staging: None })
+    }
+}
