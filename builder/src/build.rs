@@ -65,7 +65,7 @@ pub struct Built {
 pub fn build(mesh: &Mesh, settings: &BuildSettings, progress: &(dyn Fn(Progress) + Sync)) -> Result<Built, BuildError> {
     settings.check()?;
     let start = Instant::now();
-    let surface = Surface::new(mesh)?;
+    let surface = Surface::new(mesh, settings.levels)?;
     let prepare = start.elapsed();
 
     let start = Instant::now();

@@ -1,14 +1,17 @@
-//! Bounds of a texture's colours over boxes of texture coordinates, from a pyramid of minima and maxima.
+//! Bounds of a texture's colours over boxes of texture coordinates, from pyramids of minima and maxima.
+//!
+//! What the finest voxels cannot show is of no interest to a coarser one: the bounds are over texels averaged to the size
+//! of the finest voxels, so there is one pyramid per mip level of the texture.
 
 use std::sync::LazyLock;
 
 use glam::{Vec2, Vec3};
 
-use crate::Texture;
+use crate::{MipLevel, Texture};
 
-/// Least and greatest texel of every texel's area, on every level down to one texel.
+/// For every mip level, least and greatest texel of every texel's area on every level down to one texel.
 pub struct RangeMap {
-    levels: Vec<Level>,
+    pyramids: Vec<Vec<Level>>,
 }
 
 struct Level {
@@ -35,38 +38,23 @@ pub struct Bounds {
 }
 
 impl RangeMap {
-    /// Builds the pyramid.
+    /// Builds the pyramids.
     pub fn new(texture: &Texture) -> Self {
-        let base = &texture.mips[0];
-        let texels = base.texels.iter().map(|&[r, g, b, a]| Bounds8 { min: [r, g, b], max: [r, g, b], max_alpha: a });
-        let mut levels = vec![Level { width: base.width, height: base.height, texels: texels.collect() }];
-        while let Some(last) = levels.last().filter(|l| l.width > 1 || l.height > 1) {
-            let (width, height) = (last.width.div_ceil(2), last.height.div_ceil(2));
-            let mut texels = Vec::with_capacity((width * height) as usize);
-            for y in 0..height {
-                for x in 0..width {
-                    let (x1, y1) = ((2 * x + 1).min(last.width - 1), (2 * y + 1).min(last.height - 1));
-                    let mut bounds = last.at(2 * x, 2 * y);
-                    for (x, y) in [(x1, 2 * y), (2 * x, y1), (x1, y1)] {
-                        bounds.extend(&last.at(x, y));
-                    }
-                    texels.push(bounds);
-                }
-            }
-            levels.push(Level { width, height, texels });
-        }
-        Self { levels }
+        Self { pyramids: texture.mips.iter().map(pyramid).collect() }
     }
 
     /// Bounds over a box of texture coordinates, which wrap, and the texels that filtering reaches around it.
-    pub fn in_box(&self, lo: Vec2, hi: Vec2) -> Bounds {
-        let size = Vec2::new(self.levels[0].width as f32, self.levels[0].height as f32);
+    /// Texels are averaged over `footprint` texels of the full image.
+    pub fn in_box(&self, lo: Vec2, hi: Vec2, footprint: f32) -> Bounds {
+        let mip = (footprint.max(1.0).log2() as usize).min(self.pyramids.len() - 1);
+        let pyramid = &self.pyramids[mip];
+        let size = Vec2::new(pyramid[0].width as f32, pyramid[0].height as f32);
         let (lo, hi) = (lo * size - 0.5, hi * size + 0.5);
         let extent = (hi - lo).max_element().max(1.0);
         // On this level the box spans at most three texels each way.
-        let level = (extent.log2().floor().max(0.0) as usize).min(self.levels.len() - 1);
+        let level = (extent.log2().floor().max(0.0) as usize).min(pyramid.len() - 1);
         let scale = 1.0 / (1u64 << level) as f32;
-        let map = &self.levels[level];
+        let map = &pyramid[level];
         let first = (lo * scale).floor();
         let count = ((hi * scale).floor() - first).clamp(Vec2::ZERO, Vec2::splat(2.0));
         let mut bounds: Option<Bounds8> = None;
@@ -86,6 +74,28 @@ impl RangeMap {
         let b = bounds.unwrap_or(map.texels[0]);
         Bounds { min: decode_srgb(b.min), max: decode_srgb(b.max), max_alpha: f32::from(b.max_alpha) / 255.0 }
     }
+}
+
+/// The pyramid over one mip level.
+fn pyramid(base: &MipLevel) -> Vec<Level> {
+    let texels = base.texels.iter().map(|&[r, g, b, a]| Bounds8 { min: [r, g, b], max: [r, g, b], max_alpha: a });
+    let mut levels = vec![Level { width: base.width, height: base.height, texels: texels.collect() }];
+    while let Some(last) = levels.last().filter(|l| l.width > 1 || l.height > 1) {
+        let (width, height) = (last.width.div_ceil(2), last.height.div_ceil(2));
+        let mut texels = Vec::with_capacity((width * height) as usize);
+        for y in 0..height {
+            for x in 0..width {
+                let (x1, y1) = ((2 * x + 1).min(last.width - 1), (2 * y + 1).min(last.height - 1));
+                let mut bounds = last.at(2 * x, 2 * y);
+                for (x, y) in [(x1, 2 * y), (2 * x, y1), (x1, y1)] {
+                    bounds.extend(&last.at(x, y));
+                }
+                texels.push(bounds);
+            }
+        }
+        levels.push(Level { width, height, texels });
+    }
+    levels
 }
 
 impl Level {

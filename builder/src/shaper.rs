@@ -149,10 +149,14 @@ impl Shaper {
         if voxel.pieces.len() > MAX_FIT_TRIANGLES {
             return false;
         }
+        let surface = voxel.surface;
         self.polyhedron.vertices().all(|v| {
             let p = voxel.centre + v.as_dvec3() * voxel.size;
-            let corners = |piece: &Piece| &voxel.surface.corners[piece.triangle as usize];
-            voxel.pieces.iter().any(|piece| within(p, corners(piece), deviation))
+            voxel.pieces.iter().any(|piece| {
+                let corners = &surface.corners[piece.triangle as usize];
+                let height = (p - corners[0]).dot(surface.normals[piece.triangle as usize].as_dvec3());
+                height.abs() <= deviation && within(p, corners, deviation)
+            })
         })
     }
 
@@ -240,16 +244,14 @@ fn segment_meets_cube(a: DVec3, b: DVec3, centre: DVec3, half: f64) -> bool {
     t0 <= t1
 }
 
-/// Whether `p` is within `distance` of a triangle.
+/// Whether `p`, which is within `distance` of a triangle's plane, is within `distance` of the triangle.
+///
+/// Above the inside of the triangle the plane decides; elsewhere the nearest point is on an edge.
 fn within(p: DVec3, [a, b, c]: &[DVec3; 3], distance: f64) -> bool {
     let (ab, bc, ca) = (*b - *a, *c - *b, *a - *c);
     let n = ab.cross(-ca);
     let (pa, pb, pc) = (p - *a, p - *b, p - *c);
-    let height = n.dot(pa);
     let squared = distance * distance;
-    if height * height > squared * n.length_squared() {
-        return false;
-    }
     let outside_ab = ab.cross(n).dot(pa) > 0.0;
     let outside_bc = bc.cross(n).dot(pb) > 0.0;
     let outside_ca = ca.cross(n).dot(pc) > 0.0;

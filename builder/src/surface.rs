@@ -27,6 +27,8 @@ pub struct Surface<'a> {
     pub octree_to_mesh: DMat4,
     /// Triangles without area.
     pub dropped: usize,
+    /// Edge of the finest voxels in octree units.
+    finest_voxel: f32,
     /// Whether some material is cut out by its alpha.
     pub has_holes: bool,
 }
@@ -52,8 +54,9 @@ pub struct Sample {
 }
 
 impl<'a> Surface<'a> {
-    /// Checks the mesh and moves it into the root cube: centred, its largest extent filling the cube.
-    pub fn new(mesh: &'a Mesh) -> Result<Self, BuildError> {
+    /// Checks the mesh and moves it into the root cube: centred, its largest extent filling the cube. The finest voxels
+    /// will be of level `levels`.
+    pub fn new(mesh: &'a Mesh, levels: u32) -> Result<Self, BuildError> {
         mesh.validate().map_err(|e| BuildError::Mesh(e.to_string()))?;
         let octree_to_mesh = place(mesh)?;
         let scale = 1.0 / octree_to_mesh.x_axis.x;
@@ -75,6 +78,7 @@ impl<'a> Surface<'a> {
         let mut surface = Self {
             mesh,
             dropped: mesh.triangles.len() - source.len(),
+            finest_voxel: (-(levels as f32)).exp2(),
             has_holes: materials.iter().any(|m| m.alpha_cutoff.is_some()),
             source,
             corners,
@@ -124,7 +128,7 @@ impl<'a> Surface<'a> {
         let Some(cutoff) = look.alpha_cutoff else { return false };
         let Some((_, range)) = &look.texture else { return look.alpha < cutoff };
         let (lo, hi) = self.uv_bounds(triangle, vertices);
-        range.in_box(lo, hi).max_alpha * look.alpha < cutoff
+        range.in_box(lo, hi, 0.0).max_alpha * look.alpha < cutoff
     }
 
     fn uv_bounds(&self, triangle: u32, vertices: &[DVec3]) -> (Vec2, Vec2) {
@@ -171,7 +175,8 @@ impl<'a> Surface<'a> {
             let texel = texture.sample(uv.into(), footprint);
             color *= Vec3::new(texel[0], texel[1], texel[2]);
             let (uv_lo, uv_hi) = self.uv_bounds(triangle, vertices);
-            let bounds = range.in_box(uv_lo, uv_hi);
+            let finest = self.finest_voxel * self.texel_density[triangle as usize];
+            let bounds = range.in_box(uv_lo, uv_hi, finest);
             lo *= bounds.min;
             hi *= bounds.max;
         }
