@@ -1,0 +1,258 @@
+//! How far what an octree caster found is from the triangles themselves.
+
+use esvo_core::exact::{CameraRays, TriangleHit};
+use esvo_core::shading::{octree_to_mesh, voxel_normal};
+use esvo_core::{Hit, View};
+use esvo_format::Octree;
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+/// What a set of errors comes to. All zero for an empty set.
+#[derive(Clone, Copy, PartialEq, Debug, Default, Serialize, Deserialize)]
+pub struct Summary {
+    /// Half of the errors are at most this.
+    pub median: f64,
+    /// 90 % of the errors are at most this.
+    pub p90: f64,
+    /// 99 % of the errors are at most this.
+    pub p99: f64,
+    /// Mean; a few rays that graze an edge and hit what lies behind it can make most of it.
+    pub mean: f64,
+    /// Largest.
+    pub max: f64,
+}
+
+impl Summary {
+    /// Of numbers that are not NaN, in any order. Percentiles are the nearest rank: always one of the numbers.
+    pub fn of(mut errors: Vec<f64>) -> Self {
+        if errors.is_empty() {
+            return Self::default();
+        }
+        errors.sort_unstable_by(f64::total_cmp);
+        let count = errors.len();
+        // The least number that so many percent of all do not exceed.
+        let rank = |percent: usize| errors[(count * percent).div_ceil(100).max(1) - 1];
+        Self {
+            median: rank(50),
+            p90: rank(90),
+            p99: rank(99),
+            mean: errors.iter().sum::<f64>() / count as f64,
+            max: errors[count - 1],
+        }
+    }
+}
+
+/// Depth error of a picture.
+#[derive(Clone, Copy, PartialEq, Debug, Default, Serialize, Deserialize)]
+pub struct DepthError {
+    /// Rays compared.
+    pub rays: u64,
+    /// Rays that hit in both; the summaries are of these.
+    pub both_hit: u64,
+    /// Rays that hit triangles, but no voxel: holes.
+    pub only_exact: u64,
+    /// Rays that hit a voxel, but no triangle.
+    pub only_octree: u64,
+    /// Rays whose `t` is not a number, or lies outside `0..=1` without being a miss; counted nowhere else. Above 0 the
+    /// caster is broken.
+    pub strange: u64,
+    /// `(only_exact + only_octree + strange) / rays`.
+    pub disagreement: f64,
+    /// Mean of the signed error along the ray in pixels: above 0, voxels lie behind the surface.
+    pub bias_pixels: f64,
+    /// Distance between the two hits along the ray, in footprints of a pixel at the exact hit.
+    pub pixels: Summary,
+    /// The same in mesh units.
+    pub scene: Summary,
+    /// The same in edges of the octree's finest voxels.
+    pub voxels: Summary,
+}
+
+impl DepthError {
+    /// Compares hits ray by ray. `rays` are those that both were cast with, and `finest_voxel` is the edge of the octree's
+    /// finest voxels in mesh units ([`finest_voxel`]).
+    ///
+    /// # Panics
+    /// The number of hits is not that of the rays.
+    pub fn between(rays: &CameraRays, exact: &[TriangleHit], hits: &[Hit], finest_voxel: f64) -> Self {
+        assert!(exact.len() == rays.pixels() && hits.len() == rays.pixels(), "one hit for every ray");
+        let mut error = Self { rays: hits.len() as u64, ..Self::default() };
+        let (mut pixels, mut scene, mut voxels) = (Vec::new(), Vec::new(), Vec::new());
+        for (index, (exact, hit)) in exact.iter().zip(hits).enumerate() {
+            let t = f64::from(hit.t);
+            match (exact.is_miss(), hit.is_miss()) {
+                (_, false) if !(0.0..=1.0).contains(&t) => error.strange += 1,
+                (_, true) if hit.t != Hit::MISS_T => error.strange += 1,
+                (true, true) => {}
+                (false, true) => error.only_exact += 1,
+                (true, false) => error.only_octree += 1,
+                (false, false) => {
+                    let distance = (t - exact.t) * rays.ray_at(index).direction.length();
+                    let footprint = rays.pixel_size() * exact.t;
+                    error.bias_pixels += distance / footprint;
+                    pixels.push(distance.abs() / footprint);
+                    scene.push(distance.abs());
+                    voxels.push(distance.abs() / finest_voxel);
+                }
+            }
+        }
+        error.both_hit = pixels.len() as u64;
+        error.bias_pixels /= pixels.len().max(1) as f64;
+        let disagreeing = error.only_exact + error.only_octree + error.strange;
+        error.disagreement = disagreeing as f64 / hits.len().max(1) as f64;
+        (error.pixels, error.scene, error.voxels) = (Summary::of(pixels), Summary::of(scene), Summary::of(voxels));
+        error
+    }
+}
+
+/// Edge of the finest voxels of an object, in mesh units.
+///
+/// # Panics
+/// There is no such object.
+pub fn finest_voxel(octree: &Octree, object: usize) -> f64 {
+    let root = octree.octree_to_mesh(object).determinant().abs().cbrt();
+    root * (-f64::from(octree.objects()[object].levels)).exp2()
+}
+
+/// Angles in degrees between the normals of voxels and of the surface, where both were hit. The side does not matter: a
+/// normal and its opposite are 0 apart, and 90 is the most.
+///
+/// `surface_normal` gives the normal of a triangle at a point, in mesh space, any length; triangles without one (zero) are
+/// left out, and so are voxels without one.
+///
+/// # Panics
+/// The hits are not of this octree and view.
+pub fn normal_error(
+    octree: &Octree,
+    view: &View,
+    exact: &[TriangleHit],
+    hits: &[Hit],
+    mut surface_normal: impl FnMut(u32, DVec3) -> DVec3,
+) -> Summary {
+    let to_mesh = octree_to_mesh(octree, view);
+    let rays = CameraRays::of_view(view, to_mesh);
+    let mut angles = Vec::new();
+    for (index, (exact, hit)) in exact.iter().zip(hits).enumerate() {
+        if exact.is_miss() || hit.is_miss() {
+            continue;
+        }
+        let ray = rays.ray_at(index);
+        let surface = surface_normal(exact.triangle, ray.origin + ray.direction * exact.t);
+        let (x, y) = (index as u32 % view.width, index as u32 / view.width);
+        let voxel = voxel_normal(octree, &to_mesh, &view.ray(x, y), hit);
+        // By sine and cosine: the arc cosine alone loses half the digits of a small angle.
+        let angle = surface.cross(voxel).length().atan2(surface.dot(voxel).abs());
+        if surface != DVec3::ZERO && voxel != DVec3::ZERO && angle.is_finite() {
+            angles.push(angle.to_degrees());
+        }
+    }
+    Summary::of(angles)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use esvo_core::reference::cast_fine;
+    use esvo_core::{Camera, CastOptions};
+    use esvo_cpu::triangles::TriangleScene;
+    use esvo_format::{AssembleOptions, Tree, Voxel, assemble};
+    use glam::DMat4;
+
+    #[test]
+    fn percentiles_are_nearest_ranks() {
+        assert_eq!(Summary::of(Vec::new()), Summary::default());
+        let one = Summary::of(vec![3.0]);
+        assert_eq!((one.median, one.p90, one.p99, one.mean, one.max), (3.0, 3.0, 3.0, 3.0, 3.0));
+        let hundred = Summary::of((1..=100).rev().map(f64::from).collect());
+        assert_eq!((hundred.median, hundred.p90, hundred.p99, hundred.max), (50.0, 90.0, 99.0, 100.0));
+        assert_eq!(hundred.mean, 50.5);
+        let ten = Summary::of((1..=10).map(f64::from).collect());
+        assert_eq!((ten.median, ten.p90, ten.p99), (5.0, 9.0, 10.0));
+        assert_eq!(Summary::of(vec![2.0, 1.0]).median, 1.0);
+    }
+
+    /// The lower half of the root cube, full at one level: its top is the plane z = 0 in mesh space, 4 units wide.
+    fn slab() -> Octree {
+        let mut tree = Tree::default();
+        let voxel = |slot: usize| (slot < 4).then_some(Voxel { leaf: true, ..Voxel::default() });
+        let root = tree.open(&std::array::from_fn(voxel));
+        tree.close(root);
+        let to_mesh = DMat4::from_translation(DVec3::splat(-2.0)) * DMat4::from_scale(DVec3::splat(4.0));
+        assemble(&tree, to_mesh, &AssembleOptions::default()).unwrap()
+    }
+
+    fn plane(z: f64, half: f64) -> TriangleScene {
+        let p = |x: f64, y: f64| [x * half, y * half, z];
+        let triangles = vec![[p(-1., -1.), p(1., -1.), p(1., 1.)], [p(-1., -1.), p(1., 1.), p(-1., 1.)]];
+        TriangleScene::new(triangles).unwrap()
+    }
+
+    fn pictures(octree: &Octree, scene: &TriangleScene) -> (CameraRays, View, Vec<TriangleHit>, Vec<Hit>) {
+        let camera = Camera {
+            eye: [0.03, 0.05, 4.0],
+            forward: [0.0, 0.0, -1.0],
+            up: [0.0, 1.0, 0.0],
+            fov_degrees: 40.0,
+            near: 0.1,
+            far: 8.0,
+        };
+        let root = octree.objects()[0].root_slot as u32;
+        let options = CastOptions { max_voxel_pixels: 0.0, ..CastOptions::default() };
+        let view = View::new(&camera, octree.octree_to_mesh(0), root, (60, 40), &options).unwrap();
+        let rays = CameraRays::new(&camera, (60, 40)).unwrap();
+        let mut hits = Vec::new();
+        cast_fine(octree, &view, &[], &mut hits);
+        (rays, view, scene.cast_exact(&rays), hits)
+    }
+
+    #[test]
+    fn a_plane_that_lies_deeper_by_a_known_distance() {
+        let octree = slab();
+        assert_eq!(finest_voxel(&octree, 0), 2.0);
+        let (rays, view, exact, hits) = pictures(&octree, &plane(0.0, 2.0));
+        let same = DepthError::between(&rays, &exact, &hits, 2.0);
+        assert!(same.disagreement < 0.01 && same.both_hit > 1500, "{same:?}");
+        assert!(same.scene.max < 1e-5, "{same:?}");
+
+        // The triangles lie 0.25 in front of the voxels: straight ahead that is the error, more towards the corners.
+        let (_, _, exact, _) = pictures(&octree, &plane(0.25, 1.2));
+        let error = DepthError::between(&rays, &exact, &hits, 2.0);
+        assert!(error.scene.median > 0.25 && error.scene.max < 0.25 * 1.25, "{error:?}");
+        assert!((error.voxels.mean - error.scene.mean / 2.0).abs() < 1e-12);
+        // A pixel is 2 tan(20°) 3.75 / 40 wide there.
+        let footprint = 2.0 * 20f64.to_radians().tan() * 3.75 / 40.0;
+        assert!((error.pixels.max - error.scene.max / footprint).abs() < 1e-3, "{error:?}");
+        assert!((error.bias_pixels - error.pixels.mean).abs() < 1e-9, "voxels lie behind: {error:?}");
+        // The triangles cover less of the picture.
+        assert!(error.only_octree > 100 && error.only_exact == 0 && error.strange == 0, "{error:?}");
+        assert_eq!(error.disagreement, error.only_octree as f64 / 2400.0);
+
+        let flat = normal_error(&octree, &view, &exact, &hits, |_, _| DVec3::NEG_Z * 5.0);
+        assert!(flat.max < 1e-6, "{flat:?}");
+        let tilted = normal_error(&octree, &view, &exact, &hits, |_, _| DVec3::new(0.0, 1.0, 1.0));
+        assert!((tilted.median - 45.0).abs() < 1e-9 && (tilted.max - 45.0).abs() < 1e-9, "{tilted:?}");
+    }
+
+    /// The negative control: what a caster may get wrong shows.
+    #[test]
+    fn faults_are_counted() {
+        let (octree, scene) = (slab(), plane(0.0, 2.0));
+        let (rays, _, exact, hits) = pictures(&octree, &scene);
+        let good = DepthError::between(&rays, &exact, &hits, 2.0);
+        let mut bad = hits.clone();
+        let full: Vec<usize> = (0..bad.len()).filter(|&i| !bad[i].is_miss() && !exact[i].is_miss()).collect();
+        bad[full[0]].t = f32::NAN;
+        bad[full[1]].t = -0.1;
+        bad[full[2]] = Hit::miss(1);
+        bad[full[3]].t *= 1.5;
+        bad[full[4]] = Hit { t: 0.3, ..Hit::miss(1) };
+        let error = DepthError::between(&rays, &exact, &bad, 2.0);
+        assert_eq!((error.strange, error.only_exact), (3, good.only_exact + 1));
+        assert!(error.scene.max > 1.9 && error.pixels.p99 < 1e-3, "{error:?}");
+        assert!(error.disagreement > good.disagreement);
+        // A triangle that is gone is noticed too.
+        let half = TriangleScene::new(vec![scene.triangles()[0].map(Into::into)]).unwrap();
+        let error = DepthError::between(&rays, &half.cast_exact(&rays), &hits, 2.0);
+        assert!(error.disagreement > 0.3, "{error:?}");
+    }
+}
