@@ -171,13 +171,13 @@ impl<V: Visitor> Walk<'_, V> {
             return none;
         }
         let Some((first, block)) = self.first_child(step, descriptor)? else { return none };
-        if first % 2 != 0 {
-            self.note(ids::CHILD_PAGE, first.into(), "siblings start at an odd slot".into())?;
-        }
         let parts = &self.octree.parts()[block as usize];
         if u64::from(first) + u64::from(count) > u64::from(parts.start + parts.array_slots) {
             self.fail(ids::CHILD_RANGE, at, format!("{count} children at slot {first} leave the descriptor array"))?;
             return none;
+        }
+        if first % 2 != 0 {
+            self.note(ids::CHILD_PAGE, first.into(), "siblings start at an odd slot".into())?;
         }
         if !self.claim(first, count, block)? {
             return none;

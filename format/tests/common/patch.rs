@@ -1,0 +1,117 @@
+//! Changing the bytes of a file, with the checksums put right afterwards.
+
+/// A file in memory. Offsets are those of version 1, as the writer lays it out: the directory behind the header, blocks
+/// stored as they are.
+#[derive(Clone)]
+pub(crate) struct File(pub(crate) Vec<u8>);
+
+/// Places of the header and of the directory's entries.
+pub(crate) const DIRECTORY: usize = 64;
+pub(crate) const ENTRY: usize = 32;
+
+impl File {
+    pub(crate) fn u32(&self, at: usize) -> u32 {
+        u32::from_le_bytes(self.0[at..at + 4].try_into().unwrap())
+    }
+
+    pub(crate) fn u64(&self, at: usize) -> u64 {
+        u64::from_le_bytes(self.0[at..at + 8].try_into().unwrap())
+    }
+
+    pub(crate) fn set_u32(&mut self, at: usize, value: u32) {
+        self.0[at..at + 4].copy_from_slice(&value.to_le_bytes());
+    }
+
+    pub(crate) fn set_u64(&mut self, at: usize, value: u64) {
+        self.0[at..at + 8].copy_from_slice(&value.to_le_bytes());
+    }
+
+    /// Number of directory entries.
+    pub(crate) fn sections(&self) -> usize {
+        self.u32(48) as usize
+    }
+
+    /// First byte of the directory entry with this tag.
+    pub(crate) fn entry(&self, tag: &[u8; 4]) -> usize {
+        (0..self.sections()).map(|i| DIRECTORY + ENTRY * i).find(|at| &self.0[*at..at + 4] == tag).expect("a section")
+    }
+
+    /// First byte and length of the section with this tag.
+    pub(crate) fn section(&self, tag: &[u8; 4]) -> (usize, usize) {
+        let entry = self.entry(tag);
+        (self.u64(entry + 8) as usize, self.u64(entry + 16) as usize)
+    }
+
+    /// First byte of object table entry `index`.
+    pub(crate) fn object(&self, index: usize) -> usize {
+        self.section(b"OBJT").0 + 192 * index
+    }
+
+    /// First byte of block table entry `index`.
+    pub(crate) fn block(&self, index: usize) -> usize {
+        self.section(b"BLKT").0 + 72 * index
+    }
+
+    pub(crate) fn blocks(&self) -> usize {
+        self.section(b"BLKT").1 / 72
+    }
+
+    /// First byte of slot `slot` of the image.
+    pub(crate) fn slot(&self, slot: usize) -> usize {
+        self.section(b"BLKS").0 + 8 * slot
+    }
+
+    /// First byte of the info section of block `index`.
+    pub(crate) fn info(&self, index: usize) -> usize {
+        let start = self.u64(self.block(index) + 40) as usize;
+        start + 8 * self.u32(start) as usize
+    }
+
+    /// First byte of the contour pool of block `index`.
+    pub(crate) fn pool(&self, index: usize) -> usize {
+        self.info(index) + 4 * self.u32(self.info(index) + 12) as usize
+    }
+
+    /// First byte of entry `k` of the attachment directory of block `index`.
+    pub(crate) fn attachment(&self, index: usize, k: usize) -> usize {
+        self.info(index) + 32 + 16 * k
+    }
+
+    /// Puts every checksum right that can be located: blocks, sections, directory, header.
+    pub(crate) fn seal(&mut self) {
+        self.seal_blocks();
+        self.seal_sections();
+        self.seal_header();
+    }
+
+    pub(crate) fn seal_blocks(&mut self) {
+        for index in 0..self.blocks() {
+            let at = self.block(index);
+            let (start, length) = (self.u64(at + 40) as usize, self.u64(at + 48) as usize);
+            if let Some(bytes) = start.checked_add(length).and_then(|end| self.0.get(start..end)) {
+                let crc = crc32fast::hash(bytes);
+                self.set_u32(at + 60, crc);
+            }
+        }
+    }
+
+    pub(crate) fn seal_sections(&mut self) {
+        for i in 0..self.sections() {
+            let at = DIRECTORY + ENTRY * i;
+            let (start, length) = (self.u64(at + 8) as usize, self.u64(at + 16) as usize);
+            let Some(bytes) = start.checked_add(length).and_then(|end| self.0.get(start..end)) else { continue };
+            let crc = if self.u32(at + 4) & 2 != 0 { 0 } else { crc32fast::hash(bytes) };
+            self.set_u32(at + 24, crc);
+        }
+    }
+
+    pub(crate) fn seal_header(&mut self) {
+        let start = self.u64(40) as usize;
+        if let Some(bytes) = self.0.get(start..start.saturating_add(self.sections() * ENTRY)) {
+            let crc = crc32fast::hash(bytes);
+            self.set_u32(52, crc);
+        }
+        let crc = crc32fast::hash(&self.0[..60]);
+        self.set_u32(60, crc);
+    }
+}
