@@ -1,1 +1,30 @@
-//! The benchmark harness of esvo: matrix, timing, error, tables.
+//! The benchmark harness of esvo: matrix, checks, timing, error, tables.
+//!
+//! [`run::run`] takes a [`Matrix`] and gives a [`Report`], from which [`tables`] makes what is printed and
+//! [`output`] what is written.
+
+mod backend;
+pub mod check;
+mod clock;
+pub mod error;
+mod failure;
+pub mod machine;
+pub mod matrix;
+mod measure;
+pub mod output;
+mod paper;
+pub mod picture;
+mod progress;
+pub mod report;
+pub mod run;
+pub mod scene;
+pub mod tables;
+pub mod text;
+pub mod timing;
+pub mod viewpoint;
+
+pub use backend::Backend;
+pub use failure::BenchError;
+pub use matrix::Matrix;
+pub use progress::Progress;
+pub use report::Report;

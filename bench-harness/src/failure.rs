@@ -1,0 +1,62 @@
+//! Why a run could not be done.
+
+use std::path::{Path, PathBuf};
+
+use esvo_core::CastError;
+
+/// Why the harness gave up. Each message is one line: what, where, what to do.
+#[derive(Debug, thiserror::Error)]
+pub enum BenchError {
+    /// The operating system refused.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// The file or folder.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// A matrix that makes no sense.
+    #[error("{file}: {what}")]
+    Matrix {
+        /// The file as given.
+        file: String,
+        /// What is wrong with it.
+        what: String,
+    },
+    /// A scene that does not exist or cannot be used.
+    #[error("scene {scene}: {what}")]
+    Scene {
+        /// Its name as given.
+        scene: String,
+        /// What is wrong.
+        what: String,
+    },
+    /// A caster that had worked failed.
+    #[error("caster {backend}: {source}")]
+    Cast {
+        /// Name of the caster.
+        backend: &'static str,
+        /// What it said.
+        source: CastError,
+    },
+    /// An engine that this program was built without, or that finds no device.
+    #[error("backend {backend}: {what}")]
+    Backend {
+        /// Its name.
+        backend: &'static str,
+        /// What is missing, and how to get it.
+        what: String,
+    },
+}
+
+impl BenchError {
+    /// An [`Io`](Self::Io) error at `path`.
+    pub fn io(path: &Path, source: std::io::Error) -> Self {
+        Self::Io { path: path.to_owned(), source }
+    }
+
+    /// A [`Scene`](Self::Scene) error.
+    pub fn scene(scene: &str, what: impl ToString) -> Self {
+        Self::Scene { scene: scene.into(), what: what.to_string() }
+    }
+}

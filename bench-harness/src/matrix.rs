@@ -1,0 +1,201 @@
+//! What is measured: scenes, levels, resolutions, variants, backends. Read from TOML.
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use crate::{Backend, BenchError};
+
+/// The matrix of a run.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Matrix {
+    /// Name, for the report.
+    pub name: String,
+    /// Viewpoints per scene, at least 1; fewer where the scene's manifest has fewer.
+    pub views: usize,
+    /// Timed rounds per row, at least 1. In every round each variant of the row casts each view once.
+    pub rounds: usize,
+    /// Rounds before those, not recorded.
+    pub warm_up: usize,
+    /// The run is planned to end within this many seconds: deeper levels and further rounds are given up for it, and the
+    /// report says so. Absent: no limit.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub time_limit_seconds: Option<f64>,
+    /// Memory that a run may use, in units of 2^30 bytes. A level that is expected to need more is left out.
+    pub memory_gb: f64,
+    /// Width and height of the pictures in pixels.
+    pub resolutions: Vec<[u32; 2]>,
+    /// Columns of Table 2.
+    pub variants: Vec<Variant>,
+    /// Engines. Those that find no device are left out, and the report says so.
+    pub backends: Vec<Backend>,
+    /// Rows.
+    #[serde(rename = "scene")]
+    pub scenes: Vec<SceneEntry>,
+    /// What the paper has and this matrix has not.
+    #[serde(default)]
+    pub left_out: Vec<LeftOut>,
+}
+
+/// One scene of a [`Matrix`].
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SceneEntry {
+    /// Name of the scene's manifest.
+    pub name: String,
+    /// Deepest levels to build, ascending, each 1..=23. Casting is timed on the last one that was built.
+    pub levels: Vec<u32>,
+}
+
+/// Something that was not measured.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LeftOut {
+    /// What.
+    pub what: String,
+    /// Why, and where it makes sense how to get it.
+    pub reason: String,
+}
+
+/// A column of Table 2: what is cast, and how.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Variant {
+    /// The triangle mesh itself, through a BVH on the CPU.
+    Triangles,
+    /// An octree built without contours: cubes, full resolution everywhere.
+    Cubical,
+    /// An octree built with contours.
+    Contours,
+    /// The same, with beam optimization.
+    Beam,
+}
+
+impl Variant {
+    /// Every variant, in the order of the paper's columns.
+    pub const ALL: [Self; 4] = [Self::Triangles, Self::Cubical, Self::Contours, Self::Beam];
+
+    /// Heading of its column.
+    pub fn title(self) -> &'static str {
+        match self {
+            Self::Triangles => "triangles",
+            Self::Cubical => "cubical",
+            Self::Contours => "contours",
+            Self::Beam => "with beam",
+        }
+    }
+
+    /// The same, where room is scarce.
+    pub fn short_title(self) -> &'static str {
+        match self {
+            Self::Triangles => "tri",
+            Self::Cubical => "cub",
+            Self::Contours => "con",
+            Self::Beam => "beam",
+        }
+    }
+}
+
+impl Matrix {
+    /// The matrix of a default run: within three minutes on two cores.
+    pub fn default_run() -> Self {
+        Self::parse(include_str!("../matrices/default.toml"), "default.toml").expect("checked by a test")
+    }
+
+    /// The paper's whole matrix.
+    pub fn full_run() -> Self {
+        Self::parse(include_str!("../matrices/full.toml"), "full.toml").expect("checked by a test")
+    }
+
+    /// Reads a matrix from a file.
+    ///
+    /// # Errors
+    /// The file cannot be read, is no such TOML, or holds values out of range.
+    pub fn read(path: &Path) -> Result<Self, BenchError> {
+        let text = std::fs::read_to_string(path).map_err(|e| BenchError::io(path, e))?;
+        Self::parse(&text, &path.display().to_string())
+    }
+
+    fn parse(text: &str, name: &str) -> Result<Self, BenchError> {
+        let bad = |what: String| BenchError::Matrix { file: name.into(), what };
+        let matrix: Self = toml::from_str(text).map_err(|e| {
+            let line = e.span().map_or(String::new(), |s| format!("line {}: ", text[..s.start].lines().count().max(1)));
+            bad(format!("{line}{}", e.message()))
+        })?;
+        matrix.validate().map_err(bad)?;
+        Ok(matrix)
+    }
+
+    /// Keeps these scenes only, in this order. One that the matrix has not takes the levels of its first scene.
+    pub fn select_scenes(&mut self, names: &[String]) {
+        let levels = self.scenes.first().map(|s| s.levels.clone()).unwrap_or_default();
+        let pick = |name: &String| {
+            let known = self.scenes.iter().find(|s| s.name.eq_ignore_ascii_case(name));
+            known.cloned().unwrap_or_else(|| SceneEntry { name: name.clone(), levels: levels.clone() })
+        };
+        self.scenes = names.iter().map(pick).collect();
+        self.left_out.clear();
+    }
+
+    /// Checks that every value is in its range.
+    ///
+    /// # Errors
+    /// The first that is not, in words.
+    pub fn validate(&self) -> Result<(), String> {
+        if self.views == 0 || self.rounds == 0 {
+            return Err("views and rounds are at least 1".into());
+        }
+        if !(self.memory_gb > 0.0 && self.memory_gb.is_finite()) {
+            return Err(format!("memory_gb is a positive number, not {}", self.memory_gb));
+        }
+        if self.time_limit_seconds.is_some_and(|s| !(s > 0.0 && s.is_finite())) {
+            return Err("time_limit_seconds is a positive number".into());
+        }
+        if self.scenes.is_empty() || self.resolutions.is_empty() || self.variants.is_empty() {
+            return Err("scenes, resolutions and variants each need an entry".into());
+        }
+        if let Some([w, h]) = self.resolutions.iter().find(|r| r.iter().any(|n| !(1..=16384).contains(n))) {
+            return Err(format!("a resolution is between 1x1 and 16384x16384, not {w}x{h}"));
+        }
+        for scene in &self.scenes {
+            if scene.levels.is_empty() {
+                return Err(format!("scene {}: levels is empty", scene.name));
+            }
+            if let Some(levels) = scene.levels.iter().find(|l| !(1..=23).contains(*l)) {
+                return Err(format!("scene {}: levels are between 1 and 23, not {levels}", scene.name));
+            }
+            if scene.levels.windows(2).any(|w| w[0] >= w[1]) {
+                return Err(format!("scene {}: levels must ascend", scene.name));
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_built_in_matrices_are_valid() {
+        assert!(Matrix::default_run().time_limit_seconds.unwrap() <= 180.0);
+        let full = Matrix::full_run();
+        assert_eq!(full.resolutions, [[512, 384], [1024, 768], [2048, 1536]]);
+        assert_eq!(full.variants, Variant::ALL);
+    }
+
+    #[test]
+    fn values_out_of_range_are_named() {
+        let parse = |from: &str, to: &str| {
+            let text = include_str!("../matrices/default.toml").replacen(from, to, 1);
+            Matrix::parse(&text, "m.toml").unwrap_err().to_string()
+        };
+        assert!(parse("rounds = 3", "rounds = 0").contains("at least 1"));
+        assert!(parse("[9, 10]", "[30]").contains("between 1 and 23, not 30"));
+        assert!(parse("[9, 10]", "[10, 9]").contains("ascend"));
+        assert!(parse("\"wgpu\"", "\"cuda\"").contains("cuda"));
+        assert!(parse("warm_up", "warmup").starts_with("m.toml: line 5"));
+        assert!(parse("[512, 384]", "[0, 384]").contains("not 0x384"));
+    }
+}

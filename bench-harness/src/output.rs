@@ -1,0 +1,70 @@
+//! Where a run's record, tables and pictures go.
+
+use std::path::{Path, PathBuf};
+
+use esvo_core::shading::Picture;
+use esvo_format::write_atomically;
+
+use crate::machine::slug;
+use crate::picture::write_png;
+use crate::run::Outcome;
+use crate::{BenchError, tables};
+
+/// A picture and where it goes.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct NamedPicture {
+    /// File name.
+    pub name: String,
+    /// The picture.
+    pub picture: Picture,
+}
+
+/// Writes `report.json`, `tables.md` and the pictures to `<results>/<machine>/<date>/` and returns that folder.
+///
+/// `machine` replaces the name made from the processor. A second run of a day goes to `<date>.2`, and so on: nothing is
+/// overwritten. The folder appears under its name when everything is in it.
+///
+/// # Errors
+/// The system's.
+pub fn write(outcome: &Outcome, results: &Path, machine: Option<&str>) -> Result<PathBuf, BenchError> {
+    let report = &outcome.report;
+    let parent = results.join(machine.map_or_else(|| report.machine.slug(), slug));
+    std::fs::create_dir_all(&parent).map_err(|e| BenchError::io(&parent, e))?;
+    let temporary =
+        tempfile::Builder::new().prefix(".esvo-").tempdir_in(&parent).map_err(|e| BenchError::io(&parent, e))?;
+    let put = |name: &str, bytes: &[u8]| {
+        let path = temporary.path().join(name);
+        write_atomically(&path, |out| out.write_all(bytes)).map_err(|e| BenchError::io(&path, e))
+    };
+    put("report.json", report.to_json().as_bytes())?;
+    put("tables.md", tables::to_markdown(report).as_bytes())?;
+    for picture in &outcome.pictures {
+        let path = temporary.path().join(&picture.name);
+        write_png(&path, &picture.picture).map_err(|e| BenchError::io(&path, e))?;
+    }
+    readable(temporary.path())?;
+    let day = report.machine.day();
+    for number in 1..10_000 {
+        let name = if number == 1 { day.to_string() } else { format!("{day}.{number}") };
+        let folder = parent.join(name);
+        if folder.exists() {
+            continue;
+        }
+        std::fs::rename(temporary.path(), &folder).map_err(|e| BenchError::io(&folder, e))?;
+        // It has moved: there is nothing left to remove.
+        let _ = temporary.keep();
+        return Ok(folder);
+    }
+    Err(BenchError::io(&parent, std::io::Error::other("too many runs of this day")))
+}
+
+/// A temporary folder is its owner's alone; results are for everybody.
+fn readable(folder: &Path) -> Result<(), BenchError> {
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        std::fs::set_permissions(folder, std::fs::Permissions::from_mode(0o755))
+            .map_err(|e| BenchError::io(folder, e))?;
+    }
+    Ok(())
+}

@@ -1,0 +1,275 @@
+//! The record of a run: `report.json`. Everything that the tables say is computed from it.
+
+use esvo_core::{Camera, DeviceKind};
+use serde::{Deserialize, Serialize};
+
+use crate::check::Agreement;
+use crate::error::DepthError;
+use crate::machine::Machine;
+use crate::matrix::{LeftOut, Matrix, Variant};
+use crate::timing::{Samples, Spread};
+use crate::{Backend, BenchError};
+
+/// Version of the record's layout. Fields may be added without a new one.
+pub const SCHEMA: u32 = 1;
+
+/// The record of a run.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+pub struct Report {
+    /// [`SCHEMA`].
+    pub schema: u32,
+    /// What it ran on.
+    pub machine: Machine,
+    /// What was asked for.
+    pub matrix: Matrix,
+    /// What every engine ran on.
+    pub devices: Vec<DeviceRecord>,
+    /// The scenes, in the order of the matrix.
+    pub scenes: Vec<SceneReport>,
+    /// What was not measured, and why.
+    pub left_out: Vec<LeftOut>,
+    /// Seconds that the run took.
+    pub seconds: f64,
+}
+
+/// What an engine ran on.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+pub struct DeviceRecord {
+    /// The engine.
+    pub backend: Backend,
+    /// Name as the driver or the processor gives it.
+    pub name: String,
+    /// `cpu`, `gpu`, or `software-gpu`: a Vulkan driver that runs on the processor.
+    pub kind: String,
+    /// Driver and version, or instruction set and threads.
+    pub detail: String,
+}
+
+impl DeviceRecord {
+    /// The record of a device.
+    pub fn new(backend: Backend, device: &esvo_core::Device) -> Self {
+        let kind = match device.kind {
+            DeviceKind::Cpu => "cpu",
+            DeviceKind::Gpu => "gpu",
+            DeviceKind::SoftwareGpu => "software-gpu",
+        };
+        Self { backend, name: device.name.clone(), kind: kind.into(), detail: device.detail.clone() }
+    }
+
+    /// Whether it is a Vulkan driver that runs on the processor.
+    pub fn is_software(&self) -> bool {
+        self.kind == "software-gpu"
+    }
+}
+
+/// Everything about one scene.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+pub struct SceneReport {
+    /// As in the manifest, and in the paper's tables if it is one of the paper's.
+    pub name: String,
+    /// `real` or `stand-in`.
+    pub mesh: String,
+    /// Triangles of that mesh.
+    pub triangles: u64,
+    /// Whether the file is the one that the manifest names, or which generator made the mesh.
+    pub identity: String,
+    /// Credit to print beside pictures and tables.
+    pub credit: String,
+    /// Whether pictures may be published.
+    pub publish: bool,
+    /// Viewpoints.
+    pub views: Vec<NamedView>,
+    /// What the importer had to say.
+    pub warnings: Vec<String>,
+    /// Seconds to read or generate the mesh.
+    pub mesh_seconds: f64,
+    /// Rows of Table 1.
+    pub builds: Vec<BuildRow>,
+    /// Distance from the triangles.
+    pub errors: Vec<ErrorRow>,
+    /// Answers, checked before anything was timed.
+    pub checks: Vec<CheckRow>,
+    /// Cells of Table 2.
+    pub times: Vec<TimeCell>,
+    /// File names of the pictures.
+    pub pictures: Vec<String>,
+}
+
+/// A viewpoint.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+pub struct NamedView {
+    /// Name in the manifest.
+    pub name: String,
+    /// In mesh units.
+    pub camera: Camera,
+}
+
+/// One octree that was built.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+pub struct BuildRow {
+    /// Limit on the levels.
+    pub levels: u32,
+    /// Whether it was built with contours.
+    pub contours: bool,
+    /// Settings: deviation of the shape as a level, of the colour in steps of 1/256, of a normal's component.
+    pub contour_error: f64,
+    /// See `contour_error`.
+    pub color_error: f64,
+    /// See `contour_error`.
+    pub normal_error: f64,
+    /// Seconds from the mesh in memory to the octree in memory.
+    pub seconds: f64,
+    /// Bytes of the image: what a caster needs in memory.
+    pub bytes: u64,
+    /// All voxels, leaves and others.
+    pub voxels: u64,
+    /// Voxels without children.
+    pub leaves: u64,
+    /// Contours.
+    pub contour_count: u64,
+    /// Far pointers.
+    pub far_pointers: u64,
+    /// Blocks.
+    pub blocks: u64,
+    /// Where the bytes are. They add up to `bytes`.
+    pub kinds: Vec<KindBytes>,
+}
+
+impl BuildRow {
+    /// Bytes over all voxels.
+    pub fn bytes_per_voxel(&self) -> f64 {
+        self.bytes as f64 / self.voxels.max(1) as f64
+    }
+
+    /// Size in MB of 2^20 bytes.
+    pub fn mb(&self) -> f64 {
+        self.bytes as f64 / (1u64 << 20) as f64
+    }
+}
+
+/// Bytes of one kind.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+pub struct KindBytes {
+    /// Name of the kind.
+    pub kind: String,
+    /// How many.
+    pub bytes: u64,
+}
+
+/// How far from the triangles the hits of a variant lie.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+pub struct ErrorRow {
+    /// What was cast.
+    pub variant: Variant,
+    /// Limit on the levels.
+    pub levels: u32,
+    /// Picture.
+    pub size: [u32; 2],
+    /// View by view, in the order of [`SceneReport::views`].
+    pub views: Vec<DepthError>,
+}
+
+impl ErrorRow {
+    /// Mean over the views of something.
+    pub fn mean(&self, of: impl Fn(&DepthError) -> f64) -> f64 {
+        self.views.iter().map(of).sum::<f64>() / self.views.len().max(1) as f64
+    }
+}
+
+/// The answers of one engine on one variant.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+pub struct CheckRow {
+    /// The engine.
+    pub backend: Backend,
+    /// What was cast.
+    pub variant: Variant,
+    /// Limit on the levels.
+    pub levels: u32,
+    /// Picture.
+    pub size: [u32; 2],
+    /// Against the reference caster.
+    pub agreement: Agreement,
+    /// What the caster said if it failed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub error: Option<String>,
+}
+
+/// One cell of Table 2.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+pub struct TimeCell {
+    /// The engine; for triangles the CPU.
+    pub backend: Backend,
+    /// What was cast.
+    pub variant: Variant,
+    /// Limit on the levels; 0 for triangles.
+    pub levels: u32,
+    /// Picture.
+    pub size: [u32; 2],
+    /// Bytes that the device held for it.
+    pub resident_bytes: u64,
+    /// Raw times.
+    pub samples: Samples,
+    /// Millions of rays per second over the rounds.
+    pub mrays: Option<Spread>,
+}
+
+impl Report {
+    /// Whether every check passed.
+    pub fn passed(&self) -> bool {
+        self.failures().next().is_none()
+    }
+
+    /// The checks that failed, with the name of their scene.
+    pub fn failures(&self) -> impl Iterator<Item = (&str, &CheckRow)> {
+        self.scenes
+            .iter()
+            .flat_map(|s| s.checks.iter().filter(|c| !c.agreement.passed()).map(move |c| (s.name.as_str(), c)))
+    }
+
+    /// The record as JSON, indented.
+    pub fn to_json(&self) -> String {
+        let mut json = serde_json::to_string_pretty(self).expect("a report has text keys only");
+        json.push('\n');
+        json
+    }
+
+    /// Reads a record.
+    ///
+    /// # Errors
+    /// Not such a record, or one of a later version.
+    pub fn from_json(text: &str) -> Result<Self, BenchError> {
+        let bad = |what: String| BenchError::Matrix { file: "report".into(), what };
+        let report: Self = serde_json::from_str(text).map_err(|e| bad(e.to_string()))?;
+        if report.schema != SCHEMA {
+            return Err(bad(format!("schema {} where {SCHEMA} is known", report.schema)));
+        }
+        Ok(report)
+    }
+}
+
+impl SceneReport {
+    /// The check of a cell.
+    pub fn check(&self, backend: Backend, variant: Variant) -> Option<&CheckRow> {
+        self.checks.iter().find(|c| c.backend == backend && c.variant == variant)
+    }
+
+    /// A cell of Table 2.
+    pub fn time(&self, backend: Backend, variant: Variant, size: [u32; 2]) -> Option<&TimeCell> {
+        self.times.iter().find(|c| c.backend == backend && c.variant == variant && c.size == size)
+    }
+
+    /// The error of a variant at its deepest level.
+    pub fn error(&self, variant: Variant) -> Option<&ErrorRow> {
+        self.errors.iter().filter(|e| e.variant == variant).max_by_key(|e| e.levels)
+    }
+
+    /// A row of Table 1.
+    pub fn build(&self, contours: bool, levels: u32) -> Option<&BuildRow> {
+        self.builds.iter().find(|b| b.contours == contours && b.levels == levels)
+    }
+
+    /// `real mesh` or `procedural stand-in`.
+    pub fn mesh_title(&self) -> &'static str {
+        if self.mesh == "real" { "real mesh" } else { "stand-in" }
+    }
+}

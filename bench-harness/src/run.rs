@@ -1,0 +1,333 @@
+//! A run: every scene of a matrix from its mesh to its rows of the tables.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use esvo_core::exact::CameraRays;
+use esvo_core::{CastError, Caster, View};
+use esvo_cpu::triangles::TriangleScene;
+use esvo_format::Octree;
+use esvo_scenes::SceneManifest;
+
+use crate::clock::{Clock, predict, resident_bytes};
+use crate::machine::Machine;
+use crate::matrix::{LeftOut, Matrix, SceneEntry, Variant};
+use crate::measure::{Row, Truth};
+use crate::output::NamedPicture;
+use crate::report::{BuildRow, DeviceRecord, Report, SCHEMA, SceneReport};
+use crate::scene::{self, Scene};
+use crate::{Backend, BenchError, Progress, measure};
+
+/// What a run is told.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// What is measured.
+    pub matrix: Matrix,
+    /// Where real meshes are looked for first.
+    pub scenes_dir: Option<PathBuf>,
+    /// Threads of the CPU caster; `None`: all.
+    pub threads: Option<usize>,
+}
+
+/// What a run gives.
+pub struct Outcome {
+    /// The record.
+    pub report: Report,
+    /// The pictures that the record names.
+    pub pictures: Vec<NamedPicture>,
+}
+
+/// Picture size of checks and errors.
+pub const CHECK_SIZE: [u32; 2] = [512, 384];
+/// Size of the pictures that are kept.
+pub const PICTURE_SIZE: [u32; 2] = [1024, 768];
+/// How much larger than its octree the memory of a build is taken to be.
+const BUILD_MEMORY: f64 = 3.0;
+/// Growth of time and bytes from one level to the next where only one level is known.
+const GROWTH: f64 = 4.2;
+/// Share of a scene's time that building may take.
+const BUILD_SHARE: f64 = 0.6;
+
+/// Runs a matrix.
+///
+/// Engines without a device, levels beyond the memory or time limit and scenes without a mesh are left out, and the
+/// report says so. Answers that differ are in the report too: see [`Report::passed`].
+///
+/// # Errors
+/// A scene that does not exist, or a mesh that is there and cannot be used.
+pub fn run(options: &Options, progress: &Progress) -> Result<Outcome, BenchError> {
+    options.matrix.validate().map_err(|what| BenchError::Matrix { file: options.matrix.name.clone(), what })?;
+    let manifest = SceneManifest::builtin().map_err(|e| BenchError::scene("manifest", e))?;
+    let wanted = (options.matrix.scenes.iter())
+        .map(|wanted| Ok((wanted, scene::entry(&manifest, &wanted.name)?)))
+        .collect::<Result<Vec<_>, BenchError>>()?;
+
+    let clock = Clock::start(options.matrix.time_limit_seconds);
+    let mut runner = Runner {
+        options,
+        progress,
+        engines: Vec::new(),
+        left_out: options.matrix.left_out.clone(),
+        pictures: Vec::new(),
+    };
+    let machine = Machine::detect();
+    runner.open_engines();
+    let devices = runner.engines.iter().map(|e| DeviceRecord::new(e.backend, e.cubical.device())).collect();
+    let mut scenes = Vec::new();
+    for (index, (wanted, entry)) in wanted.iter().enumerate() {
+        let clock = clock.share(options.matrix.scenes.len() - index);
+        progress.say(format!("{}: reading the mesh", entry.name));
+        let scene = Scene::load(entry, options.scenes_dir.as_deref(), options.matrix.views)?;
+        scenes.push(runner.scene(wanted, &scene, &clock)?);
+    }
+    let Runner { left_out, pictures, .. } = runner;
+    let report = Report {
+        schema: SCHEMA,
+        machine,
+        matrix: options.matrix.clone(),
+        devices,
+        scenes,
+        left_out,
+        seconds: clock.elapsed(),
+    };
+    Ok(Outcome { report, pictures })
+}
+
+/// An engine twice over, so that two octrees can be timed in turn.
+pub(crate) struct Engine {
+    pub(crate) backend: Backend,
+    pub(crate) cubical: Box<dyn Caster>,
+    pub(crate) contours: Box<dyn Caster>,
+}
+
+impl Engine {
+    /// The caster that holds the octree of a variant.
+    pub(crate) fn caster(&mut self, variant: Variant) -> &mut dyn Caster {
+        if variant == Variant::Cubical { &mut *self.cubical } else { &mut *self.contours }
+    }
+}
+
+/// The octrees of a scene at one level.
+pub(crate) struct Pair {
+    pub(crate) levels: u32,
+    pub(crate) cubical: Option<Arc<Octree>>,
+    pub(crate) contours: Option<Arc<Octree>>,
+}
+
+impl Pair {
+    /// The octree of a variant.
+    pub(crate) fn of(&self, variant: Variant) -> Option<&Arc<Octree>> {
+        match variant {
+            Variant::Triangles => None,
+            Variant::Cubical => self.cubical.as_ref(),
+            Variant::Contours | Variant::Beam => self.contours.as_ref(),
+        }
+    }
+}
+
+/// The views of a scene for one of its octrees.
+fn views(scene: &Scene, octree: &Octree, variant: Variant, size: [u32; 2]) -> Result<Vec<View>, BenchError> {
+    let views = scene.views.iter().map(|v| measure::view(&v.camera, octree, variant, size));
+    views.collect::<Result<_, CastError>>().map_err(|e| BenchError::scene(&scene.name, e))
+}
+
+struct Runner<'a> {
+    options: &'a Options,
+    progress: &'a Progress,
+    engines: Vec<Engine>,
+    left_out: Vec<LeftOut>,
+    pictures: Vec<NamedPicture>,
+}
+
+impl Runner<'_> {
+    fn leave_out(&mut self, what: impl Into<String>, reason: impl Into<String>) {
+        self.left_out.push(LeftOut { what: what.into(), reason: reason.into() });
+    }
+
+    fn open_engines(&mut self) {
+        for &backend in &self.options.matrix.backends {
+            self.progress.say(format!("opening {}", backend.name()));
+            let open = || backend.open(self.options.threads);
+            match open().and_then(|cubical| Ok((cubical, open()?))) {
+                Ok((cubical, contours)) => self.engines.push(Engine { backend, cubical, contours }),
+                Err(BenchError::Backend { what, .. }) => self.leave_out(format!("backend {}", backend.name()), what),
+                Err(e) => self.leave_out(format!("backend {}", backend.name()), e.to_string()),
+            }
+        }
+    }
+
+    fn scene(&mut self, wanted: &SceneEntry, scene: &Scene, clock: &Clock) -> Result<SceneReport, BenchError> {
+        let mut report = SceneReport {
+            name: scene.name.clone(),
+            mesh: scene.variant.to_string(),
+            triangles: scene.mesh.triangle_count() as u64,
+            identity: scene.identity.clone(),
+            credit: scene.credit.clone(),
+            publish: scene.publish,
+            views: scene.views.clone(),
+            warnings: scene.mesh.warnings.clone(),
+            mesh_seconds: scene.seconds,
+            builds: Vec::new(),
+            errors: Vec::new(),
+            checks: Vec::new(),
+            times: Vec::new(),
+            pictures: Vec::new(),
+        };
+        self.progress.say(format!("{}: sorting triangles", scene.name));
+        let mesh = &scene.mesh;
+        let corners = mesh.triangles.iter().map(|t| t.map(|v| mesh.positions[v as usize])).collect();
+        let triangles = TriangleScene::new(corners).map_err(|e| BenchError::scene(&scene.name, e))?;
+        let mut truth = Truth::default();
+
+        let mut last = None;
+        for (index, &levels) in wanted.levels.iter().enumerate() {
+            if let Some(reason) = self.too_much(&report.builds, clock) {
+                let rest: Vec<_> = wanted.levels[index..].iter().map(u32::to_string).collect();
+                self.leave_out(format!("{} at {} levels", scene.name, rest.join(", ")), reason);
+                break;
+            }
+            // The octrees of the level before make room first.
+            drop(last.take());
+            let pair = self.build(scene, levels, &mut report.builds)?;
+            for variant in [Variant::Cubical, Variant::Contours, Variant::Beam] {
+                if let Some(octree) = pair.of(variant).filter(|_| self.options.matrix.variants.contains(&variant)) {
+                    self.progress.say(format!("{}: error at {levels} levels, {}", scene.name, variant.title()));
+                    let views = views(scene, octree, variant, CHECK_SIZE)?;
+                    let row = measure::error(octree, &views, variant, levels, &triangles, &mut truth);
+                    report.errors.push(row.map_err(|e| BenchError::scene(&scene.name, e))?);
+                }
+            }
+            last = Some(pair);
+        }
+        drop(truth);
+        let Some(pair) = last else { return Ok(report) };
+        self.pictures(scene, &pair, &mut report)?;
+        self.cast(scene, &pair, &triangles, clock, &mut report)?;
+        Ok(report)
+    }
+
+    /// Why the next level is not built.
+    fn too_much(&self, builds: &[BuildRow], clock: &Clock) -> Option<String> {
+        let mut levels: Vec<u32> = builds.iter().map(|b| b.levels).collect();
+        levels.dedup();
+        let sum = |of: fn(&BuildRow) -> f64| -> Vec<f64> {
+            levels.iter().map(|&l| builds.iter().filter(|b| b.levels == l).map(of).sum()).collect()
+        };
+        let seconds = predict(&sum(|b| b.seconds), GROWTH)?;
+        let budget = clock.left() * BUILD_SHARE;
+        if seconds > budget {
+            return Some(format!(
+                "building takes about {seconds:.0} s, and the time limit leaves {:.0} s",
+                budget.max(0.0)
+            ));
+        }
+        // What the process holds now, without the octrees that make room, and what the next level needs.
+        let bytes = sum(|b| b.bytes as f64);
+        let held = resident_bytes() as f64 - bytes.last()?;
+        let needed = held.max(0.0) + predict(&bytes, GROWTH)? * BUILD_MEMORY;
+        let limit = self.options.matrix.memory_gb * (1u64 << 30) as f64;
+        let gb = |bytes: f64| bytes / (1u64 << 30) as f64;
+        (needed > limit)
+            .then(|| format!("about {:.1} GB of memory, and the limit is {:.1}; see --memory", gb(needed), gb(limit)))
+    }
+
+    /// Both octrees of a level, as far as the variants need them.
+    fn build(&self, scene: &Scene, levels: u32, rows: &mut Vec<BuildRow>) -> Result<Pair, BenchError> {
+        let variants = &self.options.matrix.variants;
+        let mut pair = Pair { levels, cubical: None, contours: None };
+        for contours in [false, true] {
+            if !variants.iter().any(|v| *v != Variant::Triangles && (*v != Variant::Cubical) == contours) {
+                continue;
+            }
+            let (octree, row) = measure::build(scene, levels, contours, self.progress)?;
+            rows.push(row);
+            *(if contours { &mut pair.contours } else { &mut pair.cubical }) = Some(Arc::new(octree));
+        }
+        Ok(pair)
+    }
+
+    fn pictures(&mut self, scene: &Scene, pair: &Pair, report: &mut SceneReport) -> Result<(), BenchError> {
+        if !scene.publish {
+            self.leave_out(format!("pictures of {}", scene.name), "its terms do not allow to publish them");
+            return Ok(());
+        }
+        for variant in [Variant::Cubical, Variant::Contours] {
+            let Some(octree) = pair.of(variant) else { continue };
+            self.progress.say(format!("{}: picture, {}", scene.name, variant.title()));
+            let picture = measure::picture(&scene.views[0].camera, octree, variant)
+                .map_err(|e| BenchError::scene(&scene.name, e))?;
+            let name = format!("{}-{}-{}.png", crate::machine::slug(&scene.name), pair.levels, variant.title());
+            report.pictures.push(name.clone());
+            self.pictures.push(NamedPicture { name, picture });
+        }
+        Ok(())
+    }
+
+    /// Checks the answers, then times the rows.
+    fn cast(
+        &mut self,
+        scene: &Scene,
+        pair: &Pair,
+        triangles: &TriangleScene,
+        clock: &Clock,
+        report: &mut SceneReport,
+    ) -> Result<(), BenchError> {
+        let variants = self.options.matrix.variants.clone();
+        // Answers first.
+        let mut unloaded = Vec::new();
+        for engine in &mut self.engines {
+            self.progress.say(format!("{}: checking {}", scene.name, engine.backend.name()));
+            for kind in [Variant::Cubical, Variant::Contours] {
+                let Some(octree) = pair.of(kind) else { continue };
+                if let Err(e) = engine.caster(kind).load(octree) {
+                    let what = format!("{}, {}, {}", scene.name, engine.backend.name(), kind.title());
+                    self.left_out.push(LeftOut { what, reason: e.to_string() });
+                    unloaded.push((engine.backend, kind));
+                }
+            }
+            for &variant in variants.iter().filter(|v| **v != Variant::Triangles) {
+                let kind = if variant == Variant::Cubical { variant } else { Variant::Contours };
+                let Some(octree) = pair.of(variant).filter(|_| !unloaded.contains(&(engine.backend, kind))) else {
+                    continue;
+                };
+                let views = views(scene, octree, variant, CHECK_SIZE)?;
+                let backend = engine.backend;
+                report.checks.push(measure::check(
+                    engine.caster(variant),
+                    backend,
+                    octree,
+                    &views,
+                    variant,
+                    pair.levels,
+                ));
+            }
+        }
+        // Then times: for every picture size all variants and engines in turn.
+        for (index, &size) in self.options.matrix.resolutions.iter().enumerate() {
+            let clock = clock.share(self.options.matrix.resolutions.len() - index);
+            let mut row = Row::new(size);
+            if variants.contains(&Variant::Triangles) {
+                let rays = (scene.views.iter())
+                    .map(|v| CameraRays::new(&v.camera, size.into()))
+                    .collect::<Result<Vec<_>, _>>()
+                    .map_err(|e| BenchError::scene(&scene.name, e))?;
+                row.add_triangles(rays);
+            }
+            for engine in 0..self.engines.len() {
+                let backend = self.engines[engine].backend;
+                let sound: Vec<_> = (report.checks.iter())
+                    .filter(|c| c.backend == backend && c.agreement.passed())
+                    .map(|c| c.variant)
+                    .collect();
+                for variant in sound {
+                    let Some(octree) = pair.of(variant) else { continue };
+                    row.add(engine, variant, pair.levels, views(scene, octree, variant, size)?);
+                }
+            }
+            let matrix = &self.options.matrix;
+            let what = format!("{}: timing {}x{}", scene.name, size[0], size[1]);
+            report.times.extend(row.time(&mut self.engines, triangles, matrix, &clock, self.progress, &what)?);
+        }
+        Ok(())
+    }
+}

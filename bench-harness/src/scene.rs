@@ -1,0 +1,122 @@
+//! From a scene's name to its mesh and viewpoints.
+
+use std::path::Path;
+use std::time::Instant;
+
+use esvo_builder::{BuildSettings, Mesh};
+use esvo_core::Camera;
+use esvo_scenes::{CameraSpec, FoundScene, SceneEntry, SceneManifest, SceneVariant, locate_scene};
+
+use crate::BenchError;
+use crate::report::NamedView;
+
+/// A scene, ready to be built.
+pub struct Scene {
+    /// As in the manifest.
+    pub name: String,
+    /// Which of its two meshes this is.
+    pub variant: SceneVariant,
+    /// Whether the file is the one that the manifest names, or which generator made the mesh.
+    pub identity: String,
+    /// Credit line.
+    pub credit: String,
+    /// Whether pictures may be published.
+    pub publish: bool,
+    /// The mesh.
+    pub mesh: Mesh,
+    /// Viewpoints; at least one.
+    pub views: Vec<NamedView>,
+    /// The paper's settings of the builder for the scene; levels and contours are the default's.
+    pub settings: BuildSettings,
+    /// Seconds to read or generate the mesh.
+    pub seconds: f64,
+}
+
+/// The scene of that name in the manifest.
+///
+/// # Errors
+/// There is none, or it cannot be measured; the text says why.
+pub fn entry<'a>(manifest: &'a SceneManifest, name: &str) -> Result<&'a SceneEntry, BenchError> {
+    let Some(entry) = manifest.scene(name) else {
+        let names: Vec<_> = manifest.scenes.iter().map(|s| s.name.to_ascii_lowercase()).collect();
+        return Err(BenchError::scene(name, format!("unknown; the scenes are {}", names.join(", "))));
+    };
+    match &entry.unsupported {
+        Some(why) => Err(BenchError::scene(&entry.name, format!("{why} is not supported yet"))),
+        None => Ok(entry),
+    }
+}
+
+/// The paper's settings of the builder for a scene; levels and contours are the default's.
+pub fn settings(entry: &SceneEntry) -> BuildSettings {
+    BuildSettings {
+        color_error: entry.build.color_error,
+        normal_error: entry.build.normal_error,
+        contour_error: entry.build.contour_error,
+        ..BuildSettings::default()
+    }
+}
+
+/// Viewpoints of the copy of a scene that this machine has: those of the real mesh if it is found, and of the stand-in
+/// otherwise or if `stand_in` is set.
+///
+/// # Errors
+/// A mesh that is there but cannot be read.
+pub fn cameras(entry: &SceneEntry, scenes_dir: Option<&Path>, stand_in: bool) -> Result<Vec<NamedView>, BenchError> {
+    let found = if stand_in { None } else { locate(entry, scenes_dir)? };
+    let specs = found.map_or(entry.cameras(SceneVariant::StandIn), |f| &f.mesh.cameras);
+    Ok(specs.iter().map(named_view).collect())
+}
+
+fn locate<'a>(entry: &'a SceneEntry, scenes_dir: Option<&Path>) -> Result<Option<FoundScene<'a>>, BenchError> {
+    locate_scene(entry, scenes_dir).map_err(|e| BenchError::scene(&entry.name, e))
+}
+
+impl Scene {
+    /// Reads the real mesh if it is found in `scenes_dir`, `$ESVO_SCENES` or `../shared/scenes`, generates the stand-in
+    /// otherwise. At most `views` viewpoints.
+    ///
+    /// # Errors
+    /// A mesh that is there but cannot be read; a scene that has neither.
+    pub fn load(entry: &SceneEntry, scenes_dir: Option<&Path>, views: usize) -> Result<Self, BenchError> {
+        let failed = |what: String| BenchError::scene(&entry.name, what);
+        let start = Instant::now();
+        let found = locate(entry, scenes_dir)?;
+        let (variant, mesh, identity, cameras) = match &found {
+            Some(found) => {
+                let mesh = esvo_builder::import::load_mesh(&found.path).map_err(|e| failed(e.to_string()))?;
+                (SceneVariant::Real, mesh, found.identity.to_string(), &found.mesh.cameras[..])
+            }
+            None => {
+                let missing = || failed("the mesh is not there, and there is no stand-in; see --scenes-dir".into());
+                let stand_in = entry.stand_in.as_ref().ok_or_else(missing)?;
+                let mesh = stand_in.generate().ok_or_else(missing)?;
+                let identity = format!("procedural, generator {}, seed {}", stand_in.generator, stand_in.seed);
+                (SceneVariant::StandIn, mesh, identity, &stand_in.cameras[..])
+            }
+        };
+        let views: Vec<_> = cameras.iter().take(views).map(named_view).collect();
+        if views.is_empty() {
+            return Err(failed("the manifest has no cameras for it".into()));
+        }
+        Ok(Self {
+            name: entry.name.clone(),
+            variant,
+            identity,
+            credit: match variant {
+                SceneVariant::Real => entry.credit.clone(),
+                SceneVariant::StandIn => "generated".into(),
+            },
+            publish: entry.publish || variant == SceneVariant::StandIn,
+            mesh,
+            views,
+            settings: settings(entry),
+            seconds: start.elapsed().as_secs_f64(),
+        })
+    }
+}
+
+fn named_view(spec: &CameraSpec) -> NamedView {
+    let CameraSpec { name, eye, forward, up, fov_degrees, near, far } = spec.clone();
+    NamedView { name, camera: Camera { eye, forward, up, fov_degrees, near, far } }
+}

@@ -1,0 +1,82 @@
+//! Samples and what is said about them.
+
+use serde::{Deserialize, Serialize};
+
+/// Raw times of one cell: `seconds[round][view]`.
+#[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize)]
+pub struct Samples {
+    /// Both passes of every frame, in seconds.
+    pub seconds: Vec<Vec<f64>>,
+    /// The coarse pass of every frame, in seconds; empty without beam optimization.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub coarse_seconds: Vec<Vec<f64>>,
+}
+
+impl Samples {
+    /// Millions of rays per second in every round, over all its views, at `pixels` rays per frame.
+    pub fn mrays(&self, pixels: u64) -> Vec<f64> {
+        let rate = |frames: &Vec<f64>| pixels as f64 * frames.len() as f64 / frames.iter().sum::<f64>() / 1e6;
+        self.seconds.iter().filter(|frames| !frames.is_empty()).map(rate).collect()
+    }
+}
+
+/// Median and quartiles.
+#[derive(Clone, Copy, PartialEq, Debug, Serialize, Deserialize)]
+pub struct Spread {
+    /// The middle value.
+    pub median: f64,
+    /// A quarter of the values are below.
+    pub lower_quartile: f64,
+    /// A quarter of the values are above.
+    pub upper_quartile: f64,
+}
+
+impl Spread {
+    /// Of these values; `None` if there are none or one is not a number.
+    pub fn of(values: &[f64]) -> Option<Self> {
+        if values.is_empty() || values.iter().any(|v| v.is_nan()) {
+            return None;
+        }
+        let mut sorted = values.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        Some(Self {
+            median: quantile(&sorted, 0.5),
+            lower_quartile: quantile(&sorted, 0.25),
+            upper_quartile: quantile(&sorted, 0.75),
+        })
+    }
+
+    /// Half the distance of the quartiles over the median, in percent.
+    pub fn percent(&self) -> f64 {
+        50.0 * (self.upper_quartile - self.lower_quartile) / self.median
+    }
+}
+
+/// Quantile `q` in 0..=1 of ascending values, linear between neighbours.
+fn quantile(sorted: &[f64], q: f64) -> f64 {
+    let at = q * (sorted.len() - 1) as f64;
+    let (low, high) = (sorted[at.floor() as usize], sorted[at.ceil() as usize]);
+    low + (high - low) * at.fract()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quartiles() {
+        let spread = Spread::of(&[4.0, 1.0, 3.0, 2.0, 5.0]).unwrap();
+        assert_eq!((spread.lower_quartile, spread.median, spread.upper_quartile), (2.0, 3.0, 4.0));
+        assert_eq!(Spread::of(&[1.0, 2.0]).unwrap().median, 1.5);
+        assert_eq!(Spread::of(&[]), None);
+        assert_eq!(Spread::of(&[f64::NAN]), None);
+    }
+
+    #[test]
+    fn rays_per_second_are_those_of_all_views_of_a_round() {
+        let samples = Samples { seconds: vec![vec![0.1, 0.3], vec![0.2, 0.2], vec![]], coarse_seconds: Vec::new() };
+        let rates = samples.mrays(1_000_000);
+        assert_eq!(rates.len(), 2);
+        assert!(rates.iter().all(|r| (r - 5.0).abs() < 1e-12));
+    }
+}

@@ -1,0 +1,116 @@
+//! A camera that sees a whole object, and the planes of one that is given.
+
+use esvo_core::Camera;
+use esvo_format::Octree;
+use glam::{DMat4, DVec3};
+
+/// How many levels are looked at to find out where in the root cube there is something.
+const LEVELS: u32 = 6;
+
+/// Corners of the smallest box of cubes of level 6 around everything in object 0, in octree space (root cube `[0, 1]³`).
+///
+/// The octree must be [sound](Octree::sound).
+pub fn bounds(octree: &Octree) -> (DVec3, DVec3) {
+    let (mut low, mut high) = (DVec3::ONE, DVec3::ZERO);
+    let mut stack = vec![(octree.objects()[0].root_slot as u32, DVec3::ZERO, 0)];
+    while let Some((slot, corner, level)) = stack.pop() {
+        let descriptor = octree.descriptor(slot);
+        let edge = 0.5 / f64::from(1u32 << level);
+        for child in (0..8u8).filter(|c| descriptor.valid_mask() >> c & 1 != 0) {
+            let offset = DVec3::new(f64::from(child & 1), f64::from(child >> 1 & 1), f64::from(child >> 2));
+            let at = corner + offset * edge;
+            match octree.child(slot, child).filter(|_| level + 1 < LEVELS) {
+                Some(node) => stack.push((node, at, level + 1)),
+                None => (low, high) = (low.min(at), high.max(at + edge)),
+            }
+        }
+    }
+    (low, high)
+}
+
+/// A camera in mesh units that sees all of object 0 from outside, from the front, the right and above; `up` is up.
+///
+/// The octree must be [sound](Octree::sound).
+pub fn overview(octree: &Octree, up: [f64; 3], fov_degrees: f64) -> Camera {
+    let (low, high) = bounds(octree);
+    let to_mesh = octree.octree_to_mesh(0);
+    let centre = to_mesh.transform_point3((low + high) / 2.0);
+    let radius = corners(&to_mesh, low, high).map(|c| c.distance(centre)).fold(0.0, f64::max).max(f64::MIN_POSITIVE);
+    let up = DVec3::from(up).try_normalize().unwrap_or(DVec3::Y);
+    let side = up.any_orthonormal_vector();
+    let front = if up == DVec3::Y { DVec3::Z } else { side };
+    let right = up.cross(front);
+    let outward = (front + right * 0.6 + up * 0.5).normalize();
+    let distance = radius / (fov_degrees.to_radians() / 2.0).sin();
+    Camera {
+        eye: (centre + outward * distance).to_array(),
+        forward: (-outward).to_array(),
+        up: up.to_array(),
+        fov_degrees,
+        near: ((distance - radius) * 0.9).max(distance * 1e-4),
+        far: distance + radius * 1.1,
+    }
+}
+
+/// Near and far plane, in mesh units, for a camera at `eye`: the far one behind the object, the near one a ten-thousandth
+/// of that.
+pub fn planes(octree: &Octree, eye: [f64; 3]) -> (f64, f64) {
+    let to_mesh = octree.octree_to_mesh(0);
+    let reach = corners(&to_mesh, DVec3::ZERO, DVec3::ONE).map(|c| c.distance(eye.into())).fold(0.0, f64::max) * 1.01;
+    (reach * 1e-4, reach)
+}
+
+fn corners(to_mesh: &DMat4, low: DVec3, high: DVec3) -> impl Iterator<Item = DVec3> {
+    let corner =
+        move |i: u32| DVec3::from_array(std::array::from_fn(|a| if i >> a & 1 == 0 { low[a] } else { high[a] }));
+    (0..8).map(move |i| to_mesh.transform_point3(corner(i)))
+}
+
+#[cfg(test)]
+mod tests {
+    use esvo_core::reference::ReferenceCaster;
+    use esvo_core::{CastOptions, Caster, View};
+    use esvo_format::{AssembleOptions, Tree, Voxel, assemble};
+
+    use super::*;
+
+    /// One voxel of level 1 at the corner 1, 1, 1 of a cube of edge 4 that starts at 10, 0, 0.
+    fn octree() -> Octree {
+        let mut tree = Tree::default();
+        let mut children = [None; 8];
+        children[7] = Some(Voxel { leaf: true, ..Voxel::default() });
+        let root = tree.open(&children);
+        tree.close(root);
+        let place = DMat4::from_translation(DVec3::X * 10.0) * DMat4::from_scale(DVec3::splat(4.0));
+        assemble(&tree, place, &AssembleOptions::default()).unwrap()
+    }
+
+    #[test]
+    fn bounds_are_tight() {
+        assert_eq!(bounds(&octree()), (DVec3::splat(0.5), DVec3::ONE));
+    }
+
+    #[test]
+    fn the_overview_sees_everything_and_a_margin() {
+        let octree = std::sync::Arc::new(octree());
+        for up in [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 2.0, -3.0]] {
+            let camera = overview(&octree, up, 50.0);
+            let root = octree.objects()[0].root_slot as u32;
+            let view = View::new(&camera, octree.octree_to_mesh(0), root, (64, 48), &CastOptions::default()).unwrap();
+            let mut caster = ReferenceCaster::default();
+            caster.load(&octree).unwrap();
+            let mut hits = Vec::new();
+            caster.cast(&view, &mut hits).unwrap();
+            let seen = |x: usize, y: usize| !hits[y * 64 + x].is_miss();
+            assert!(seen(32, 24), "{up:?}");
+            assert!((0..64).all(|x| !seen(x, 0) && !seen(x, 47)), "{up:?}");
+            assert!(hits.iter().filter(|h| !h.is_miss()).count() > 300, "{up:?}");
+        }
+    }
+
+    #[test]
+    fn planes_reach_behind_the_object() {
+        let (near, far) = planes(&octree(), [10.0, 0.0, 0.0]);
+        assert!(near > 0.0 && far > 48f64.sqrt() && far < 7.1);
+    }
+}

@@ -1,0 +1,102 @@
+//! The check that comes before timing, and its negative controls: casters broken on purpose that it must catch.
+
+use std::sync::Arc;
+
+use esvo_bench::Backend;
+use esvo_bench::check::check;
+use esvo_builder::BuildSettings;
+use esvo_core::reference::ReferenceCaster;
+use esvo_core::{CastError, CastOptions, Caster, Device, FrameTime, Hit, View};
+use esvo_format::Octree;
+
+/// Does something to every picture of the reference caster.
+struct Broken<F> {
+    inner: ReferenceCaster,
+    break_it: F,
+}
+
+impl<F: FnMut(&mut Vec<Hit>) + Send> Caster for Broken<F> {
+    fn name(&self) -> &'static str {
+        "broken"
+    }
+    fn device(&self) -> &Device {
+        self.inner.device()
+    }
+    fn load(&mut self, octree: &Arc<Octree>) -> Result<(), CastError> {
+        self.inner.load(octree)
+    }
+    fn cast(&mut self, view: &View, hits: &mut Vec<Hit>) -> Result<(), CastError> {
+        self.inner.cast(view, hits)?;
+        (self.break_it)(hits);
+        Ok(())
+    }
+    fn time(&mut self, view: &View) -> Result<FrameTime, CastError> {
+        self.inner.time(view)
+    }
+    fn resident_bytes(&self) -> u64 {
+        self.inner.resident_bytes()
+    }
+}
+
+fn octree() -> Arc<Octree> {
+    let mesh = esvo_scenes::procedural("sphere").unwrap();
+    let settings = BuildSettings { levels: 6, ..BuildSettings::default() };
+    Arc::new(esvo_builder::build(&mesh, &settings, &|_| {}).unwrap().octree)
+}
+
+fn views(octree: &Octree) -> Vec<View> {
+    let camera = esvo_bench::viewpoint::overview(octree, [0.0, 1.0, 0.0], 40.0);
+    let root = octree.objects()[0].root_slot as u32;
+    let view = |beam| {
+        let options = CastOptions { beam, ..CastOptions::default() };
+        View::new(&camera, octree.octree_to_mesh(0), root, (96, 72), &options).unwrap()
+    };
+    vec![view(false), view(true)]
+}
+
+fn passes(break_it: impl FnMut(&mut Vec<Hit>) + Send, backend: Backend) -> bool {
+    let octree = octree();
+    let mut caster = Broken { inner: ReferenceCaster::default(), break_it };
+    caster.load(&octree).unwrap();
+    check(&mut caster, &octree, &views(&octree), backend.allowed()).unwrap().passed()
+}
+
+fn first_hit(hits: &mut [Hit]) -> &mut Hit {
+    hits.iter_mut().find(|h| !h.is_miss()).unwrap()
+}
+
+#[test]
+fn right_answers_pass() {
+    assert!(passes(|_| {}, Backend::Cpu));
+    assert!(passes(|_| {}, Backend::Ash));
+}
+
+#[test]
+fn one_wrong_pixel_is_caught() {
+    for backend in [Backend::Cpu, Backend::Wgpu] {
+        assert!(!passes(|hits| first_hit(hits).slot += 1, backend), "another parent");
+        assert!(!passes(|hits| first_hit(hits).voxel ^= 1, backend), "another child");
+        assert!(!passes(|hits| *first_hit(hits) = Hit::miss(1), backend), "a hole");
+        assert!(!passes(|hits| first_hit(hits).t += 0.01, backend), "another distance");
+        assert!(!passes(|hits| first_hit(hits).t = f32::NAN, backend), "no distance");
+        assert!(!passes(|hits| drop(hits.pop()), backend), "a pixel less");
+        assert!(!passes(Vec::clear, backend), "nothing");
+    }
+}
+
+#[test]
+fn the_cpu_may_not_even_round_differently() {
+    let nudge = |hits: &mut Vec<Hit>| first_hit(hits).t = first_hit(hits).t.next_up();
+    assert!(!passes(nudge, Backend::Cpu));
+    assert!(passes(nudge, Backend::Ash));
+}
+
+#[test]
+fn the_cpu_caster_agrees() {
+    let octree = octree();
+    let mut caster = Backend::Cpu.open(Some(2)).unwrap();
+    caster.load(&octree).unwrap();
+    let agreement = check(&mut *caster, &octree, &views(&octree), Backend::Cpu.allowed()).unwrap();
+    assert!(agreement.passed(), "{agreement:?}");
+    assert_eq!(agreement.pixels, 2 * 96 * 72);
+}

@@ -1,0 +1,177 @@
+//! The layout of the tables, on a report with made-up figures.
+
+use esvo_bench::check::{Agreement, Allowed};
+use esvo_bench::error::{DepthError, Summary};
+use esvo_bench::machine::Machine;
+use esvo_bench::matrix::{LeftOut, Matrix, Variant};
+use esvo_bench::report::{
+    BuildRow, CheckRow, DeviceRecord, ErrorRow, KindBytes, NamedView, Report, SCHEMA, SceneReport, TimeCell,
+};
+use esvo_bench::timing::{Samples, Spread};
+use esvo_bench::{Backend, tables};
+use esvo_core::Camera;
+
+fn fake_report() -> Report {
+    let mut matrix = Matrix::default_run();
+    matrix.left_out = vec![LeftOut { what: "SIBENIK-D".into(), reason: "displacement is not supported yet".into() }];
+    let device = |backend, name: &str, kind: &str, detail: &str| DeviceRecord {
+        backend,
+        name: name.into(),
+        kind: kind.into(),
+        detail: detail.into(),
+    };
+    Report {
+        schema: SCHEMA,
+        machine: Machine {
+            cpu: "Example Processor".into(),
+            threads: 2,
+            memory_mb: 8192,
+            os: "Example Linux 1".into(),
+            rustc: "rustc 1.92.0".into(),
+            profile: "release".into(),
+            commit: "0123456789ab".into(),
+            date: "2026-01-02T03:04:05Z".into(),
+        },
+        matrix,
+        devices: vec![
+            device(Backend::Cpu, "Example Processor", "cpu", "2 threads"),
+            device(Backend::Wgpu, "llvmpipe", "software-gpu", "Mesa 1"),
+            device(Backend::Ash, "Example GPU", "gpu", "driver 2"),
+        ],
+        scenes: vec![scene("SIBENIK", "real", 1.0), scene("HAIRBALL", "stand-in", 2.0)],
+        left_out: vec![LeftOut { what: "SIBENIK-D".into(), reason: "displacement is not supported yet".into() }],
+        seconds: 123.4,
+    }
+}
+
+fn scene(name: &str, mesh: &str, factor: f64) -> SceneReport {
+    let camera = Camera {
+        eye: [0.0; 3],
+        forward: [0.0, 0.0, -1.0],
+        up: [0.0, 1.0, 0.0],
+        fov_degrees: 60.0,
+        near: 0.1,
+        far: 9.0,
+    };
+    let mut report = SceneReport {
+        name: name.into(),
+        mesh: mesh.into(),
+        triangles: 73_564,
+        identity: "as listed in the manifest".into(),
+        credit: "somebody".into(),
+        publish: true,
+        views: vec![NamedView { name: "first".into(), camera }],
+        warnings: Vec::new(),
+        mesh_seconds: 0.5,
+        builds: Vec::new(),
+        errors: Vec::new(),
+        checks: Vec::new(),
+        times: Vec::new(),
+        pictures: vec![format!("{}-10-contours.png", name.to_lowercase())],
+    };
+    for levels in [9, 10] {
+        for contours in [false, true] {
+            let voxels = ((1_000_000.0 * factor) as u64) << (2 * (levels - 9));
+            report.builds.push(BuildRow {
+                levels,
+                contours,
+                contour_error: 15.0,
+                color_error: 16.0,
+                normal_error: 0.01,
+                seconds: 1.25 * factor * f64::from(levels),
+                bytes: voxels * 8,
+                voxels,
+                leaves: voxels * 3 / 4,
+                contour_count: if contours { voxels / 2 } else { 0 },
+                far_pointers: 12,
+                blocks: 3,
+                kinds: vec![
+                    KindBytes { kind: "descriptors".into(), bytes: voxels * 2 },
+                    KindBytes { kind: "contours".into(), bytes: if contours { voxels * 2 } else { 0 } },
+                    KindBytes { kind: "padding".into(), bytes: if contours { voxels * 4 } else { voxels * 6 } },
+                ],
+            });
+        }
+    }
+    for (k, variant) in [Variant::Cubical, Variant::Contours, Variant::Beam].into_iter().enumerate() {
+        let pixels = Summary { median: 0.8 / (k + 1) as f64, p90: 1.5, p99: 12.25, mean: 2.0, max: 99.0 };
+        let voxels = Summary { median: 0.25, ..pixels };
+        let view = DepthError {
+            rays: 196_608,
+            both_hit: 190_000,
+            only_exact: 12,
+            only_octree: 34,
+            disagreement: 46.0 / 196_608.0,
+            pixels,
+            voxels,
+            ..DepthError::default()
+        };
+        report.errors.push(ErrorRow { variant, levels: 10, size: [512, 384], views: vec![view, view] });
+    }
+    for backend in [Backend::Cpu, Backend::Wgpu, Backend::Ash] {
+        for (k, variant) in Variant::ALL.into_iter().enumerate() {
+            if variant == Variant::Triangles {
+                if backend == Backend::Cpu {
+                    report.times.extend(times(backend, variant, 8.0 / factor));
+                }
+                continue;
+            }
+            // One wrong engine, on one scene.
+            let wrong = backend == Backend::Ash && variant == Variant::Beam && mesh == "real";
+            let (pixels, different_voxel) = (196_608, if wrong { 1234 } else { 0 });
+            let allowed = Allowed { share: 1e-5, t: 0.0 };
+            let agreement = Agreement { pixels, different_voxel, largest_t_difference: 0.0, other_size: 0, allowed };
+            report.checks.push(CheckRow { backend, variant, levels: 10, size: [512, 384], agreement, error: None });
+            if !wrong {
+                report.times.extend(times(backend, variant, (2.0 + k as f64) / factor));
+            }
+        }
+    }
+    report
+}
+
+fn times(backend: Backend, variant: Variant, mrays: f64) -> Vec<TimeCell> {
+    let cell = |size: [u32; 2]| {
+        let rays = f64::from(size[0] * size[1]) / 1e6;
+        let samples = Samples {
+            seconds: [0.9, 1.0, 1.2].map(|slower| vec![rays / mrays * slower]).into(),
+            coarse_seconds: Vec::new(),
+        };
+        let rates = samples.mrays(u64::from(size[0] * size[1]));
+        let levels = if variant == Variant::Triangles { 0 } else { 10 };
+        TimeCell { backend, variant, levels, size, resident_bytes: 1 << 20, mrays: Spread::of(&rates), samples }
+    };
+    vec![cell([512, 384]), cell([1024, 768])]
+}
+
+#[test]
+fn text() {
+    insta::assert_snapshot!(tables::to_text(&fake_report()));
+}
+
+#[test]
+fn markdown() {
+    insta::assert_snapshot!(tables::to_markdown(&fake_report()));
+}
+
+#[test]
+fn the_record_survives_json() {
+    let report = fake_report();
+    let again = Report::from_json(&report.to_json()).unwrap();
+    assert_eq!(again, report);
+    assert!(Report::from_json(&report.to_json().replacen("\"schema\": 1", "\"schema\": 2", 1)).is_err());
+    assert!(Report::from_json("{}").is_err());
+}
+
+#[test]
+fn wrong_answers_are_failures() {
+    let mut report = fake_report();
+    assert!(!report.passed());
+    let failures: Vec<_> = report.failures().map(|(scene, c)| (scene.to_string(), c.backend, c.variant)).collect();
+    assert_eq!(failures, [("SIBENIK".to_string(), Backend::Ash, Variant::Beam)]);
+    report.scenes.remove(0);
+    assert!(report.passed());
+    // A caster that failed has compared nothing.
+    report.scenes[0].checks[0].agreement.pixels = 0;
+    assert!(!report.passed());
+}

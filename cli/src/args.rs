@@ -1,0 +1,280 @@
+//! What can be typed.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use esvo_bench::Backend;
+
+/// Sparse voxel octrees: build, inspect, render and benchmark.
+#[derive(Debug, Parser)]
+#[command(
+    name = "esvo",
+    version,
+    propagate_version = true,
+    after_help = "\
+Examples:
+  esvo bench                                          the paper's two tables on this machine, within three minutes
+  esvo build sibenik.obj -o sibenik.esvo --levels 11  a mesh to an octree
+  esvo render sibenik.esvo -o sibenik.png             a picture of it
+  esvo help render                                    everything about one command"
+)]
+pub(crate) struct Arguments {
+    #[command(subcommand)]
+    pub(crate) command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    Build(Build),
+    Info(Info),
+    Validate(Validate),
+    Render(Render),
+    Bench(Bench),
+}
+
+/// Build an octree from a mesh (.obj, .gltf, .glb, .ply).
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Errors bound how far a voxel may be from what it stands for; where all three hold, it is not divided further. The defaults
+are those of the paper's authors: 16 steps of 256, 0.01, and the diagonal of a voxel at level 15.
+
+Examples:
+  esvo build conference.obj -o conference.esvo --levels 12 --paper conference
+  esvo build scan.ply -o scan.esvo --levels 10 --no-contours")]
+pub(crate) struct Build {
+    /// The mesh
+    pub(crate) mesh: PathBuf,
+    /// The file to write
+    #[arg(short, long, value_name = "FILE")]
+    pub(crate) output: PathBuf,
+    /// Deepest level, 1 to 23: voxels are at least 2^-N of the root cube
+    #[arg(short, long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=23))]
+    pub(crate) levels: u32,
+    /// No contours: all geometry goes down to the deepest level, as cubes
+    #[arg(long)]
+    pub(crate) no_contours: bool,
+    /// Allowed deviation of the shape: the diagonal of a voxel of this level [default: 15]
+    #[arg(long, value_name = "LEVEL")]
+    pub(crate) contour_error: Option<f64>,
+    /// Allowed deviation of a colour channel in steps of 1/256 [default: 16]
+    #[arg(long, value_name = "STEPS")]
+    pub(crate) color_error: Option<f64>,
+    /// Allowed deviation of a component of the unit normal [default: 0.01]
+    #[arg(long, value_name = "X")]
+    pub(crate) normal_error: Option<f64>,
+    /// Start from the paper's settings for one of its scenes
+    #[arg(long, value_name = "SCENE")]
+    pub(crate) paper: Option<String>,
+    /// Store no colours
+    #[arg(long)]
+    pub(crate) no_colors: bool,
+    /// Store no normals
+    #[arg(long)]
+    pub(crate) no_normals: bool,
+}
+
+/// Say what a file contains.
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  esvo info sibenik.esvo --json")]
+pub(crate) struct Info {
+    /// The file
+    pub(crate) file: PathBuf,
+    /// As JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// Check a file against every rule of the specification.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Exit code 0: the file keeps every rule. 1: it breaks one; each finding names the rule, the offset and what was found.
+
+Example:
+  esvo validate sibenik.esvo")]
+pub(crate) struct Validate {
+    /// The file
+    pub(crate) file: PathBuf,
+    /// As JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// Render a picture of an octree.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Without a camera the whole object is looked at from outside. Cameras are in the units of the mesh.
+
+Examples:
+  esvo render sibenik.esvo -o nave.png --scene sibenik --view 2
+  esvo render sibenik.esvo -o nave.png --camera=-15,-9,0,1,0.2,0 --fov 60 --size 1920x1080
+  esvo render sibenik.esvo -o steps.png --view-mode iterations --backend reference")]
+pub(crate) struct Render {
+    /// The octree
+    pub(crate) file: PathBuf,
+    /// The PNG to write
+    #[arg(short, long, value_name = "FILE")]
+    pub(crate) output: PathBuf,
+    /// The engine
+    #[arg(short, long, value_enum, default_value_t = Engine::Cpu)]
+    pub(crate) backend: Engine,
+    /// Eye and viewing direction: ex,ey,ez,fx,fy,fz and if wanted the field of view in degrees
+    #[arg(long, value_name = "NUMBERS", allow_hyphen_values = true, conflicts_with = "scene")]
+    pub(crate) camera: Option<String>,
+    /// Which way is up
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, default_value = "0,1,0")]
+    pub(crate) up: String,
+    /// Field of view over the shorter side in degrees [default: 60]
+    #[arg(long, value_name = "DEGREES")]
+    pub(crate) fov: Option<f64>,
+    /// Take the camera from the manifest of this scene
+    #[arg(long, value_name = "NAME")]
+    pub(crate) scene: Option<String>,
+    /// Which of its cameras, from 1
+    #[arg(long, value_name = "K", default_value_t = 1, requires = "scene")]
+    pub(crate) view: usize,
+    /// Take the cameras of the scene's procedural stand-in even if the real mesh is found
+    #[arg(long, requires = "scene")]
+    pub(crate) stand_in: bool,
+    /// Where real meshes are looked for first, to tell whose cameras to take
+    #[arg(long, value_name = "FOLDER", requires = "scene")]
+    pub(crate) scenes_dir: Option<PathBuf>,
+    /// Size of the picture
+    #[arg(long, value_name = "WxH", default_value = "1024x768", value_parser = parse_size)]
+    pub(crate) size: [u32; 2],
+    /// Ignore contours: voxels are cubes
+    #[arg(long)]
+    pub(crate) no_contours: bool,
+    /// Use the beam optimization
+    #[arg(long)]
+    pub(crate) beam: bool,
+    /// Rays end at voxels this many pixels large; 0: at leaves only
+    #[arg(long, value_name = "PIXELS", default_value_t = 1.0)]
+    pub(crate) max_voxel_pixels: f32,
+    /// What to show
+    #[arg(long, value_enum, default_value_t = ViewMode::Shaded)]
+    pub(crate) view_mode: ViewMode,
+}
+
+/// Measure the paper's two tables on this machine.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Builds octrees of the paper's scenes (real meshes where they are found, procedural stand-ins otherwise), checks the answers
+of every engine against the reference caster, times them, prints the tables and writes report.json, tables.md and pictures
+to results/<machine>/<date>/. Exit code 1 if an engine's answers are wrong.
+
+Examples:
+  esvo bench                                    within three minutes on two cores
+  esvo bench --full --memory 16                 the paper's whole matrix
+  esvo bench --scenes sibenik --levels 9,10,11 --backends cpu")]
+pub(crate) struct Bench {
+    /// The paper's whole matrix: every scene, resolution and viewpoint, levels up to what the memory allows
+    #[arg(long, conflicts_with = "matrix")]
+    pub(crate) full: bool,
+    /// Read the matrix from a TOML file
+    #[arg(long, value_name = "FILE")]
+    pub(crate) matrix: Option<PathBuf>,
+    /// Only these scenes
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    pub(crate) scenes: Vec<String>,
+    /// These levels for every scene
+    #[arg(long, value_name = "N,...", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=23))]
+    pub(crate) levels: Vec<u32>,
+    /// Only these engines
+    #[arg(long, value_enum, value_delimiter = ',')]
+    pub(crate) backends: Vec<Engine>,
+    /// These picture sizes
+    #[arg(long, value_name = "WxH,...", value_delimiter = ',', value_parser = parse_size)]
+    pub(crate) resolutions: Vec<[u32; 2]>,
+    /// Viewpoints per scene
+    #[arg(long, value_name = "N")]
+    pub(crate) views: Option<usize>,
+    /// Timed rounds per row
+    #[arg(long, value_name = "N")]
+    pub(crate) rounds: Option<usize>,
+    /// Memory that the run may use, in GB; levels that need more are left out
+    #[arg(long, value_name = "GB")]
+    pub(crate) memory: Option<f64>,
+    /// Seconds that the run is planned to take; 0: no limit
+    #[arg(long, value_name = "SECONDS")]
+    pub(crate) time_limit: Option<f64>,
+    /// Threads of the CPU caster
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
+    pub(crate) threads: Option<u16>,
+    /// Where real meshes are looked for first; then $ESVO_SCENES, then ../shared/scenes
+    #[arg(long, value_name = "FOLDER")]
+    pub(crate) scenes_dir: Option<PathBuf>,
+    /// Where the folder <machine>/<date>/ is made
+    #[arg(long, value_name = "FOLDER", default_value = "results")]
+    pub(crate) out: PathBuf,
+    /// Name of the machine's folder [default: made from the processor's]
+    #[arg(long, value_name = "NAME")]
+    pub(crate) machine: Option<String>,
+    /// Print the record as JSON instead of the tables
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// An engine, as it is typed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Engine {
+    /// The definition of a correct hit: one thread
+    Reference,
+    /// All cores
+    Cpu,
+    /// The GPU through wgpu
+    Wgpu,
+    /// The GPU through Vulkan
+    Ash,
+}
+
+impl From<Engine> for Backend {
+    fn from(engine: Engine) -> Self {
+        match engine {
+            Engine::Reference => Self::Reference,
+            Engine::Cpu => Self::Cpu,
+            Engine::Wgpu => Self::Wgpu,
+            Engine::Ash => Self::Ash,
+        }
+    }
+}
+
+/// What a picture shows, as it is typed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum ViewMode {
+    /// The voxels' own colours and normals in the light of a lamp at the camera
+    Shaded,
+    /// Iterations of every ray: black, violet, red, yellow, and white from 100
+    Iterations,
+    /// The voxels' normals as colours
+    Normals,
+    /// Near is white, far is black
+    Depth,
+}
+
+fn parse_size(text: &str) -> Result<[u32; 2], String> {
+    let number = |s: &str| s.trim().parse::<u32>().ok().filter(|n| (1..=16384).contains(n));
+    match text.split_once(['x', 'X']).map(|(w, h)| (number(w), number(h))) {
+        Some((Some(w), Some(h))) => Ok([w, h]),
+        _ => Err("write width x height in pixels, 1x1 to 16384x16384, as 1024x768".into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::*;
+
+    #[test]
+    fn the_definition_is_consistent() {
+        Arguments::command().debug_assert();
+    }
+
+    #[test]
+    fn sizes() {
+        assert_eq!(parse_size("512x384"), Ok([512, 384]));
+        for bad in ["", "512", "0x3", "3x0", "x", "1x99999", "-1x2", "1x2x3"] {
+            assert!(parse_size(bad).is_err(), "{bad}");
+        }
+    }
+}

@@ -1,0 +1,76 @@
+//! `esvo bench`.
+
+use esvo_bench::{Backend, Matrix, Progress, output, run, tables};
+
+use crate::args::Bench;
+use crate::fail::{Failure, complain, print};
+
+pub(crate) fn run(arguments: &Bench) -> Result<(), Failure> {
+    let matrix = matrix(arguments)?;
+    if let Some(folder) = arguments.scenes_dir.as_ref().filter(|f| !f.is_dir()) {
+        return Err(format!("--scenes-dir {}: there is no such folder", folder.display()).into());
+    }
+    let options =
+        run::Options { matrix, scenes_dir: arguments.scenes_dir.clone(), threads: arguments.threads.map(Into::into) };
+    let progress = Progress::terminal();
+    let outcome = run::run(&options, &progress);
+    progress.finish();
+    let outcome = outcome?;
+    let folder = output::write(&outcome, &arguments.out, arguments.machine.as_deref())?;
+    let report = &outcome.report;
+    let text = if arguments.json {
+        report.to_json()
+    } else {
+        format!("{}\nWritten to {}\n", tables::to_text(report), folder.display())
+    };
+    // A closed pipe must not hide wrong answers.
+    let printed = print(&text);
+    if arguments.json {
+        complain("written", &folder.display().to_string());
+    }
+    let wrong = report.failures().count();
+    if wrong > 0 {
+        return Err(format!(
+            "{wrong} checks failed: an engine's answers differ from the reference caster's; see {}",
+            folder.join("tables.md").display()
+        )
+        .into());
+    }
+    printed
+}
+
+fn matrix(arguments: &Bench) -> Result<Matrix, Failure> {
+    let mut matrix = match &arguments.matrix {
+        Some(file) => Matrix::read(file)?,
+        None if arguments.full => Matrix::full_run(),
+        None => Matrix::default_run(),
+    };
+    if !arguments.scenes.is_empty() {
+        matrix.select_scenes(&arguments.scenes);
+    }
+    if !arguments.levels.is_empty() {
+        let mut levels = arguments.levels.clone();
+        levels.sort_unstable();
+        levels.dedup();
+        for scene in &mut matrix.scenes {
+            scene.levels.clone_from(&levels);
+        }
+    }
+    if !arguments.backends.is_empty() {
+        matrix.backends = arguments.backends.iter().map(|&b| Backend::from(b)).collect();
+        matrix.backends.dedup();
+    }
+    if !arguments.resolutions.is_empty() {
+        matrix.resolutions.clone_from(&arguments.resolutions);
+    }
+    matrix.views = arguments.views.unwrap_or(matrix.views);
+    matrix.rounds = arguments.rounds.unwrap_or(matrix.rounds);
+    matrix.memory_gb = arguments.memory.unwrap_or(matrix.memory_gb);
+    match arguments.time_limit {
+        Some(0.0) => matrix.time_limit_seconds = None,
+        Some(seconds) => matrix.time_limit_seconds = Some(seconds),
+        None => {}
+    }
+    matrix.validate()?;
+    Ok(matrix)
+}

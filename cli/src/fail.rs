@@ -1,0 +1,60 @@
+//! Errors as a person reads them, and output that survives a closed pipe.
+
+use std::fmt::Display;
+use std::io::{ErrorKind, Write};
+use std::path::Path;
+
+/// Why a command ends early.
+#[derive(Debug)]
+pub(crate) enum Failure {
+    /// One line: what, where, what to do.
+    Message(String),
+    /// Standard output was closed.
+    Pipe,
+}
+
+impl<T: Display> From<T> for Failure {
+    fn from(error: T) -> Self {
+        Self::Message(error.to_string())
+    }
+}
+
+/// Writes to standard output.
+pub(crate) fn print(text: &str) -> Result<(), Failure> {
+    let mut out = std::io::stdout().lock();
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Err(e) if e.kind() == ErrorKind::BrokenPipe => Err(Failure::Pipe),
+        Err(e) => Err(Failure::Message(format!("standard output: {e}"))),
+        Ok(()) => Ok(()),
+    }
+}
+
+/// Writes one line to standard error. Nothing can be done if that fails.
+pub(crate) fn complain(kind: &str, message: &str) {
+    // An error is one line, whatever a library puts into its message.
+    let line = message.split_whitespace().collect::<Vec<_>>().join(" ");
+    let _ = writeln!(std::io::stderr(), "{kind}: {line}");
+}
+
+/// The error with the file's name in front, unless it says it already.
+pub(crate) fn name_file(path: &Path, error: impl Display) -> String {
+    let (path, error) = (path.display().to_string(), error.to_string());
+    if error.starts_with(&path) { error } else { format!("{path}: {error}") }
+}
+
+/// Fails early if a file cannot be put there, before long work is done for it.
+pub(crate) fn check_output(path: &Path) -> Result<(), Failure> {
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    if !folder.is_dir() {
+        return Err(format!("{}: the folder {} does not exist; make it first", path.display(), folder.display()).into());
+    }
+    if path.is_dir() {
+        return Err(format!("{}: is a folder; give the name of a file", path.display()).into());
+    }
+    if std::fs::metadata(path).is_ok_and(|m| !m.is_file()) {
+        return Err(
+            format!("{}: is not a regular file; output is written to a file and renamed", path.display()).into()
+        );
+    }
+    Ok(())
+}

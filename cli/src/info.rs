@@ -1,0 +1,74 @@
+//! `esvo info`.
+
+use std::fmt::Write;
+
+use esvo_bench::text::{TextTable, short};
+use esvo_format::{Octree, Stats};
+use serde_json::{Value, json};
+
+use crate::args::Info;
+use crate::fail::{Failure, name_file, print};
+
+pub(crate) fn run(arguments: &Info) -> Result<(), Failure> {
+    let octree = Octree::open(&arguments.file).map_err(|e| name_file(&arguments.file, e))?;
+    octree.sound().map_err(|e| name_file(&arguments.file, e))?;
+    let stats = esvo_format::stats(&octree);
+    if arguments.json {
+        return print(&(serde_json::to_string_pretty(&as_json(&octree, &stats))? + "\n"));
+    }
+    let mut text = format!("{}\n", arguments.file.display());
+    for (index, object) in octree.objects().iter().enumerate() {
+        let to_mesh = octree.octree_to_mesh(index);
+        let corner = to_mesh.transform_point3(glam::DVec3::ZERO);
+        let edge = to_mesh.determinant().abs().cbrt();
+        let _ = writeln!(
+            text,
+            "object {index}: {} levels, root cube of edge {edge} at {corner}, finest voxel {}",
+            object.levels,
+            edge * (-f64::from(object.levels)).exp2()
+        );
+    }
+    let needs = octree.needs();
+    let has = [
+        (needs.contours, "contours"),
+        (needs.colors, "colours"),
+        (needs.normals, "normals"),
+        (needs.far_pointers, "far pointers"),
+    ];
+    let parts: Vec<_> = has.iter().filter(|(has, _)| *has).map(|(_, name)| *name).collect();
+    let _ = writeln!(text, "has {}", if parts.is_empty() { "nothing but voxels".into() } else { parts.join(", ") });
+    let _ = writeln!(
+        text,
+        "{} voxels, {} of them leaves; {} descriptors, {} contours, {} far pointers, {} blocks",
+        stats.voxels, stats.leaf_voxels, stats.descriptors, stats.contours, stats.far_pointers, stats.blocks
+    );
+    let _ = writeln!(
+        text,
+        "{} MB in memory, {:.2} bytes per voxel",
+        short(stats.image_bytes as f64 / (1u64 << 20) as f64),
+        stats.bytes_per_voxel
+    );
+    if !octree.meta().is_empty() {
+        let _ = writeln!(text, "metadata {}", octree.meta());
+    }
+    let mut kinds = TextTable::new("\nBytes by kind", 1, &["kind", "bytes", "per voxel", "share"]);
+    for (kind, bytes) in stats.bytes.named().into_iter().filter(|(_, bytes)| *bytes > 0) {
+        let per = bytes as f64 / stats.voxels.max(1) as f64;
+        let share = 100.0 * bytes as f64 / stats.image_bytes.max(1) as f64;
+        kinds.rows.push(vec![kind.into(), bytes.to_string(), format!("{per:.3}"), format!("{share:.1}%")]);
+    }
+    text += &kinds.to_text();
+    let mut levels = TextTable::new("\nVoxels by level", 1, &["level", "voxels"]);
+    levels.rows.extend(stats.voxels_per_level.iter().enumerate().map(|(l, n)| vec![l.to_string(), n.to_string()]));
+    text += &levels.to_text();
+    print(&text)
+}
+
+fn as_json(octree: &Octree, stats: &Stats) -> Value {
+    let objects: Vec<_> = (octree.objects().iter())
+        .map(|o| json!({ "levels": o.levels, "octree_to_mesh": o.octree_to_mesh.to_vec() }))
+        .collect();
+    // What is not JSON, though it should be, is shown as it is.
+    let meta = serde_json::from_str(octree.meta()).unwrap_or_else(|_| Value::from(octree.meta()));
+    json!({ "objects": objects, "needs": octree.needs(), "stats": stats, "meta": meta })
+}

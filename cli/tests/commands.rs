@@ -1,0 +1,104 @@
+//! Every command on good input.
+
+mod common;
+
+use common::Folder;
+
+#[test]
+fn build_info_validate_render() {
+    let folder = Folder::with_octree();
+    let info = folder.ok(&["info", "box.esvo"]);
+    assert!(info.contains("levels") && info.contains("bytes per voxel"), "{info}");
+    let json = folder.ok(&["info", "box.esvo", "--json"]);
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!(json["objects"][0]["levels"], 6);
+    assert!(json["meta"]["source"] == "box.obj", "{json}");
+    let validated = folder.ok(&["validate", "box.esvo"]);
+    assert!(validated.contains("keeps every rule"), "{validated}");
+
+    folder.ok(&["render", "box.esvo", "-o", "box.png", "--size", "64x48"]);
+    let png = std::fs::read(folder.path("box.png")).unwrap();
+    assert!(png.starts_with(b"\x89PNG\r\n\x1a\n"));
+    assert_eq!(png[16..24], [0, 0, 0, 64, 0, 0, 0, 48]);
+}
+
+#[test]
+fn the_engines_draw_the_same_picture() {
+    let folder = Folder::with_octree();
+    for mode in ["shaded", "normals", "depth"] {
+        let picture = |backend: &str| {
+            let arguments =
+                ["render", "box.esvo", "-o", "p.png", "--size", "80x60", "--view-mode", mode, "--backend", backend];
+            folder.ok(&arguments);
+            std::fs::read(folder.path("p.png")).unwrap()
+        };
+        assert_eq!(picture("reference"), picture("cpu"), "{mode}");
+    }
+}
+
+#[test]
+fn cameras() {
+    let folder = Folder::with_octree();
+    let picture = |more: &[&str]| {
+        let arguments: Vec<&str> =
+            ["render", "box.esvo", "-o", "p.png", "--size", "40x30"].iter().chain(more).copied().collect();
+        folder.ok(&arguments);
+        std::fs::read(folder.path("p.png")).unwrap()
+    };
+    let front = picture(&["--camera=1,0.5,5,0,0,-1"]);
+    assert_ne!(front, picture(&[]));
+    assert_ne!(front, picture(&["--camera", "-3,0.5,0.5,1,0,0"]));
+    assert_eq!(front, picture(&["--camera", "1,0.5,5,0,0,-1,60"]));
+    assert_ne!(front, picture(&["--camera", "1,0.5,5,0,0,-1,30"]));
+    assert_ne!(front, picture(&["--camera", "1,0.5,5,0,0,-1", "--max-voxel-pixels", "20"]));
+}
+
+#[test]
+fn the_same_mesh_gives_the_same_bytes() {
+    let folder = Folder::with_octree();
+    folder.ok(&["build", "box.obj", "-o", "again.esvo", "--levels", "6"]);
+    assert_eq!(std::fs::read(folder.path("box.esvo")).unwrap(), std::fs::read(folder.path("again.esvo")).unwrap());
+}
+
+#[test]
+fn bench_writes_its_record() {
+    let folder = Folder::new();
+    folder.put(
+        "small.toml",
+        r#"
+name = "small"
+views = 1
+rounds = 2
+warm_up = 0
+memory_gb = 4
+resolutions = [[64, 48]]
+variants = ["triangles", "cubical", "contours", "beam"]
+backends = ["cpu"]
+
+[[scene]]
+name = "sibenik"
+levels = [4, 5]
+"#,
+    );
+    let text = folder.ok(&["bench", "--matrix", "small.toml", "--machine", "Test Machine"]);
+    for part in ["Table 1", "Table 2, cpu", "Error against the triangles", "SIBENIK", "5.68 at 14"] {
+        assert!(text.contains(part), "{part} is not in:\n{text}");
+    }
+    let machine = folder.path("results/test-machine");
+    let day = std::fs::read_dir(&machine).unwrap().next().unwrap().unwrap().path();
+    let report = std::fs::read_to_string(day.join("report.json")).unwrap();
+    let report = esvo_bench::Report::from_json(&report).unwrap();
+    assert!(report.passed());
+    let scene = &report.scenes[0];
+    assert_eq!((scene.builds.len(), scene.checks.len(), scene.times.len()), (4, 3, 4));
+    assert!(scene.times.iter().all(|t| t.samples.seconds.len() == 2 && t.mrays.is_some()));
+    assert_eq!(scene.errors.len(), 6);
+    assert_eq!(scene.pictures.len(), 2);
+    for picture in &scene.pictures {
+        assert!(std::fs::read(day.join(picture)).unwrap().starts_with(b"\x89PNG"));
+    }
+    assert!(std::fs::read_to_string(day.join("tables.md")).unwrap().contains("## Table 1"));
+    // A second run on the same day has a folder of its own.
+    folder.ok(&["bench", "--matrix", "small.toml", "--machine", "Test Machine", "--json"]);
+    assert_eq!(std::fs::read_dir(&machine).unwrap().count(), 2);
+}

@@ -1,0 +1,165 @@
+//! Bad input: one clear error each, an exit code, nothing half-written.
+
+mod common;
+
+use common::{BOX, Folder};
+
+#[test]
+fn usage_errors_are_named() {
+    let folder = Folder::with_octree();
+    folder.fails(&["build", "box.obj", "-o", "x.esvo", "--levels", "0"], 2, "1..=23");
+    folder.fails(&["build", "box.obj", "-o", "x.esvo", "--levels", "30"], 2, "1..=23");
+    folder.fails(&["build", "box.obj"], 2, "--output");
+    folder.fails(&["render", "box.esvo", "-o", "x.png", "--backend", "cuda"], 2, "reference, cpu, wgpu, ash");
+    folder.fails(&["render", "box.esvo", "-o", "x.png", "--size", "0x9"], 2, "1x1 to 16384x16384");
+    folder.fails(&["bench", "--levels", "24"], 2, "1..=23");
+    folder.fails(&["bench", "--backends", "metal"], 2, "metal");
+    folder.fails(&["frobnicate"], 2, "frobnicate");
+}
+
+#[test]
+fn settings_out_of_range() {
+    let folder = Folder::with_octree();
+    folder.fails(&["build", "box.obj", "-o", "x.esvo", "--color-error=-1"], 1, "color-error");
+    folder.fails(&["build", "box.obj", "-o", "x.esvo", "--normal-error", "nan"], 1, "normal-error");
+    folder.fails(&["build", "box.obj", "-o", "x.esvo", "--paper", "teapot"], 1, "sibenik");
+    folder.fails(&["render", "box.esvo", "-o", "x.png", "--camera", "1,2,3"], 1, "six numbers");
+    folder.fails(&["render", "box.esvo", "-o", "x.png", "--camera", "0,0,0,0,0,0"], 1, "forward is not zero");
+    folder.fails(&["render", "box.esvo", "-o", "x.png", "--camera", "0,0,0,0,1,0"], 1, "up is not parallel");
+    folder.fails(&["render", "box.esvo", "-o", "x.png", "--up", "0,1"], 1, "three numbers");
+    folder.fails(&["render", "box.esvo", "-o", "x.png", "--fov", "180"], 1, "between 0 and 180");
+    folder.fails(&["render", "box.esvo", "-o", "x.png", "--max-voxel-pixels=-2"], 1, "largest voxel");
+    folder.fails(&["render", "box.esvo", "-o", "x.png", "--scene", "hairball", "--view", "99"], 1, "views 1 to");
+    folder.fails(&["render", "box.esvo", "-o", "x.png", "--scene", "teapot"], 1, "unknown");
+}
+
+#[test]
+fn meshes() {
+    let folder = Folder::new();
+    let build = |name: &str, what: &str| folder.fails(&["build", name, "-o", "x.esvo"], 1, what);
+    build("absent.obj", "absent.obj");
+    build(".", "not a regular file");
+    folder.put("empty.obj", "");
+    build("empty.obj", "empty");
+    folder.put("mesh.step", BOX);
+    build("mesh.step", ".obj");
+    folder.put("none.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\n");
+    build("none.obj", "no triangles");
+    folder.put("nan.obj", BOX.replacen("v 2 0 0", "v nan 0 0", 1));
+    build("nan.obj", "nan.obj");
+    folder.put("text.glb", BOX);
+    build("text.glb", "text.glb");
+    folder.put("short.gltf", r#"{"asset": {"version": "2.0"}, "meshes": ["#);
+    build("short.gltf", "short.gltf");
+}
+
+#[test]
+fn a_missing_texture_is_a_warning() {
+    let folder = Folder::new();
+    folder.put("box.obj", format!("mtllib box.mtl\nusemtl wood\nvt 0 0\n{BOX}"));
+    folder.put("box.mtl", "newmtl wood\nKd 0.5 0.4 0.3\nmap_Kd absent.png\n");
+    let out = folder.run(&["build", "box.obj", "-o", "box.esvo", "--levels", "4"]);
+    let error = String::from_utf8_lossy(&out.stderr);
+    assert!(out.status.success(), "{error}");
+    assert!(error.starts_with("warning: ") && error.contains("absent.png"), "{error}");
+    assert!(folder.files().contains(&"box.esvo".to_string()));
+}
+
+#[test]
+fn files_of_the_wrong_kind() {
+    let folder = Folder::with_octree();
+    let every = |name: &str, what: &str| {
+        folder.fails(&["info", name], 1, what);
+        folder.fails(&["render", name, "-o", "x.png"], 1, what);
+        // The validator's findings are its output; an error says that there are some.
+        let out = folder.run(&["validate", name]);
+        assert_eq!(out.status.code(), Some(1), "{name}");
+        let all = String::from_utf8_lossy(&out.stdout).into_owned() + &String::from_utf8_lossy(&out.stderr);
+        assert!(all.contains(name), "{all}");
+    };
+    every("absent.esvo", "absent.esvo");
+    every(".", "regular file");
+    folder.put("empty.esvo", "");
+    every("empty.esvo", "too short");
+    every("box.obj", "box.obj: ");
+    let whole = std::fs::read(folder.path("box.esvo")).unwrap();
+    folder.put("half.esvo", &whole[..whole.len() / 2]);
+    every("half.esvo", "half.esvo: ");
+    folder.put("header.esvo", &whole[..40]);
+    every("header.esvo", "too short");
+}
+
+#[test]
+fn flipped_bits_are_found_or_harmless() {
+    let folder = Folder::with_octree();
+    let whole = std::fs::read(folder.path("box.esvo")).unwrap();
+    // A multiplicative step visits header, tables and block data alike.
+    let mut found = 0;
+    for k in 0..24usize {
+        let bit = k.wrapping_mul(0x9E37_79B9) % (whole.len() * 8);
+        let mut bytes = whole.clone();
+        bytes[bit / 8] ^= 1 << (bit % 8);
+        folder.put("flipped.esvo", &bytes);
+        let out = folder.run(&["validate", "flipped.esvo"]);
+        assert!(matches!(out.status.code(), Some(0 | 1)), "bit {bit}: {:?}", out.status);
+        found += usize::from(out.status.code() == Some(1));
+        let out = folder.run(&["render", "flipped.esvo", "-o", "flipped.png", "--size", "16x16"]);
+        assert!(matches!(out.status.code(), Some(0 | 1)), "bit {bit}: {:?}", out.status);
+        let _ = std::fs::remove_file(folder.path("flipped.png"));
+    }
+    // Everything but the gaps between sections is under a checksum.
+    assert!(found >= 20, "{found} of 24");
+}
+
+#[test]
+fn output_that_cannot_be_written() {
+    let folder = Folder::with_octree();
+    let both = |output: &str, what: &str| {
+        folder.fails(&["build", "box.obj", "-o", output, "--levels", "4"], 1, what);
+        folder.fails(&["render", "box.esvo", "-o", output], 1, what);
+    };
+    both("absent/x", "does not exist");
+    both(".", "folder");
+    if cfg!(unix) {
+        both("/dev/full", "not a regular file");
+    }
+}
+
+#[test]
+fn an_output_that_fails_leaves_what_was_there() {
+    let folder = Folder::with_octree();
+    let before = std::fs::read(folder.path("box.esvo")).unwrap();
+    folder.put("bad.obj", BOX.replacen("v 2 0 0", "v inf 0 0", 1));
+    folder.fails(&["build", "bad.obj", "-o", "box.esvo"], 1, "bad.obj");
+    assert_eq!(std::fs::read(folder.path("box.esvo")).unwrap(), before);
+}
+
+#[test]
+#[cfg(unix)]
+fn a_full_standard_output_is_an_error_and_a_closed_one_is_not() {
+    let folder = Folder::with_octree();
+    let full = std::fs::OpenOptions::new().write(true).open("/dev/full");
+    if let Ok(full) = full {
+        let out = folder.command(&["info", "box.esvo"]).stdout(full).output().unwrap();
+        assert_eq!(out.status.code(), Some(1));
+        assert!(String::from_utf8_lossy(&out.stderr).starts_with("error: standard output"));
+    }
+    let (reader, writer) = std::io::pipe().unwrap();
+    drop(reader);
+    let out = folder.command(&["info", "box.esvo"]).stdout(writer).output().unwrap();
+    assert_eq!(String::from_utf8_lossy(&out.stderr), "");
+    assert_eq!(out.status.code(), Some(0));
+}
+
+#[test]
+fn benches_that_cannot_be_run() {
+    let folder = Folder::new();
+    folder.fails(&["bench", "--scenes", "teapot"], 1, "the scenes are");
+    folder.fails(&["bench", "--scenes", "sibenik-d"], 1, "not supported");
+    folder.fails(&["bench", "--scenes-dir", "absent"], 1, "absent");
+    folder.fails(&["bench", "--matrix", "absent.toml"], 1, "absent.toml");
+    folder.put("bad.toml", "name = \"bad\"\nviews = \"two\"\n");
+    folder.fails(&["bench", "--matrix", "bad.toml"], 1, "bad.toml: line 2");
+    folder.fails(&["bench", "--memory", "0"], 1, "memory_gb");
+    folder.fails(&["bench", "--views", "0"], 1, "at least 1");
+}

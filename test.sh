@@ -1,0 +1,68 @@
+#!/usr/bin/env bash
+# Runs every check of the repository. Installs what the tests need where it can, says what is missing where it cannot.
+set -euo pipefail
+cd "$(dirname "$0")"
+
+step() { printf '\n== %s\n' "$*"; }
+
+# A Vulkan device answers if there is a loader and a driver that it finds; vulkaninfo, where it exists, knows for certain.
+vulkan() {
+    if command -v vulkaninfo >/dev/null 2>&1; then
+        vulkaninfo --summary 2>/dev/null | grep -q 'deviceName'
+        return
+    fi
+    local loader='' driver folder
+    if command -v ldconfig >/dev/null 2>&1 || [ -x /sbin/ldconfig ]; then
+        PATH="$PATH:/sbin" ldconfig -p 2>/dev/null | grep -q 'libvulkan\.so\.1' && loader=1
+    fi
+    [ -n "$loader" ] || return 1
+    [ -z "${VK_DRIVER_FILES:-}${VK_ICD_FILENAMES:-}" ] || return 0
+    for folder in /usr/share/vulkan/icd.d /usr/local/share/vulkan/icd.d /etc/vulkan/icd.d "${XDG_DATA_HOME:-$HOME/.local/share}/vulkan/icd.d"; do
+        for driver in "$folder"/*.json; do
+            [ -e "$driver" ] && return 0
+        done
+    done
+    return 1
+}
+
+step "Vulkan device"
+if ! vulkan && command -v apt-get >/dev/null 2>&1; then
+    root=''
+    if [ "$(id -u)" -ne 0 ]; then
+        root='sudo -n'
+        $root true 2>/dev/null || root='no'
+    fi
+    if [ "$root" != no ]; then
+        echo "no Vulkan device: installing Debian's mesa-vulkan-drivers (a driver that runs on the processor)"
+        { $root apt-get update -qq &&
+            DEBIAN_FRONTEND=noninteractive $root apt-get install -y -qq --no-install-recommends mesa-vulkan-drivers libvulkan1; } ||
+            echo "that did not work"
+    fi
+fi
+if vulkan; then
+    echo "there is one: the GPU tests must pass"
+    export ESVO_REQUIRE_GPU=1
+else
+    echo "none: the GPU tests are skipped. To run them, install a Vulkan driver (Debian: mesa-vulkan-drivers and libvulkan1)"
+fi
+
+step "format"
+cargo fmt --all --check
+
+step "clippy"
+cargo clippy --workspace --all-targets --locked -- -D warnings
+
+step "tests"
+if cargo nextest --version >/dev/null 2>&1; then
+    cargo nextest run --workspace --locked
+else
+    cargo test --workspace --all-targets --locked
+fi
+
+step "documentation tests"
+cargo test --workspace --doc --locked
+
+step "documentation"
+RUSTDOCFLAGS='-D warnings' cargo doc --workspace --no-deps --locked
+
+step "all passed"
