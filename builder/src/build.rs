@@ -73,14 +73,14 @@ pub fn build(mesh: &Mesh, settings: &BuildSettings, progress: &(dyn Fn(Progress)
         surface: &surface,
         settings,
         deviation: (-settings.contour_error).exp2() * 3f64.sqrt(),
-        bounds: AttributeBounds { color: settings.color_error as f32, normal: settings.normal_error as f32 },
+        limits: AttributeBounds { color: settings.color_error as f32, normal: settings.normal_error as f32 },
         progress,
         done: AtomicU64::new(0),
         voxels: AtomicU64::new(0),
     };
     let pieces: Vec<Piece> = (0..surface.len() as u32).map(Piece::whole).collect();
     let root = Cube { centre: DVec3::splat(0.5), size: 1.0, level: 0 };
-    let tree = context.split(root, &Arena::default(), pieces, Slabs::default());
+    let tree = context.split(root, &Arena::default(), pieces, Bounds::Slabs(Slabs::default()));
     let voxelize = start.elapsed();
     let Some(tree) = tree else {
         return Err(BuildError::Mesh("all of its surface is cut out by alpha".into()));
@@ -129,7 +129,7 @@ struct Context<'a> {
     settings: &'a BuildSettings,
     /// Contour error in octree units.
     deviation: f64,
-    bounds: AttributeBounds,
+    limits: AttributeBounds,
     progress: &'a (dyn Fn(Progress) + Sync),
     /// Parts of 8^PARALLEL_LEVELS of the root cube.
     done: AtomicU64,
@@ -139,7 +139,25 @@ struct Context<'a> {
 /// A child voxel, and what its own children need if it is not a leaf.
 struct Child {
     voxel: TreeVoxel,
-    slabs: Slabs,
+    bounds: Bounds,
+}
+
+/// What the ancestors of a voxel say about its shape.
+#[derive(Clone)]
+enum Bounds {
+    /// These contours bound it.
+    Slabs(Slabs),
+    /// It is within the error bound, so it is in every part of it: only attributes ask for finer voxels.
+    Fits,
+}
+
+impl Bounds {
+    fn for_child(&self, slot: usize) -> Self {
+        match self {
+            Self::Slabs(slabs) => Self::Slabs(slabs.for_child(slot)),
+            Self::Fits => Self::Fits,
+        }
+    }
 }
 
 /// What one thread needs on the way down.
@@ -155,14 +173,14 @@ struct Worker {
 
 impl Context<'_> {
     /// Builds the subtree of a cube that is split, its children in parallel. `None` if nothing is in it.
-    fn split(&self, cube: Cube, arena: &Arena, pieces: Vec<Piece>, slabs: Slabs) -> Option<Tree> {
+    fn split(&self, cube: Cube, arena: &Arena, pieces: Vec<Piece>, ancestors: Bounds) -> Option<Tree> {
         let mut own = Worker::default();
         let (own_arena, pieces) = arena.extract(&pieces);
         own.arena = own_arena;
         own.pieces = pieces;
         if cube.level >= PARALLEL_LEVELS {
             let all = 0..own.pieces.len();
-            let found = self.descend(&mut own, cube, all, slabs);
+            let found = self.descend(&mut own, cube, all, ancestors);
             self.count(cube.level, own.tree.voxels());
             return found.then_some(own.tree);
         }
@@ -176,7 +194,7 @@ impl Context<'_> {
                 let child_cube = cube.child(slot);
                 let mut shaper = Shaper::default();
                 self.remove_holes(arena, &mut pieces, |piece| piece);
-                let child = self.evaluate(&mut shaper, arena, &pieces, child_cube, slabs.for_child(slot));
+                let child = self.evaluate(&mut shaper, arena, &pieces, child_cube, ancestors.for_child(slot));
                 let Some(mut child) = child else {
                     self.count(child_cube.level, 0);
                     return None;
@@ -185,7 +203,7 @@ impl Context<'_> {
                     self.count(child_cube.level, 0);
                     return Some((child.voxel, None));
                 }
-                let tree = self.split(child_cube, arena, pieces, child.slabs);
+                let tree = self.split(child_cube, arena, pieces, child.bounds);
                 child.voxel.leaf = tree.is_none();
                 Some((child.voxel, tree))
             })
@@ -206,7 +224,7 @@ impl Context<'_> {
     }
 
     /// The same on one thread. Returns whether anything is in the cube; if so its node has been pushed.
-    fn descend(&self, worker: &mut Worker, cube: Cube, range: std::ops::Range<usize>, slabs: Slabs) -> bool {
+    fn descend(&self, worker: &mut Worker, cube: Cube, range: std::ops::Range<usize>, ancestors: Bounds) -> bool {
         let arena_mark = worker.arena.mark();
         let pieces_mark = worker.pieces.len();
         worker.sorted.clear();
@@ -223,14 +241,14 @@ impl Context<'_> {
         }
         let children: [Option<Child>; 8] = std::array::from_fn(|slot| {
             let pieces = &worker.pieces[ends[slot]..ends[slot + 1]];
-            self.evaluate(&mut worker.shaper, &worker.arena, pieces, cube.child(slot), slabs.for_child(slot))
+            self.evaluate(&mut worker.shaper, &worker.arena, pieces, cube.child(slot), ancestors.for_child(slot))
         });
         let found = children.iter().any(Option::is_some);
         if found {
             let node = worker.tree.open(&std::array::from_fn(|slot| children[slot].as_ref().map(|c| c.voxel)));
             for (slot, child) in children.into_iter().enumerate() {
                 let Some(child) = child.filter(|c| !c.voxel.leaf) else { continue };
-                if !self.descend(worker, cube.child(slot), ends[slot]..ends[slot + 1], child.slabs) {
+                if !self.descend(worker, cube.child(slot), ends[slot]..ends[slot + 1], child.bounds) {
                     worker.tree.make_leaf(node, slot);
                 }
             }
@@ -248,7 +266,7 @@ impl Context<'_> {
         arena: &Arena,
         pieces: &[Piece],
         cube: Cube,
-        slabs: Slabs,
+        ancestors: Bounds,
     ) -> Option<Child> {
         if pieces.is_empty() {
             return None;
@@ -256,21 +274,22 @@ impl Context<'_> {
         let settings = self.settings;
         let voxel = Voxel { surface: self.surface, arena, pieces, centre: cube.centre, size: cube.size };
         let deepest = cube.level == settings.levels;
-        let shape = if settings.contours {
-            shaper.shape(&voxel, slabs, self.deviation)
-        } else {
-            Shape { contour: None, slabs, fits: false }
+        let shape = match ancestors {
+            Bounds::Fits => Shape { contour: None, slabs: Slabs::default(), fits: true },
+            Bounds::Slabs(slabs) if settings.contours => shaper.shape(&voxel, slabs, self.deviation, deepest),
+            Bounds::Slabs(slabs) => Shape { contour: None, slabs, fits: false },
         };
         // Where the shape asks for finer voxels anyway, whether the attributes do is of no interest.
-        let bounds = (shape.fits && !deepest).then_some(self.bounds);
-        let attributes = attributes(&voxel, bounds);
+        let limits = (shape.fits && !deepest).then_some(self.limits);
+        let attributes = attributes(&voxel, limits);
         let voxel = TreeVoxel {
             color: settings.colors.then_some(attributes.color),
             normal: settings.normals.then_some(attributes.normal),
             contour: shape.contour,
             leaf: deepest || (shape.fits && attributes.uniform),
         };
-        Some(Child { voxel, slabs: shape.slabs })
+        let bounds = if shape.fits { Bounds::Fits } else { Bounds::Slabs(shape.slabs) };
+        Some(Child { voxel, bounds })
     }
 
     /// Takes out the pieces of cut-out materials that are all hole.

@@ -84,7 +84,10 @@ pub struct Voxel<'a> {
 
 impl Shaper {
     /// Shapes one voxel. `deviation` is the error bound in octree units.
-    pub fn shape(&mut self, voxel: &Voxel, ancestors: Slabs, deviation: f64) -> Shape {
+    ///
+    /// `deepest` says that the voxel has no descendants whatever its shape: whether the new contour makes it fit is not
+    /// looked at then.
+    pub fn shape(&mut self, voxel: &Voxel, ancestors: Slabs, deviation: f64, deepest: bool) -> Shape {
         if voxel.pieces.len() > MAX_PIECES {
             return Shape { contour: None, slabs: ancestors, fits: false };
         }
@@ -112,7 +115,7 @@ impl Shaper {
         let n = Vec3::from(decoded.normal.map(|c| c as f32));
         let slab = Slab { n, lo: decoded.lo() as f32, hi: decoded.hi() as f32 };
         let mut slabs = ancestors;
-        if slabs.0.len() == MAX_SLABS {
+        if slabs.0.len() == MAX_SLABS && !deepest {
             slabs = self.bounding(slabs);
             // Still full: forget the oldest, which has grown widest.
             if slabs.0.len() == MAX_SLABS {
@@ -120,6 +123,9 @@ impl Shaper {
             }
             self.polyhedron.reset();
             (0..slabs.0.len()).for_each(|k| self.cut(&slabs.0[k].clone(), k));
+        }
+        if deepest {
+            return Shape { contour: Some(contour), slabs, fits: false };
         }
         self.cut(&slab, slabs.0.len());
         slabs.0.push(slab);
