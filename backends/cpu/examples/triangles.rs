@@ -1,4 +1,4 @@
-//! How many rays per second the triangle casters reach on a mesh, and how far the fast one is off.
+//! How many rays per second the triangle casters reach on a mesh, beside `obvhs` alone, and how far the fast one is off.
 //!
 //! ```text
 //! cargo run --release -p esvo-cpu --example triangles -- ../shared/scenes/sibenik/sibenik.obj [width height]
@@ -13,7 +13,12 @@ use std::time::{Duration, Instant};
 use esvo_core::Camera;
 use esvo_core::exact::CameraRays;
 use esvo_cpu::triangles::TriangleScene;
-use glam::DVec3;
+use glam::{DVec3, Vec3A};
+use obvhs::BvhBuildParams;
+use obvhs::bvh2::Bvh2;
+use obvhs::bvh2::builder::build_bvh2_from_tris;
+use obvhs::ray::{Ray, RayHit};
+use obvhs::triangle::Triangle;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
@@ -29,6 +34,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let scene = TriangleScene::new(triangles)?;
     println!("{} triangles, built in {:.2} s", scene.triangles().len(), start.elapsed().as_secs_f64());
     println!("{:.1} MB for the fast caster", scene.resident_bytes() as f64 / 1e6);
+    let peer = Peer::new(&scene, (lo + hi) * 0.5);
 
     let half = (hi - lo) * 0.5;
     let z_up = half.z < half.y * 0.9;
@@ -52,23 +58,27 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         };
         let rays = CameraRays::new(&camera, size)?;
         let rate = |time: Duration| rays.pixels() as f64 / time.as_secs_f64() / 1e6;
-        let median = |f: &dyn Fn() -> Duration| {
-            let mut times: Vec<_> = (0..7).map(|_| f()).collect();
-            times.sort();
-            rate(times[3])
-        };
         let timed = |f: &dyn Fn()| {
             let start = Instant::now();
             f();
             start.elapsed()
         };
         let exact = scene.cast_exact(&rays);
-        let rates = [
-            ("fast, 1 thread", median(&|| one.install(|| scene.time(&rays)))),
-            ("fast, all threads", median(&|| scene.time(&rays))),
-            ("exact, 1 thread", rate(timed(&|| drop(one.install(|| scene.cast_exact(&rays)))))),
-            ("exact, all threads", rate(timed(&|| drop(scene.cast_exact(&rays))))),
+        let casters: [(&str, &dyn Fn() -> Duration); 5] = [
+            ("fast, 1 thread", &|| one.install(|| scene.time(&rays))),
+            ("fast, all threads", &|| scene.time(&rays)),
+            ("exact, 1 thread", &|| timed(&|| drop(one.install(|| scene.cast_exact(&rays))))),
+            ("exact, all threads", &|| timed(&|| drop(scene.cast_exact(&rays)))),
+            ("obvhs, 1 thread", &|| timed(&|| drop(peer.cast(&rays)))),
         ];
+        // Round by round, so that what else the machine does hits all alike; the best of each is the least disturbed.
+        let mut best = [Duration::MAX; 5];
+        for _ in 0..7 {
+            for (best, (_, caster)) in best.iter_mut().zip(&casters) {
+                *best = (*best).min(caster());
+            }
+        }
+        let rates = casters.iter().zip(best).map(|((name, _), best)| (*name, rate(best)));
         let mut hits = Vec::new();
         scene.cast(&rays, &mut hits);
         let pairs = || hits.iter().zip(&exact);
@@ -85,6 +95,47 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         println!("mean: {name} {mean:.2} Mrays/s");
     }
     Ok(())
+}
+
+/// `obvhs` as it comes: its best preset, its own traversal and triangle test, one ray at a time.
+struct Peer {
+    bvh: Bvh2,
+    triangles: Vec<Triangle>,
+    centre: DVec3,
+}
+
+impl Peer {
+    fn new(scene: &TriangleScene, centre: DVec3) -> Self {
+        let corner = |p: DVec3| Vec3A::from((p - centre).as_vec3());
+        let triangles: Vec<_> = (scene.triangles().iter())
+            .map(|t| t.map(corner))
+            .filter(|[a, b, c]| (*b - *a).cross(*c - *a) != Vec3A::ZERO)
+            .map(|[v0, v1, v2]| Triangle { v0, v1, v2 })
+            .collect();
+        let bvh = build_bvh2_from_tris(&triangles, BvhBuildParams::very_slow_build(), &mut Duration::default());
+        let triangles = bvh.primitive_indices.iter().map(|&i| triangles[i as usize]).collect();
+        Self { bvh, triangles, centre }
+    }
+
+    /// In tiles of 4 x 4 rays, as the fast caster goes.
+    fn cast(&self, rays: &CameraRays) -> Vec<f32> {
+        let (width, height) = (rays.width as usize, rays.height as usize);
+        let mut hits = vec![f32::INFINITY; rays.pixels()];
+        for tile in 0..width.div_ceil(4) * height.div_ceil(4) {
+            let (column, row) = (tile % width.div_ceil(4) * 4, tile / width.div_ceil(4) * 4);
+            for y in row..(row + 4).min(height) {
+                for x in column..(column + 4).min(width) {
+                    let ray = rays.ray(x as u32, y as u32);
+                    let origin = Vec3A::from((ray.origin - self.centre).as_vec3());
+                    let ray = Ray::new(origin, Vec3A::from(ray.direction.as_vec3()), ray.t_min as f32, 1.0);
+                    let mut hit = RayHit::none();
+                    self.bvh.ray_traverse(ray, &mut hit, |ray, i| self.triangles[i].intersect(ray));
+                    hits[y * width + x] = hit.t;
+                }
+            }
+        }
+        hits
+    }
 }
 
 /// Triangles of the faces, fans of those with more corners.

@@ -4,15 +4,17 @@
 //! [`TriangleScene::cast_exact`] is the truth: double precision, watertight. Both take the same rays, and both give `t`
 //! as depth over far depth, as octree casters do.
 //!
-//! The example `triangles` of this crate measures both on a mesh. On a busy 2-core EPYC (Zen 5, AVX-512), 1024x768, mean of
-//! four interior cameras, in millions of rays per second on SIBENIK and CONFERENCE:
+//! The example `triangles` of this crate measures both on a mesh, beside `obvhs` alone. One thread of a busy 2-core EPYC
+//! (Zen 5, AVX-512), 1024x768, four interior cameras, the mean of the best of seven rounds, in millions of rays per second:
 //!
-//! | caster | one thread | two threads |
+//! | caster | SIBENIK | CONFERENCE |
 //! |---|---|---|
-//! | fast | 14.4, 16.5 | 22.0, 24.9 |
-//! | exact | 2.0, 2.3 | 3.1, 3.9 |
+//! | fast | 16.1 | 17.8 |
+//! | exact | 2.2 | 2.5 |
+//! | `obvhs` 0.4, BVH2, its own traversal, single rays | 6.6 | 7.7 |
 //!
-//! Of 3.1 million rays a scene, the two differ in whether they hit for 2 and 0, and by more than 10^-4 of `t` for 4 and 18.
+//! The second core gave 1.8 times the rays when nothing else used it. Of 3.1 million rays a scene, fast and exact differ in
+//! whether they hit for 2 and 0, and by more than 10^-4 of `t` for 4 and 18.
 
 mod bvh;
 mod exact;
