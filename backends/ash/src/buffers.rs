@@ -104,8 +104,13 @@ impl Drop for Buffer {
 }
 
 /// Copies `slots` to a new buffer on the device through `staging`, a buffer on the host, piece by piece.
-pub(crate) fn upload(gpu: &Arc<Gpu>, slots: &[u64], staging: &mut Buffer) -> Result<Buffer, CastError> {
-    let usage = vk::BufferUsageFlags::STORAGE_BUFFER | vk::BufferUsageFlags::TRANSFER_DST;
+pub(crate) fn upload(
+    gpu: &Arc<Gpu>,
+    slots: &[u64],
+    usage: vk::BufferUsageFlags,
+    staging: &mut Buffer,
+) -> Result<Buffer, CastError> {
+    let usage = usage | vk::BufferUsageFlags::TRANSFER_DST;
     let buffer = Buffer::on_device(gpu, size_of_val(slots) as u64, usage)?;
     let piece_slots = (staging.bytes / 8).max(1) as usize;
     for (piece, offset) in slots.chunks(piece_slots).zip((0u64..).step_by(piece_slots * 8)) {
@@ -118,4 +123,60 @@ pub(crate) fn upload(gpu: &Arc<Gpu>, slots: &[u64], staging: &mut Buffer) -> Res
         })?;
     }
     Ok(buffer)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The device, or `None` where there is none and none is demanded.
+    fn gpu() -> Option<Arc<Gpu>> {
+        match Gpu::open(&crate::GpuOptions::default()) {
+            Ok(gpu) => Some(Arc::new(gpu)),
+            Err(error) if std::env::var_os("ESVO_REQUIRE_GPU").is_some() => panic!("{error}"),
+            Err(error) => {
+                println!("skipped: {error}");
+                None
+            }
+        }
+    }
+
+    #[test]
+    fn uploads_arrive_piece_by_piece() {
+        let Some(gpu) = gpu() else { return };
+        let slots: Vec<u64> = (0..1000).map(|i| i * 0x1_0000_0001).collect();
+        let mut staging = Buffer::on_host(&gpu, 24, vk::BufferUsageFlags::TRANSFER_SRC).expect("is made");
+        let usage = vk::BufferUsageFlags::STORAGE_BUFFER | vk::BufferUsageFlags::TRANSFER_SRC;
+        let copy = |from: &Buffer, to: &Buffer| {
+            let region = [vk::BufferCopy { src_offset: 0, dst_offset: 0, size: 8000 }];
+            // SAFETY: both buffers have 8000 bytes and outlive the submission.
+            gpu.run(|device, commands| unsafe { device.cmd_copy_buffer(commands, from.handle, to.handle, &region) })
+        };
+        let there = upload(&gpu, &slots, usage, &mut staging).expect("uploads");
+        let mut back = Buffer::on_host(&gpu, 8000, vk::BufferUsageFlags::TRANSFER_DST).expect("is made");
+        copy(&there, &back).expect("copies");
+        assert_eq!(back.contents(), bytemuck::cast_slice::<u64, u8>(&slots));
+    }
+
+    #[test]
+    fn impossible_sizes_are_errors() {
+        let Some(gpu) = gpu() else { return };
+        let usage = vk::BufferUsageFlags::STORAGE_BUFFER;
+        if gpu.check().is_ok() && std::env::var_os("ESVO_VALIDATION").is_none() {
+            assert!(Buffer::on_device(&gpu, 1 << 62, usage).is_err());
+            Buffer::on_device(&gpu, 64, usage).expect("the device still works");
+        }
+    }
+
+    #[test]
+    fn what_the_validation_layer_says_is_an_error() {
+        let Some(gpu) = gpu() else { return };
+        if !gpu.about().detail.contains("validated") {
+            println!("skipped: no validation layer, or not asked for with ESVO_VALIDATION=1");
+            return;
+        }
+        let _ = Buffer::on_device(&gpu, 64, vk::BufferUsageFlags::empty());
+        assert!(gpu.check().is_err(), "a buffer that may not be used for anything");
+        assert!(gpu.check().is_ok(), "said once");
+    }
 }

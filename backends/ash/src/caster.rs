@@ -255,8 +255,10 @@ impl Loaded {
         };
         let part_slots = if parts == 1 { slots.len().max(1) } else { 1 << part_shift };
         let mut staging = Buffer::on_host(gpu, STAGING_BYTES.min(bytes), Usage::TRANSFER_SRC)?;
-        let buffers: Vec<Buffer> =
-            slots.chunks(part_slots).map(|part| upload(gpu, part, &mut staging)).collect::<Result<_, _>>()?;
+        let buffers: Vec<Buffer> = slots
+            .chunks(part_slots)
+            .map(|part| upload(gpu, part, Usage::STORAGE_BUFFER, &mut staging))
+            .collect::<Result<_, _>>()?;
         let bindings: Vec<_> = buffers.iter().map(|buffer| (DescriptorType::STORAGE_BUFFER, buffer)).collect();
         let set = BufferSet::new(gpu, &bindings)?;
         gpu.check()?;

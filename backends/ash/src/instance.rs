@@ -158,8 +158,9 @@ impl Instance {
         } else {
             "timed by wall clock around submission"
         };
+        let validated = if self.messenger.is_some() { ", validated" } else { "" };
         let detail = format!(
-            "ash, Vulkan {}.{}, {}, subgroups of {}, {timing}",
+            "ash, Vulkan {}.{}, {}, subgroups of {}, {timing}{validated}",
             vk::api_version_major(version),
             vk::api_version_minor(version),
             driver.trim(),
