@@ -100,12 +100,12 @@ fn brute_force(scene: &TriangleScene, ray: &ExactRay) -> TriangleHit {
 
 /// Rays of all kinds: through the cube, along axes, from far away.
 fn ray(random: &mut Random, k: usize) -> ExactRay {
-    let origin = random.vector() * if k % 7 == 0 { 1e4 } else { 1.5 };
-    let mut direction = if k % 3 == 0 { random.vector() } else { random.vector() * 0.5 - origin };
-    if k % 5 == 0 {
+    let origin = random.vector() * if k.is_multiple_of(7) { 1e4 } else { 1.5 };
+    let mut direction = if k.is_multiple_of(3) { random.vector() } else { random.vector() * 0.5 - origin };
+    if k.is_multiple_of(5) {
         direction[k % 3] = 0.0;
     }
-    if k % 10 == 0 {
+    if k.is_multiple_of(10) {
         direction[(k + 1) % 3] = -0.0;
     }
     ExactRay { origin, direction, t_min: 0.0, t_max: 4.0 }
