@@ -9,6 +9,7 @@ use rayon::prelude::*;
 
 use crate::machine;
 use crate::scalar::{self, Scene};
+use crate::wide;
 
 /// Rows of pixels per task; also the edge of the tiles that a task goes through.
 const TILE: usize = 8;
@@ -19,7 +20,54 @@ const TILE: usize = 8;
 pub struct CpuCaster {
     device: Device,
     pool: rayon::ThreadPool,
+    engine: Engine,
     octree: Option<Arc<Octree>>,
+}
+
+/// The code that casts.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Engine {
+    /// One ray at a time.
+    Scalar,
+    /// Sixteen rays in lockstep with AVX-512.
+    Wide,
+}
+
+impl Engine {
+    /// The fastest that the processor has.
+    pub fn best() -> Self {
+        #[cfg(target_arch = "x86_64")]
+        if wide::is_available() {
+            return Self::Wide;
+        }
+        Self::Scalar
+    }
+
+    /// Its instruction set.
+    pub fn instruction_set(self) -> &'static str {
+        match self {
+            Self::Scalar => scalar::instruction_set(),
+            Self::Wide => "AVX-512, 16 lanes",
+        }
+    }
+
+    fn band(self, scene: &Scene, view: &View, coarse: &[f32], first_row: u32, hits: &mut [Hit]) {
+        #[cfg(target_arch = "x86_64")]
+        if self == Self::Wide && wide::can_cast(scene) {
+            // SAFETY: that it can has just been asked, and `load` has checked that the octree is sound.
+            return unsafe { wide::band(scene, view, coarse, first_row, hits) };
+        }
+        scalar::band(scene, view, coarse, first_row, hits);
+    }
+
+    fn coarse_row(self, scene: &Scene, view: &View, j: u32, row: &mut [f32]) {
+        #[cfg(target_arch = "x86_64")]
+        if self == Self::Wide && wide::can_cast(scene) {
+            // SAFETY: that it can has just been asked, and `load` has checked that the octree is sound.
+            return unsafe { wide::coarse_row(scene, view, j, row) };
+        }
+        scalar::coarse_row(scene, view, j, row);
+    }
 }
 
 impl CpuCaster {
@@ -28,12 +76,26 @@ impl CpuCaster {
     /// # Errors
     /// The system refuses the threads.
     pub fn new(threads: Option<usize>) -> Result<Self, CastError> {
+        Self::with_engine(threads, Engine::best())
+    }
+
+    /// The same with a given engine; one that the processor does not have falls back to [`Engine::Scalar`].
+    ///
+    /// # Errors
+    /// The system refuses the threads.
+    pub fn with_engine(threads: Option<usize>, engine: Engine) -> Result<Self, CastError> {
+        let engine = if Engine::best() == Engine::Scalar { Engine::Scalar } else { engine };
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(threads.unwrap_or(0))
             .build()
             .map_err(|e| CastError::Device(format!("no threads to cast with: {e}")))?;
-        let detail = format!("{}, {} threads", scalar::instruction_set(), pool.current_num_threads());
-        Ok(Self { device: Device { name: machine::cpu_name(), kind: DeviceKind::Cpu, detail }, pool, octree: None })
+        let detail = format!("{}, {} threads", engine.instruction_set(), pool.current_num_threads());
+        Ok(Self {
+            device: Device { name: machine::cpu_name(), kind: DeviceKind::Cpu, detail },
+            pool,
+            engine,
+            octree: None,
+        })
     }
 
     fn coarse(&self, octree: &Octree, view: &View) -> Vec<f32> {
@@ -45,7 +107,7 @@ impl CpuCaster {
         let mut values = vec![0.0; columns as usize * rows as usize];
         self.pool.install(|| {
             values.par_chunks_mut(columns as usize).enumerate().for_each(|(j, row)| {
-                scalar::coarse_row(&scene, view, j as u32, row);
+                self.engine.coarse_row(&scene, view, j as u32, row);
             });
         });
         values
@@ -56,7 +118,7 @@ impl CpuCaster {
         hits.resize(view.pixels(), Hit::miss(0));
         self.pool.install(|| {
             hits.par_chunks_mut(view.width as usize * TILE).enumerate().for_each(|(band, rows)| {
-                scalar::band(&scene, view, coarse, (band * TILE) as u32, rows);
+                self.engine.band(&scene, view, coarse, (band * TILE) as u32, rows);
             });
         });
     }

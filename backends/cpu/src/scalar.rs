@@ -19,6 +19,16 @@ impl<'a> Scene<'a> {
     pub fn new(octree: &'a Octree, root: u32) -> Self {
         Self { slots: octree.slots(), words: octree.words(), root }
     }
+
+    /// The image in 32-bit words.
+    pub fn words(&self) -> &'a [u32] {
+        self.words
+    }
+
+    /// Slot of the root's descriptor.
+    pub fn root(&self) -> u32 {
+        self.root
+    }
 }
 
 /// Edge of the tiles in which the pixels of a band are visited.
