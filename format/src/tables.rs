@@ -1,4 +1,4 @@
-//! Checks of the object table, the block table and the info sections (spec sections 4, 5 and 7).
+//! Checks of the object table, the block table and the info sections (spec sections 3, 4 and 6).
 
 use crate::file::*;
 use crate::octree::BlockParts;

@@ -152,3 +152,19 @@ fn a_great_many_sections_are_refused_at_once() {
     let Err(FormatError::Broken(broken)) = Octree::from_bytes(&file.0) else { panic!("opened") };
     assert_eq!(broken.rule, ids::DIRECTORY_LIMIT);
 }
+
+#[test]
+fn later_minor_versions_and_optional_features_are_accepted() {
+    let mut file = common::patch::File(bytes_of(&sample()));
+    file.0[14] = 9;
+    file.set_u64(24, u64::MAX);
+    // An attachment type that a later minor version may have registered.
+    let normals = file.attachment(0, 1);
+    assert_eq!(file.u32(normals), 2);
+    file.set_u32(normals, 4);
+    file.seal();
+    let octree = Octree::from_bytes(&file.0).unwrap();
+    octree.sound().unwrap();
+    assert!(!octree.needs().normals && octree.needs().colors);
+    assert_eq!(octree.normal(2, 0), None);
+}

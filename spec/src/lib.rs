@@ -18,11 +18,21 @@ pub fn rule(id: &str) -> Option<&'static Rule> {
 mod tests {
     use super::*;
 
+    /// A rule is cited where it belongs and listed in the appendix, word for word.
     #[test]
     fn every_rule_stands_in_the_text_and_every_id_of_the_text_is_a_rule() {
+        let (body, appendix) = TEXT_V1.split_once("## Appendix C").expect("the list of rules");
         for rule in RULES {
-            assert!(TEXT_V1.contains(&format!("**{}**", rule.id)), "{} is not in the text", rule.id);
+            assert!(body.contains(&format!("**{}**", rule.id)), "{} is not in the text", rule.id);
+            let level = match rule.level {
+                Level::Must => "must",
+                Level::Should => "should",
+            };
+            let line = format!("| **{}** | {level} | {} |\n", rule.id, rule.text);
+            assert!(appendix.contains(&line), "the list lacks or differs in: {line}");
         }
+        let listed = appendix.lines().filter(|line| line.starts_with("| **")).count();
+        assert_eq!(listed, RULES.len());
         let cited = TEXT_V1.split("**").filter(|part| is_id(part));
         for id in cited {
             assert!(rule(id).is_some(), "the text has {id}, the rules do not");

@@ -1,0 +1,37 @@
+//! The bytes that the specification shows are those of the golden files.
+
+use std::path::Path;
+
+/// The bytes of one line of an example, with their offset; `None` for a line that is no such thing.
+fn line(text: &str) -> Option<(usize, Vec<u8>)> {
+    let (offset, rest) = text.split_once("  ")?;
+    let bytes = rest.split("  ").next()?.split(' ').map(|byte| u8::from_str_radix(byte, 16));
+    Some((usize::from_str_radix(offset, 16).ok()?, bytes.collect::<Result<_, _>>().ok()?))
+}
+
+#[test]
+fn the_examples_are_the_golden_files() {
+    let mut seen = Vec::new();
+    for example in esvo_spec::TEXT_V1.split("```hex ").skip(1) {
+        let (title, rest) = example.split_once('\n').unwrap();
+        let (name, extent) = title.split_once(' ').unwrap();
+        let golden = std::fs::read(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden").join(name)).unwrap();
+        let mut shown = vec![0u8; golden.len()];
+        let (mut end, mut count) = (0, 0);
+        for text in rest.split("```").next().unwrap().lines() {
+            let (offset, bytes) = line(text).unwrap_or_else(|| panic!("{name}: not a line of an example: {text}"));
+            assert!(offset >= end, "{name}: lines overlap at {offset:#x}");
+            end = offset + bytes.len();
+            assert_eq!(golden[offset..end], bytes, "{name} at {offset:#x}");
+            shown[offset..end].copy_from_slice(&bytes);
+            count += bytes.len();
+        }
+        assert!(count > 100);
+        if extent == "complete" {
+            assert_eq!(shown, golden, "{name}: bytes that are not shown are zero");
+            assert_eq!(end, golden.len(), "{name}: the last line shows the end");
+        }
+        seen.push((name, extent));
+    }
+    assert_eq!(seen, [("single_voxel.esvo", "complete"), ("blocks.esvo", "part")]);
+}
