@@ -134,6 +134,44 @@ pub fn options() -> Vec<CastOptions> {
         .collect()
 }
 
+/// Views that no camera makes: rays that are not finite, too long, without length, along axes, along faces of voxels, far
+/// away, or on planes between voxels. Each caster must find in them what the reference finds, which often is nothing.
+pub fn strange_views(view: &View) -> Vec<View> {
+    let with = |change: &dyn Fn(&mut View)| {
+        let mut view = *view;
+        change(&mut view);
+        view
+    };
+    let along = |origin: [f32; 3], base: [f32; 3]| {
+        with(&|view| {
+            (view.origin, view.base) = (origin, base);
+            (view.dx, view.dy) = ([0.0, 1e-3, 0.0], [0.0, 0.0, 1e-3]);
+        })
+    };
+    vec![
+        with(&|view| view.origin[1] = f32::NAN),
+        with(&|view| view.origin[2] = f32::INFINITY),
+        with(&|view| view.base[0] = f32::NAN),
+        with(&|view| view.dx[0] = f32::INFINITY),
+        with(&|view| view.dy = [1e38; 3]),
+        with(&|view| (view.base, view.dx, view.dy) = ([0.0; 3], [0.0; 3], [-0.0; 3])),
+        with(&|view| view.base = [-(1 << 20) as f32, 0.0, 0.0]),
+        with(&|view| view.dx = [3e4, 2e4, -1e4]),
+        with(&|view| view.t_near = 2.0),
+        with(&|view| view.t_near = 0.0),
+        with(&|view| view.origin = [1.5; 3]),
+        with(&|view| view.origin = view.origin.map(|x| x * 1e4)),
+        with(&|view| view.pixel_size = f32::INFINITY),
+        along([0.0, 1.5, 1.5], [4.0, 0.0, 0.0]),
+        along([3.0, 1.5, 1.5], [-4.0, -0.0, -0.0]),
+        along([0.0, 1.25, 1.75], [4.0, 0.0, 0.0]),
+        along([0.0, 1.0, 2.0], [4.0, 0.0, 0.0]),
+        along([-1e6, 1.5, 1.5], [1e6, 0.5, 0.5]),
+        along([-1e5, -1e5, -1e5], [1e5, 1e5, 1e5]),
+        along([0.0, 0.0, 0.0], [3.0, 3.0, 3.0]),
+    ]
+}
+
 /// Casts pictures of this size from all [`cameras`] with all [`options`], by `caster` and by the reference.
 ///
 /// # Errors
@@ -152,6 +190,31 @@ pub fn against_reference(
         for options in options() {
             let root = octree.objects()[0].root_slot as u32;
             let view = View::new(&camera, octree.octree_to_mesh(0), root, size, &options)?;
+            caster.cast(&view, &mut ours)?;
+            reference.cast(&view, &mut theirs)?;
+            all = all.and(Comparison::of(&ours, &theirs));
+        }
+    }
+    Ok(all)
+}
+
+/// Casts the [`strange_views`] of this size with all [`options`], by `caster` and by the reference.
+///
+/// # Errors
+/// What the caster said.
+pub fn strange_against_reference(
+    caster: &mut dyn Caster,
+    octree: &Arc<Octree>,
+    size: (u32, u32),
+) -> Result<Comparison, CastError> {
+    caster.load(octree)?;
+    let mut reference = reference::ReferenceCaster::default();
+    reference.load(octree)?;
+    let (mut ours, mut theirs) = (Vec::new(), Vec::new());
+    let mut all = Comparison::default();
+    for options in options() {
+        let root = octree.objects()[0].root_slot as u32;
+        for view in strange_views(&View::new(&cameras()[0], octree.octree_to_mesh(0), root, size, &options)?) {
             caster.cast(&view, &mut ours)?;
             reference.cast(&view, &mut theirs)?;
             all = all.and(Comparison::of(&ours, &theirs));
