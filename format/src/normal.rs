@@ -186,17 +186,18 @@ impl NormalBlock {
         let length = point.length();
         let fit = |n: Vec3, axis: Vec3| {
             GRID.map(|c| point + axis * c)
+                .map(|p| (p, cosine(p, n)))
                 .into_iter()
-                .max_by(|a, b| cosine(*a, n).total_cmp(&cosine(*b, n)))
-                .unwrap_or(point)
+                .max_by(|a, b| a.1.total_cmp(&b.1))
+                .unwrap_or((point, 0.0))
         };
         let worst = |axis: Vec3| {
-            used().min_by(|a, b| cosine(fit(*a, axis), *a).total_cmp(&cosine(fit(*b, axis), *b))).unwrap_or(point)
+            used().map(|n| (n, fit(n, axis).1)).min_by(|a, b| a.1.total_cmp(&b.1)).map_or(point, |(n, _)| n)
         };
         let n = worst(Vec3::ZERO);
         let u = n * length - point;
         let n = worst(u);
-        let v = n * length - fit(n, u);
+        let v = n * length - fit(n, u).0;
         Self::assign(normals, base, u, v)
     }
 
