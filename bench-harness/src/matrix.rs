@@ -120,7 +120,8 @@ impl Matrix {
     fn parse(text: &str, name: &str) -> Result<Self, BenchError> {
         let bad = |what: String| BenchError::Matrix { file: name.into(), what };
         let matrix: Self = toml::from_str(text).map_err(|e| {
-            let line = e.span().map_or(String::new(), |s| format!("line {}: ", text[..s.start].lines().count().max(1)));
+            let line =
+                e.span().map_or(String::new(), |s| format!("line {}: ", text[..s.start].matches('\n').count() + 1));
             bad(format!("{line}{}", e.message()))
         })?;
         matrix.validate().map_err(bad)?;

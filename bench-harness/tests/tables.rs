@@ -158,7 +158,7 @@ fn markdown() {
 fn the_record_survives_json() {
     let report = fake_report();
     let again = Report::from_json(&report.to_json()).unwrap();
-    assert_eq!(again, report);
+    assert!(again == report, "not all of it comes back");
     assert!(Report::from_json(&report.to_json().replacen("\"schema\": 1", "\"schema\": 2", 1)).is_err());
     assert!(Report::from_json("{}").is_err());
 }
