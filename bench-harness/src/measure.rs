@@ -15,7 +15,7 @@ use crate::check::{self, Agreement};
 use crate::clock::Clock;
 use crate::error::{DepthError, finest_voxel};
 use crate::matrix::{Matrix, Variant};
-use crate::report::{BuildRow, CheckRow, ErrorRow, KindBytes, TimeCell};
+use crate::report::{BuildRow, CheckRow, ErrorRow, KindBytes, NamedView, TimeCell};
 use crate::run::{CHECK_SIZE, Engine, PICTURE_SIZE};
 use crate::scene::Scene;
 use crate::timing::{Samples, Spread};
@@ -97,6 +97,24 @@ pub(crate) fn error(
         errors.push(DepthError::between(&rays, exact, &hits, finest_voxel(octree, 0)));
     }
     Ok(ErrorRow { variant, levels, size: CHECK_SIZE, views: errors })
+}
+
+/// The view that shows the most different voxels: not the one into a wall.
+pub(crate) fn richest_view<'a>(views: &'a [NamedView], octree: &Arc<Octree>) -> Result<&'a NamedView, CastError> {
+    let mut caster = CpuCaster::new(None)?;
+    caster.load(octree)?;
+    let mut hits = Vec::new();
+    let mut best = (0, &views[0]);
+    for named in views {
+        caster.cast(&view(&named.camera, octree, Variant::Contours, CHECK_SIZE)?, &mut hits)?;
+        let mut seen: Vec<(u32, u32)> = hits.iter().map(|h| (h.slot, h.voxel)).collect();
+        seen.sort_unstable();
+        seen.dedup();
+        if seen.len() > best.0 {
+            best = (seen.len(), named);
+        }
+    }
+    Ok(best.1)
 }
 
 /// A shaded picture, cast on the CPU.

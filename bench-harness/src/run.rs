@@ -145,14 +145,20 @@ impl Runner<'_> {
     }
 
     fn open_engines(&mut self) {
+        let mut missing: Vec<(&str, String)> = Vec::new();
         for &backend in &self.options.matrix.backends {
             self.progress.say(format!("opening {}", backend.name()));
             let open = || backend.open(self.options.threads);
             match open().and_then(|cubical| Ok((cubical, open()?))) {
                 Ok((cubical, contours)) => self.engines.push(Engine { backend, cubical, contours }),
-                Err(BenchError::Backend { what, .. }) => self.leave_out(format!("backend {}", backend.name()), what),
-                Err(e) => self.leave_out(format!("backend {}", backend.name()), e.to_string()),
+                Err(BenchError::Backend { what, .. }) => missing.push((backend.name(), what)),
+                Err(e) => missing.push((backend.name(), e.to_string())),
             }
+        }
+        // One line: what keeps one GPU engine from running keeps the others too, and each says it in its own words.
+        if let Some((_, why)) = missing.first().cloned() {
+            let names: Vec<_> = missing.iter().map(|(name, _)| *name).collect();
+            self.leave_out(format!("casters on {}", names.join(" and ")), why);
         }
     }
 
@@ -251,11 +257,13 @@ impl Runner<'_> {
             self.leave_out(format!("pictures of {}", scene.name), "its terms do not allow to publish them");
             return Ok(());
         }
+        let Some(any) = pair.contours.as_ref().or(pair.cubical.as_ref()) else { return Ok(()) };
+        let failed = |e| BenchError::scene(&scene.name, e);
+        let view = measure::richest_view(&scene.views, any).map_err(failed)?;
         for variant in [Variant::Cubical, Variant::Contours] {
             let Some(octree) = pair.of(variant) else { continue };
             self.progress.say(format!("{}: picture, {}", scene.name, variant.title()));
-            let picture = measure::picture(&scene.views[0].camera, octree, variant)
-                .map_err(|e| BenchError::scene(&scene.name, e))?;
+            let picture = measure::picture(&view.camera, octree, variant).map_err(failed)?;
             let name = format!("{}-{}-{}.png", crate::machine::slug(&scene.name), pair.levels, variant.title());
             report.pictures.push(name.clone());
             self.pictures.push(NamedPicture { name, picture });

@@ -35,20 +35,28 @@ pub fn overview(octree: &Octree, up: [f64; 3], fov_degrees: f64) -> Camera {
     let (low, high) = bounds(octree);
     let to_mesh = octree.octree_to_mesh(0);
     let centre = to_mesh.transform_point3((low + high) / 2.0);
-    let radius = corners(&to_mesh, low, high).map(|c| c.distance(centre)).fold(0.0, f64::max).max(f64::MIN_POSITIVE);
     let up = DVec3::from(up).try_normalize().unwrap_or(DVec3::Y);
-    let side = up.any_orthonormal_vector();
-    let front = if up == DVec3::Y { DVec3::Z } else { side };
-    let right = up.cross(front);
-    let outward = (front + right * 0.6 + up * 0.5).normalize();
-    let distance = radius / (fov_degrees.to_radians() / 2.0).sin();
+    let front = if up == DVec3::Y { DVec3::Z } else { up.any_orthonormal_vector() };
+    let outward = (front + up.cross(front) * 0.6 + up * 0.5).normalize();
+    let right = up.cross(outward).normalize();
+    let top = outward.cross(right);
+    // Every corner stays inside the sides of the pyramid of vision, with a margin of a twentieth.
+    let tangent = (fov_degrees.to_radians() / 2.0).tan();
+    let (mut distance, mut front_most, mut behind_most) = (f64::MIN_POSITIVE, 0.0f64, 0.0f64);
+    for corner in corners(&to_mesh, low, high) {
+        let p = corner - centre;
+        let ahead = p.dot(outward);
+        let aside = p.dot(right).abs().max(p.dot(top).abs());
+        distance = distance.max(ahead + aside * 1.05 / tangent);
+        (front_most, behind_most) = (front_most.max(ahead), behind_most.max(-ahead));
+    }
     Camera {
         eye: (centre + outward * distance).to_array(),
         forward: (-outward).to_array(),
         up: up.to_array(),
         fov_degrees,
-        near: ((distance - radius) * 0.9).max(distance * 1e-4),
-        far: distance + radius * 1.1,
+        near: ((distance - front_most) * 0.9).max(distance * 1e-4),
+        far: distance + behind_most * 1.1,
     }
 }
 

@@ -61,11 +61,49 @@ fn the_same_mesh_gives_the_same_bytes() {
 }
 
 #[test]
-fn bench_writes_its_record() {
+fn the_gpu_draws() {
+    // As in the casters' own tests: without a device there is nothing to test, unless one is required.
+    if std::env::var_os("ESVO_REQUIRE_GPU").is_none() {
+        eprintln!("skipped: ESVO_REQUIRE_GPU is not set");
+        return;
+    }
+    let folder = Folder::with_octree();
+    for backend in ["wgpu", "ash"] {
+        let said = folder.ok(&["render", "box.esvo", "-o", "p.png", "--size", "80x60", "--beam", "--backend", backend]);
+        assert!(said.contains(&format!("cast by {backend}")), "{said}");
+    }
+}
+
+#[test]
+fn without_a_vulkan_driver_the_rest_is_done_and_one_line_says_so() {
     let folder = Folder::new();
-    folder.put(
-        "small.toml",
-        r#"
+    folder.put("small.toml", SMALL);
+    let mut command = folder.command(&["bench", "--matrix", "small.toml", "--backends", "cpu,wgpu,ash"]);
+    // The loader's two names for the list of drivers.
+    command.env("VK_DRIVER_FILES", "/nonexistent").env("VK_ICD_FILENAMES", "/nonexistent");
+    let out = command.output().unwrap();
+    assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
+    let text = String::from_utf8(out.stdout).unwrap();
+    let lines: Vec<_> = text.lines().filter(|l| l.contains("wgpu and ash")).collect();
+    assert!(lines.len() == 1 && lines[0].contains("install"), "{text}");
+    assert!(text.contains("Table 2, cpu"), "{text}");
+}
+
+#[test]
+fn rendering_without_a_vulkan_driver_says_what_to_install() {
+    let folder = Folder::with_octree();
+    for backend in ["wgpu", "ash"] {
+        let mut command = folder.command(&["render", "box.esvo", "-o", "p.png", "--backend", backend]);
+        command.env("VK_DRIVER_FILES", "/nonexistent").env("VK_ICD_FILENAMES", "/nonexistent");
+        let out = command.output().unwrap();
+        let error = String::from_utf8_lossy(&out.stderr).into_owned();
+        assert_eq!(out.status.code(), Some(1), "{error}");
+        assert!(error.contains(&format!("error: backend {backend}: ")) && error.contains("install"), "{error}");
+        assert_eq!(folder.files(), ["box.esvo", "box.obj"]);
+    }
+}
+
+const SMALL: &str = r#"
 name = "small"
 views = 1
 rounds = 2
@@ -78,8 +116,12 @@ backends = ["cpu"]
 [[scene]]
 name = "sibenik"
 levels = [4, 5]
-"#,
-    );
+"#;
+
+#[test]
+fn bench_writes_its_record() {
+    let folder = Folder::new();
+    folder.put("small.toml", SMALL);
     let text = folder.ok(&["bench", "--matrix", "small.toml", "--machine", "Test Machine"]);
     for part in ["Table 1", "Table 2, cpu", "Error against the triangles", "SIBENIK", "5.68 at 14"] {
         assert!(text.contains(part), "{part} is not in:\n{text}");
