@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use esvo_builder::BuildSettings;
+use esvo_builder::{BuildSettings, Mesh};
 use esvo_core::exact::{CameraRays, TriangleHit};
 use esvo_core::shading::{Picture, shade};
 use esvo_core::{Camera, CastError, CastOptions, Caster, View};
@@ -14,7 +14,9 @@ use esvo_format::Octree;
 use crate::check::{self, Agreement};
 use crate::clock::Clock;
 use crate::error::{DepthError, finest_voxel};
+use crate::flip::image_error;
 use crate::matrix::{Matrix, Variant};
+use crate::mesh_picture;
 use crate::report::{BuildRow, CheckRow, ErrorRow, KindBytes, NamedView, TimeCell};
 use crate::run::{CHECK_SIZE, Engine, PICTURE_SIZE};
 use crate::scene::Scene;
@@ -60,19 +62,32 @@ pub(crate) fn build(
 
 /// What the triangles say about the views of a scene. The rays of a view depend on where the root cube lies, which is the
 /// same for all octrees of a mesh: then nothing is cast twice.
-#[derive(Default)]
-pub(crate) struct Truth {
-    views: Vec<(CameraRays, Vec<TriangleHit>)>,
+pub(crate) struct Truth<'a> {
+    mesh: &'a Mesh,
+    triangles: &'a TriangleScene,
+    views: Vec<TrueView>,
 }
 
-impl Truth {
-    fn of(&mut self, triangles: &TriangleScene, rays: CameraRays) -> &[TriangleHit] {
-        let known = self.views.iter().position(|(known, _)| *known == rays);
+struct TrueView {
+    rays: CameraRays,
+    hits: Vec<TriangleHit>,
+    picture: Picture,
+}
+
+impl<'a> Truth<'a> {
+    pub(crate) fn new(mesh: &'a Mesh, triangles: &'a TriangleScene) -> Self {
+        Self { mesh, triangles, views: Vec::new() }
+    }
+
+    fn of(&mut self, rays: CameraRays) -> &TrueView {
+        let known = self.views.iter().position(|known| known.rays == rays);
         let index = known.unwrap_or_else(|| {
-            self.views.push((rays, triangles.cast_exact(&rays)));
+            let hits = self.triangles.cast_exact(&rays);
+            let picture = mesh_picture::shade_mesh(self.mesh, &rays, &hits);
+            self.views.push(TrueView { rays, hits, picture });
             self.views.len() - 1
         });
-        &self.views[index].1
+        &self.views[index]
     }
 }
 
@@ -82,21 +97,22 @@ pub(crate) fn error(
     views: &[View],
     variant: Variant,
     levels: u32,
-    triangles: &TriangleScene,
     truth: &mut Truth,
 ) -> Result<ErrorRow, CastError> {
     let mut caster = CpuCaster::new(None)?;
     caster.load(octree)?;
     let mut hits = Vec::new();
     let mut errors = Vec::new();
+    let mut pictures = Vec::new();
     for view in views {
         caster.cast(view, &mut hits)?;
         // The rays as the kernels take them: the rounding of the camera is not the octree's error.
         let rays = CameraRays::of_view(view, octree.octree_to_mesh(0));
-        let exact = truth.of(triangles, rays);
-        errors.push(DepthError::between(&rays, exact, &hits, finest_voxel(octree, 0)));
+        let exact = truth.of(rays);
+        errors.push(DepthError::between(&rays, &exact.hits, &hits, finest_voxel(octree, 0)));
+        pictures.extend(image_error(&exact.picture, &shade(octree, view, &hits)));
     }
-    Ok(ErrorRow { variant, levels, size: CHECK_SIZE, views: errors })
+    Ok(ErrorRow { variant, levels, size: CHECK_SIZE, views: errors, pictures })
 }
 
 /// The view that shows the most different voxels: not the one into a wall.

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::check::Agreement;
 use crate::error::DepthError;
+use crate::flip::ImageError;
 use crate::machine::Machine;
 use crate::matrix::{LeftOut, Matrix, Variant};
 use crate::timing::{Samples, Spread};
@@ -167,12 +168,21 @@ pub struct ErrorRow {
     pub size: [u32; 2],
     /// View by view, in the order of [`SceneReport::views`].
     pub views: Vec<DepthError>,
+    /// Likewise the difference of the shaded picture from that of the triangles.
+    #[serde(default)]
+    pub pictures: Vec<ImageError>,
 }
 
 impl ErrorRow {
     /// Mean over the views of something.
     pub fn mean(&self, of: impl Fn(&DepthError) -> f64) -> f64 {
         self.views.iter().map(of).sum::<f64>() / self.views.len().max(1) as f64
+    }
+
+    /// Mean FLIP over the views; `None` where no pictures were compared.
+    pub fn flip(&self) -> Option<f64> {
+        let sum = self.pictures.iter().map(|p| p.flip).sum::<f64>();
+        (!self.pictures.is_empty()).then(|| sum / self.pictures.len() as f64)
     }
 }
 
@@ -256,11 +266,6 @@ impl SceneReport {
     /// A cell of Table 2.
     pub fn time(&self, backend: Backend, variant: Variant, size: [u32; 2]) -> Option<&TimeCell> {
         self.times.iter().find(|c| c.backend == backend && c.variant == variant && c.size == size)
-    }
-
-    /// The error of a variant at its deepest level.
-    pub fn error(&self, variant: Variant) -> Option<&ErrorRow> {
-        self.errors.iter().filter(|e| e.variant == variant).max_by_key(|e| e.levels)
     }
 
     /// A row of Table 1.

@@ -9,7 +9,8 @@ use esvo_cpu::triangles::TriangleScene;
 use esvo_format::Octree;
 use esvo_scenes::SceneManifest;
 
-use crate::clock::{Clock, predict, resident_bytes};
+use crate::clock::{Clock, resident_bytes};
+use crate::levels::{self, Both, Limits};
 use crate::machine::Machine;
 use crate::matrix::{LeftOut, Matrix, SceneEntry, Variant};
 use crate::measure::{Row, Truth};
@@ -41,13 +42,6 @@ pub struct Outcome {
 pub const CHECK_SIZE: [u32; 2] = [512, 384];
 /// Size of the pictures that are kept.
 pub const PICTURE_SIZE: [u32; 2] = [1024, 768];
-/// How much larger than its octree the memory of a build is taken to be.
-const BUILD_MEMORY: f64 = 3.0;
-/// Growth of time and bytes from one level to the next where only one level is known.
-const GROWTH: f64 = 4.2;
-/// Share of a scene's time that building may take.
-const BUILD_SHARE: f64 = 0.6;
-
 /// Runs a matrix.
 ///
 /// Engines without a device, levels beyond the memory or time limit and scenes without a mesh are left out, and the
@@ -66,13 +60,12 @@ pub fn run(options: &Options, progress: &Progress) -> Result<Outcome, BenchError
     let mut runner = Runner {
         options,
         progress,
-        engines: Vec::new(),
+        backends: Vec::new(),
         left_out: options.matrix.left_out.clone(),
         pictures: Vec::new(),
     };
     let machine = Machine::detect();
-    runner.open_engines();
-    let devices = runner.engines.iter().map(|e| DeviceRecord::new(e.backend, e.cubical.device())).collect();
+    let devices = runner.find_devices();
     let mut scenes = Vec::new();
     for (index, (wanted, entry)) in wanted.iter().enumerate() {
         let clock = clock.share(options.matrix.scenes.len() - index);
@@ -123,6 +116,12 @@ impl Pair {
             Variant::Contours | Variant::Beam => self.contours.as_ref(),
         }
     }
+
+    /// Bytes of the images.
+    fn bytes(&self) -> u64 {
+        let octrees = [&self.cubical, &self.contours].into_iter().flatten();
+        octrees.map(|octree| size_of_val(octree.slots()) as u64).sum()
+    }
 }
 
 /// The views of a scene for one of its octrees.
@@ -134,7 +133,8 @@ fn views(scene: &Scene, octree: &Octree, variant: Variant, size: [u32; 2]) -> Re
 struct Runner<'a> {
     options: &'a Options,
     progress: &'a Progress,
-    engines: Vec<Engine>,
+    /// Those that have a device.
+    backends: Vec<Backend>,
     left_out: Vec<LeftOut>,
     pictures: Vec<NamedPicture>,
 }
@@ -144,13 +144,17 @@ impl Runner<'_> {
         self.left_out.push(LeftOut { what: what.into(), reason: reason.into() });
     }
 
-    fn open_engines(&mut self) {
+    /// Opens every engine once to see what it runs on.
+    fn find_devices(&mut self) -> Vec<DeviceRecord> {
+        let mut devices = Vec::new();
         let mut missing: Vec<(&str, String)> = Vec::new();
         for &backend in &self.options.matrix.backends {
             self.progress.say(format!("opening {}", backend.name()));
-            let open = || backend.open(self.options.threads);
-            match open().and_then(|cubical| Ok((cubical, open()?))) {
-                Ok((cubical, contours)) => self.engines.push(Engine { backend, cubical, contours }),
+            match backend.open(self.options.threads) {
+                Ok(caster) => {
+                    devices.push(DeviceRecord::new(backend, caster.device()));
+                    self.backends.push(backend);
+                }
                 Err(BenchError::Backend { what, .. }) => missing.push((backend.name(), what)),
                 Err(e) => missing.push((backend.name(), e.to_string())),
             }
@@ -160,6 +164,7 @@ impl Runner<'_> {
             let names: Vec<_> = missing.iter().map(|(name, _)| *name).collect();
             self.leave_out(format!("casters on {}", names.join(" and ")), why);
         }
+        devices
     }
 
     fn scene(&mut self, wanted: &SceneEntry, scene: &Scene, clock: &Clock) -> Result<SceneReport, BenchError> {
@@ -183,27 +188,43 @@ impl Runner<'_> {
         let mesh = &scene.mesh;
         let corners = mesh.triangles.iter().map(|t| t.map(|v| mesh.positions[v as usize])).collect();
         let triangles = TriangleScene::new(corners).map_err(|e| BenchError::scene(&scene.name, e))?;
-        let mut truth = Truth::default();
+        let mut truth = Truth::new(mesh, &triangles);
 
-        let mut last = None;
+        let variants = &self.options.matrix.variants;
+        let wanted_kinds = [false, true]
+            .map(|contours| variants.iter().any(|v| *v != Variant::Triangles && (*v != Variant::Cubical) == contours));
+        let mut kinds = wanted_kinds;
+        // The deepest level that has every kind: what is cast. Deeper octrees of one kind are built, looked at and dropped.
+        let mut last: Option<Pair> = None;
         for (index, &levels) in wanted.levels.iter().enumerate() {
-            if let Some(reason) = self.too_much(&report.builds, clock) {
-                let rest: Vec<_> = wanted.levels[index..].iter().map(u32::to_string).collect();
-                self.leave_out(format!("{} at {} levels", scene.name, rest.join(", ")), reason);
+            let given_back = if kinds == wanted_kinds { last.as_ref().map_or(0, Pair::bytes) } else { 0 };
+            let limits = Limits {
+                clock,
+                memory: self.options.matrix.memory_gb * f64::from(1 << 30),
+                held: resident_bytes() as f64,
+                given_back: given_back as f64,
+            };
+            let refused = levels::refusals(&report.builds, kinds, &limits);
+            self.refuse(&scene.name, &wanted.levels[index..], &refused);
+            kinds = [0, 1].map(|k| kinds[k] && refused[k].is_none());
+            if kinds == [false, false] {
                 break;
             }
-            // The octrees of the level before make room first.
-            drop(last.take());
-            let pair = self.build(scene, levels, &mut report.builds)?;
+            if kinds == wanted_kinds {
+                drop(last.take());
+            }
+            let pair = self.build(scene, levels, kinds, &mut report.builds)?;
             for variant in [Variant::Cubical, Variant::Contours, Variant::Beam] {
                 if let Some(octree) = pair.of(variant).filter(|_| self.options.matrix.variants.contains(&variant)) {
                     self.progress.say(format!("{}: error at {levels} levels, {}", scene.name, variant.title()));
                     let views = views(scene, octree, variant, CHECK_SIZE)?;
-                    let row = measure::error(octree, &views, variant, levels, &triangles, &mut truth);
+                    let row = measure::error(octree, &views, variant, levels, &mut truth);
                     report.errors.push(row.map_err(|e| BenchError::scene(&scene.name, e))?);
                 }
             }
-            last = Some(pair);
+            if kinds == wanted_kinds {
+                last = Some(pair);
+            }
         }
         drop(truth);
         let Some(pair) = last else { return Ok(report) };
@@ -212,39 +233,32 @@ impl Runner<'_> {
         Ok(report)
     }
 
-    /// Why the next level is not built.
-    fn too_much(&self, builds: &[BuildRow], clock: &Clock) -> Option<String> {
-        let mut levels: Vec<u32> = builds.iter().map(|b| b.levels).collect();
-        levels.dedup();
-        let sum = |of: fn(&BuildRow) -> f64| -> Vec<f64> {
-            levels.iter().map(|&l| builds.iter().filter(|b| b.levels == l).map(of).sum()).collect()
-        };
-        let seconds = predict(&sum(|b| b.seconds), GROWTH)?;
-        let budget = clock.left() * BUILD_SHARE;
-        if seconds > budget {
-            return Some(format!(
-                "building takes about {seconds:.0} s, and the time limit leaves {:.0} s",
-                budget.max(0.0)
-            ));
+    /// Says which levels are not built, and why.
+    fn refuse(&mut self, scene: &str, levels: &[u32], refused: &Both<Option<String>>) {
+        let levels: Vec<_> = levels.iter().map(u32::to_string).collect();
+        let levels = levels.join(", ");
+        match refused {
+            [Some(a), Some(b)] if a == b => self.leave_out(format!("{scene} at {levels} levels"), a),
+            _ => {
+                for (kind, why) in ["cubical", "contours"].into_iter().zip(refused) {
+                    if let Some(why) = why {
+                        self.leave_out(format!("{scene}, {kind}, at {levels} levels"), why);
+                    }
+                }
+            }
         }
-        // What the process holds now, without the octrees that make room, and what the next level needs.
-        let bytes = sum(|b| b.bytes as f64);
-        let held = resident_bytes() as f64 - bytes.last()?;
-        let needed = held.max(0.0) + predict(&bytes, GROWTH)? * BUILD_MEMORY;
-        let limit = self.options.matrix.memory_gb * (1u64 << 30) as f64;
-        let gb = |bytes: f64| bytes / (1u64 << 30) as f64;
-        (needed > limit)
-            .then(|| format!("about {:.1} GB of memory, and the limit is {:.1}; see --memory", gb(needed), gb(limit)))
     }
 
-    /// Both octrees of a level, as far as the variants need them.
-    fn build(&self, scene: &Scene, levels: u32, rows: &mut Vec<BuildRow>) -> Result<Pair, BenchError> {
-        let variants = &self.options.matrix.variants;
+    /// The octrees of a level.
+    fn build(
+        &self,
+        scene: &Scene,
+        levels: u32,
+        kinds: Both<bool>,
+        rows: &mut Vec<BuildRow>,
+    ) -> Result<Pair, BenchError> {
         let mut pair = Pair { levels, cubical: None, contours: None };
-        for contours in [false, true] {
-            if !variants.iter().any(|v| *v != Variant::Triangles && (*v != Variant::Cubical) == contours) {
-                continue;
-            }
+        for contours in [false, true].into_iter().filter(|&c| kinds[usize::from(c)]) {
             let (octree, row) = measure::build(scene, levels, contours, self.progress)?;
             rows.push(row);
             *(if contours { &mut pair.contours } else { &mut pair.cubical }) = Some(Arc::new(octree));
@@ -281,9 +295,15 @@ impl Runner<'_> {
         report: &mut SceneReport,
     ) -> Result<(), BenchError> {
         let variants = self.options.matrix.variants.clone();
+        // Opened for one scene at a time: while the next one is built, nothing of this one is held.
+        let mut engines = Vec::new();
+        for &backend in &self.backends {
+            let open = || backend.open(self.options.threads);
+            engines.push(Engine { backend, cubical: open()?, contours: open()? });
+        }
         // Answers first.
         let mut unloaded = Vec::new();
-        for engine in &mut self.engines {
+        for engine in &mut engines {
             self.progress.say(format!("{}: checking {}", scene.name, engine.backend.name()));
             for kind in [Variant::Cubical, Variant::Contours] {
                 let Some(octree) = pair.of(kind) else { continue };
@@ -321,20 +341,20 @@ impl Runner<'_> {
                     .map_err(|e| BenchError::scene(&scene.name, e))?;
                 row.add_triangles(rays);
             }
-            for engine in 0..self.engines.len() {
-                let backend = self.engines[engine].backend;
+            for (index, engine) in engines.iter().enumerate() {
+                let backend = engine.backend;
                 let sound: Vec<_> = (report.checks.iter())
                     .filter(|c| c.backend == backend && c.agreement.passed())
                     .map(|c| c.variant)
                     .collect();
                 for variant in sound {
                     let Some(octree) = pair.of(variant) else { continue };
-                    row.add(engine, variant, pair.levels, views(scene, octree, variant, size)?);
+                    row.add(index, variant, pair.levels, views(scene, octree, variant, size)?);
                 }
             }
             let matrix = &self.options.matrix;
             let what = format!("{}: timing {}x{}", scene.name, size[0], size[1]);
-            report.times.extend(row.time(&mut self.engines, triangles, matrix, &clock, self.progress, &what)?);
+            report.times.extend(row.time(&mut engines, triangles, matrix, &clock, self.progress, &what)?);
         }
         Ok(())
     }

@@ -247,14 +247,16 @@ fn time_cell(scene: &SceneReport, device: &DeviceRecord, variant: Variant, size:
 
 /// Distance of the hits from the triangles.
 fn errors(report: &Report) -> TextTable {
-    let head = ["scene", "cast", "levels", "median px", "90th", "99th", "median voxels", "holes", "hit/miss differ"];
+    let head =
+        ["scene", "cast", "levels", "median px", "90th", "99th", "median voxels", "holes", "hit/miss differ", "FLIP"];
     let mut table = TextTable::new("Error against the triangles", 2, &head);
     table.notes = vec![
         "Difference of depth along the ray where both hit, in pixels (the footprint of a pixel at the hit), at 512x384, rays \
          ending at voxels of one pixel: mean over the views of the median and the percentiles."
             .into(),
-        "Median in edges of the finest voxel; holes: rays that meet a triangle but no voxel; last: those and the opposite."
+        "Median in edges of the finest voxel; holes: rays that meet a triangle but no voxel; hit/miss: those and the opposite."
             .into(),
+        "FLIP: how different the shaded picture looks from that of the triangles, 0 to 1, mean over pixels and views.".into(),
     ];
     for scene in &report.scenes {
         for e in &scene.errors {
@@ -268,6 +270,7 @@ fn errors(report: &Report) -> TextTable {
                 short(e.mean(|v| v.voxels.median)),
                 format!("{:.4}%", 100.0 * e.mean(|v| v.only_exact as f64 / v.rays.max(1) as f64)),
                 format!("{:.4}%", 100.0 * e.mean(|v| v.disagreement)),
+                cell(e.flip().map(|f| format!("{f:.3}"))),
             ]);
         }
     }

@@ -1,0 +1,108 @@
+//! The picture of a mesh itself, shaded as octrees are: what their pictures are compared with.
+
+use esvo_builder::Mesh;
+use esvo_core::exact::{CameraRays, TriangleHit};
+use esvo_core::shading::{Picture, Surface, encode_srgb, shade_triangles};
+use glam::{DVec3, Vec2, Vec3};
+
+/// Shades what the rays hit, with the mesh's own colours, textures and shading normals.
+pub(crate) fn shade_mesh(mesh: &Mesh, rays: &CameraRays, hits: &[TriangleHit]) -> Picture {
+    // The far end of a ray is everywhere as deep, so the footprint follows from the distance to the eye well enough.
+    let per_distance = rays.pixel_size() / rays.ray(rays.width / 2, rays.height / 2).direction.length();
+    shade_triangles(rays, hits, |triangle, point| {
+        surface(mesh, triangle as usize, point, per_distance * point.distance(rays.origin))
+    })
+}
+
+/// What is seen at a point of a triangle, textures averaged over `footprint` in mesh units.
+fn surface(mesh: &Mesh, triangle: usize, point: DVec3, footprint: f64) -> Surface {
+    let indices = mesh.triangles[triangle].map(|i| i as usize);
+    let [a, b, c] = indices.map(|i| DVec3::from(mesh.positions[i]));
+    let flat = (b - a).cross(c - a);
+    let weights = barycentric([a, b, c], flat, point);
+    let mix = |values: [Vec3; 3]| values.into_iter().zip(weights).map(|(v, w)| v * w).sum::<Vec3>();
+
+    let mut normal = flat;
+    if !mesh.normals.is_empty() {
+        let smooth = mix(indices.map(|i| Vec3::from(mesh.normals[i])));
+        normal = if smooth.length() > 1e-6 { smooth.as_dvec3() } else { flat };
+    }
+    let material = &mesh.materials[mesh.triangle_materials[triangle] as usize];
+    let [r, g, b_, _] = material.base_color;
+    let mut color = Vec3::new(r, g, b_);
+    if !mesh.colors.is_empty() {
+        color *= mix(indices.map(|i| Vec3::from(mesh.colors[i])));
+    }
+    if let Some(texture) = material.texture.as_ref().filter(|_| !mesh.uvs.is_empty()) {
+        let uvs = indices.map(|i| Vec2::from(mesh.uvs[i]));
+        let uv = uvs.into_iter().zip(weights).map(|(v, w)| v * w).sum::<Vec2>();
+        let size = texture.mips.first().map_or(Vec2::ONE, |mip| Vec2::new(mip.width as f32, mip.height as f32));
+        let texels = ((uvs[1] - uvs[0]) * size).perp_dot((uvs[2] - uvs[0]) * size).abs();
+        let texels_per_unit = (texels / flat.length() as f32).sqrt();
+        let [r, g, b, _] = texture.sample(uv.into(), footprint as f32 * texels_per_unit);
+        color *= Vec3::new(r, g, b);
+    }
+    Surface { normal, color: color.to_array().map(encode_srgb) }
+}
+
+/// Weights of the corners at a point of the triangle's plane; `flat` is its normal, twice its area long.
+fn barycentric([a, b, c]: [DVec3; 3], flat: DVec3, point: DVec3) -> [f32; 3] {
+    let area = flat.length_squared();
+    if area == 0.0 {
+        return [1.0, 0.0, 0.0];
+    }
+    let v = (point - a).cross(c - a).dot(flat) / area;
+    let w = (b - a).cross(point - a).dot(flat) / area;
+    [1.0 - v - w, v, w].map(|x| x as f32)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use esvo_builder::{Material, MipLevel, Texture};
+
+    use super::*;
+
+    fn mesh() -> Mesh {
+        Mesh {
+            positions: vec![[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0]],
+            triangles: vec![[0, 1, 2]],
+            triangle_materials: vec![0],
+            materials: vec![Material { base_color: [0.5, 0.25, 1.0, 1.0], ..Material::default() }],
+            ..Mesh::default()
+        }
+    }
+
+    #[test]
+    fn colours_are_products_in_linear_light() {
+        let mut mesh = mesh();
+        let plain = surface(&mesh, 0, DVec3::new(0.5, 0.5, 0.0), 0.01);
+        assert_eq!(plain.color, [0.5, 0.25, 1.0].map(encode_srgb));
+        assert!(plain.normal.normalize().abs_diff_eq(DVec3::Z, 1e-12));
+
+        mesh.colors = vec![[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let mixed = surface(&mesh, 0, DVec3::new(1.0, 0.5, 0.0), 0.01);
+        let expected = [0.5 * 0.25, 0.25 * 0.5, 0.25].map(encode_srgb);
+        assert!((0..3).all(|i| (mixed.color[i] - expected[i]).abs() < 1e-6), "{mixed:?}");
+    }
+
+    #[test]
+    fn textures_and_shading_normals_are_interpolated() {
+        let mut mesh = mesh();
+        mesh.normals = vec![[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]];
+        mesh.uvs = vec![[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]];
+        let texels = vec![[255, 0, 0, 255], [0, 255, 0, 255], [0, 0, 255, 255], [255, 255, 255, 255]];
+        let texture = Texture { mips: vec![MipLevel { width: 2, height: 2, texels }] };
+        mesh.materials[0] = Material { base_color: [1.0; 4], texture: Some(Arc::new(texture)), ..Material::default() };
+        // The centres of the texels lie at 0.25 and 0.75 of the coordinates.
+        let at = |x: f64, y: f64| surface(&mesh, 0, DVec3::new(x, y, 0.0), 1e-6);
+        for (found, expected) in
+            [(at(0.5, 0.5), [1.0, 0.0, 0.0]), (at(1.5, 0.5), [0.0, 1.0, 0.0]), (at(0.5, 1.5), [0.0, 0.0, 1.0])]
+        {
+            assert!((0..3).all(|i| (found.color[i] - expected[i]).abs() < 1e-3), "{found:?}");
+        }
+        let normal = at(1.0, 0.5).normal.normalize();
+        assert!(normal.abs_diff_eq(DVec3::new(1.0, 0.0, 1.0).normalize(), 1e-6), "{normal}");
+    }
+}
