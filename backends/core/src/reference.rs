@@ -53,7 +53,7 @@ pub fn cast_ray(octree: &Octree, root: u32, ray: &Ray, contours: bool) -> Hit {
 
     // 5-7: the first child of the root.
     let mut parent = root;
-    let mut stack = [(root, t_max); MAX_SCALE as usize + 1];
+    let mut stack: [Option<(u32, f32)>; MAX_SCALE as usize + 1] = [None; MAX_SCALE as usize + 1];
     let mut scale = MAX_SCALE - 1;
     let mut size = 0.5f32;
     let (mut idx, mut pos) = select_child(t_at(Vec3::splat(1.5)), t_min, Vec3::ONE, size);
@@ -88,7 +88,7 @@ pub fn cast_ray(octree: &Octree, root: u32, ray: &Ray, contours: bool) -> Hit {
                 }
                 // 19-25: PUSH.
                 if tc_max < h {
-                    stack[scale as usize] = (parent, t_max);
+                    stack[scale as usize] = Some((parent, t_max));
                 }
                 h = tc_max;
                 parent = octree.first_child(parent) + descriptor.child_rank(child);
@@ -121,7 +121,10 @@ pub fn cast_ray(octree: &Octree, root: u32, ray: &Ray, contours: bool) -> Hit {
                 return Hit::miss(iteration);
             }
             size = exp2(scale as i32 - MAX_SCALE as i32);
-            (parent, t_max) = stack[scale as usize];
+            // A frame is left out when the ray leaves voxel and parent together. Where rounding makes two planes of a
+            // far-off octree coincide it may be asked for all the same: nothing is known there.
+            let Some(frame) = stack[scale as usize] else { return Hit::miss(iteration) };
+            (parent, t_max) = frame;
             idx = 0;
             for axis in 0..3 {
                 let path = pos[axis].to_bits() >> scale;

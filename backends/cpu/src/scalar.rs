@@ -159,6 +159,8 @@ fn cast<const CONTOURS: bool, const LOD: bool>(scene: &Scene, ray: &Ray) -> Hit 
     let mut parent = scene.root;
     let mut descriptor = ChildDescriptor(scene.slots[parent as usize]);
     let mut stack = [(0u32, 0.0f32); MAX_SCALE as usize + 1];
+    // Bit s: the frame of scale s was written.
+    let mut pushed = 0u32;
     let mut scale = MAX_SCALE - 1;
     let mut size = 0.5f32;
     let mut idx = 0u32;
@@ -201,6 +203,7 @@ fn cast<const CONTOURS: bool, const LOD: bool>(scene: &Scene, ray: &Ray) -> Hit 
                 }
                 if tc_max < h {
                     stack[scale as usize] = (parent, t_max);
+                    pushed |= 1 << scale;
                 }
                 h = tc_max;
                 let mut first = parent + descriptor.child_ptr();
@@ -236,7 +239,7 @@ fn cast<const CONTOURS: bool, const LOD: bool>(scene: &Scene, ray: &Ray) -> Hit 
         idx ^= step;
         if idx & step != 0 {
             scale = 31 - differing.leading_zeros();
-            if scale >= MAX_SCALE {
+            if scale >= MAX_SCALE || pushed >> scale & 1 == 0 {
                 return Hit::miss(iteration);
             }
             size = exp2(scale as i32 - MAX_SCALE as i32);

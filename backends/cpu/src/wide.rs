@@ -7,6 +7,7 @@
 #![cfg(target_arch = "x86_64")]
 
 use std::arch::x86_64::*;
+use std::mem::MaybeUninit;
 
 use esvo_core::reference::{EPSILON, MAX_COMPONENT, MAX_ITERATIONS, MAX_SCALE};
 use esvo_core::{Hit, View};
@@ -230,10 +231,13 @@ fn cast<const CONTOURS: bool, const LOD: bool>(scene: &Scene, packet: &Packet) -
     let mut parent = root;
     let mut low = gather_low(u16::MAX, parent);
     let mut high = gather_high(u16::MAX, parent);
-    let mut stack_parent = [[0i32; LANES]; MAX_SCALE as usize + 1];
-    let mut stack_t_max = [[0f32; LANES]; MAX_SCALE as usize + 1];
+    // Frames are read only where they have been written, so the stacks start without contents.
+    let mut stack_parent = [[MaybeUninit::<i32>::uninit(); LANES]; MAX_SCALE as usize + 1];
+    let mut stack_t_max = [[MaybeUninit::<f32>::uninit(); LANES]; MAX_SCALE as usize + 1];
     let stack_parent = stack_parent.as_mut_ptr().cast::<i32>();
     let stack_t_max = stack_t_max.as_mut_ptr().cast::<f32>();
+    // Bit s of a lane: its frame of scale s was written.
+    let mut pushed = zero;
     let mut scale = _mm512_set1_epi32(MAX_SCALE as i32 - 1);
     let mut size = _mm512_set1_ps(0.5);
     let mut idx = zero;
@@ -322,6 +326,7 @@ fn cast<const CONTOURS: bool, const LOD: bool>(scene: &Scene, packet: &Packet) -
                     _mm512_mask_i32scatter_epi32::<4>(stack_parent, store, frame, parent);
                     _mm512_mask_i32scatter_ps::<4>(stack_t_max, store, frame, t_max);
                 }
+                pushed = _mm512_mask_or_epi32(pushed, store, pushed, _mm512_sllv_epi32(one, scale));
                 h = _mm512_mask_mov_ps(h, push, tc_max);
                 let mut first = _mm512_add_epi32(parent, _mm512_srli_epi32::<17>(low));
                 let far = push & _mm512_test_epi32_mask(low, _mm512_set1_epi32(1 << 16));
@@ -367,14 +372,16 @@ fn cast<const CONTOURS: bool, const LOD: bool>(scene: &Scene, packet: &Packet) -
             continue;
         }
         let new_scale = _mm512_sub_epi32(_mm512_set1_epi32(31), _mm512_lzcnt_epi32(differing));
-        let out = pop & _mm512_cmpge_epi32_mask(new_scale, _mm512_set1_epi32(MAX_SCALE as i32));
+        // A shift by 32 or more gives zero, and no frame of scale 23 or more is ever written.
+        let written = _mm512_test_epi32_mask(pushed, _mm512_sllv_epi32(one, new_scale));
+        let out = pop & !written;
         hit_iterations = _mm512_mask_mov_epi32(hit_iterations, out, now);
         active &= !out;
         pop &= !out;
         scale = _mm512_mask_mov_epi32(scale, pop, new_scale);
         size = _mm512_mask_mov_ps(size, pop, exp2_of_scale(scale));
         let frame = _mm512_add_epi32(_mm512_slli_epi32::<4>(scale), lanes);
-        // SAFETY: the lanes that are read have a scale below 23, so their frames lie in both stacks.
+        // SAFETY: the lanes that are read have a frame that was written, in both stacks.
         unsafe {
             parent = _mm512_mask_i32gather_epi32::<4>(parent, pop, frame, stack_parent);
             t_max = _mm512_mask_i32gather_ps::<4>(t_max, pop, frame, stack_t_max);
