@@ -30,7 +30,6 @@ pub struct Attributes {
 pub fn attributes(voxel: &Voxel, bounds: Option<AttributeBounds>) -> Attributes {
     let surface = voxel.surface;
     let (mut weight, mut color, mut normal) = (0.0f32, Vec3::ZERO, Vec3::ZERO);
-    let (mut lo, mut hi) = ([255u8; 3], [0u8; 3]);
     let mut largest = (-1.0f32, Vec3::Z);
     let per_area = 1.0 / (voxel.size * voxel.size);
     for piece in voxel.pieces {
@@ -38,28 +37,25 @@ pub fn attributes(voxel: &Voxel, bounds: Option<AttributeBounds>) -> Attributes 
         let (area, centroid) = area_and_centroid(vertices);
         // A voxel that only touches the surface still needs a colour: every piece weighs something.
         let w = ((area * per_area) as f32).max(1e-8);
-        let sample = surface.sample(piece.triangle, vertices, centroid, voxel.size);
+        let sample = surface.sample(piece.triangle, centroid, voxel.size);
         weight += w;
         color += sample.color * w;
         normal += sample.normal * w;
         if w > largest.0 {
             largest = (w, sample.normal);
         }
-        for k in 0..3 {
-            lo[k] = lo[k].min(sample.color_range.0[k]);
-            hi[k] = hi[k].max(sample.color_range.1[k]);
-        }
     }
     let color = encode_srgb(color / weight);
     // Two sides of a thin sheet cancel out: take one of them.
     let mean = if normal.length() > 0.05 * weight { normal.normalize() } else { largest.1 };
     let uniform = bounds.is_some_and(|bounds| {
-        (0..3).all(|k| f32::from((color[k] - lo[k].min(color[k])).max(hi[k].max(color[k]) - color[k])) <= bounds.color)
-            && (bounds.normal >= 2.0
-                || voxel.pieces.iter().all(|piece| {
-                    let vertices = voxel.arena.vertices(piece, &surface.corners);
-                    surface.normal_deviation(piece.triangle, vertices, mean) <= bounds.normal
-                }))
+        voxel.pieces.iter().all(|piece| {
+            let vertices = voxel.arena.vertices(piece, &surface.corners);
+            let (lo, hi) = surface.color_range(piece.triangle, vertices);
+            let beyond = |k: usize| color[k].saturating_sub(lo[k]).max(hi[k].saturating_sub(color[k]));
+            (bounds.color >= 255.0 || (0..3).all(|k| f32::from(beyond(k)) <= bounds.color))
+                && (bounds.normal >= 2.0 || surface.normal_deviation(piece.triangle, vertices, mean) <= bounds.normal)
+        })
     });
     Attributes { color, normal: RawNormal::encode(mean), uniform }
 }

@@ -194,7 +194,7 @@ impl Context<'_> {
                 let child_cube = cube.child(slot);
                 let mut shaper = Shaper::default();
                 self.remove_holes(arena, &mut pieces, |piece| piece);
-                let child = self.evaluate(&mut shaper, arena, &pieces, child_cube, ancestors.for_child(slot));
+                let child = self.evaluate(&mut shaper, arena, &pieces, cube, slot, &ancestors);
                 let Some(mut child) = child else {
                     self.count(child_cube.level, 0);
                     return None;
@@ -241,7 +241,7 @@ impl Context<'_> {
         }
         let children: [Option<Child>; 8] = std::array::from_fn(|slot| {
             let pieces = &worker.pieces[ends[slot]..ends[slot + 1]];
-            self.evaluate(&mut worker.shaper, &worker.arena, pieces, cube.child(slot), ancestors.for_child(slot))
+            self.evaluate(&mut worker.shaper, &worker.arena, pieces, cube, slot, &ancestors)
         });
         let found = children.iter().any(Option::is_some);
         if found {
@@ -259,18 +259,20 @@ impl Context<'_> {
         found
     }
 
-    /// Decides what a voxel looks like and whether it is a leaf; `None` if no surface is in it.
+    /// Decides what a child voxel looks like and whether it is a leaf; `None` if no surface is in it.
     fn evaluate(
         &self,
         shaper: &mut Shaper,
         arena: &Arena,
         pieces: &[Piece],
-        cube: Cube,
-        ancestors: Bounds,
+        parent: Cube,
+        slot: usize,
+        ancestors: &Bounds,
     ) -> Option<Child> {
         if pieces.is_empty() {
             return None;
         }
+        let (cube, ancestors) = (parent.child(slot), ancestors.for_child(slot));
         let settings = self.settings;
         let voxel = Voxel { surface: self.surface, arena, pieces, centre: cube.centre, size: cube.size };
         let deepest = cube.level == settings.levels;

@@ -35,9 +35,20 @@ impl Piece {
 #[derive(Default)]
 pub struct Arena {
     vertices: Vec<DVec3>,
+    scratch: Scratch,
 }
 
-/// Most vertices of a triangle cut by three planes at once, and of one cut by the six planes of a cube.
+/// The polygon that is being split, and its halves by each axis.
+#[derive(Default)]
+struct Scratch {
+    whole: Polygon,
+    z: [Polygon; 2],
+    y: [Polygon; 2],
+    x: [Polygon; 2],
+}
+
+/// A triangle cut by the six planes of a cube has at most nine vertices, and each of three middle planes adds at most one.
+/// What the tolerance adds to that, doubled vertices, has room too.
 const MAX_VERTICES: usize = 16;
 
 /// A polygon on the stack.
@@ -47,10 +58,15 @@ struct Polygon {
     n: usize,
 }
 
-impl Polygon {
-    const EMPTY: Self = Self { v: [DVec3::ZERO; MAX_VERTICES], n: 0 };
+impl Default for Polygon {
+    fn default() -> Self {
+        Self { v: [DVec3::ZERO; MAX_VERTICES], n: 0 }
+    }
+}
 
+impl Polygon {
     fn push(&mut self, p: DVec3) {
+        debug_assert!(self.n < MAX_VERTICES);
         if self.n < MAX_VERTICES {
             self.v[self.n] = p;
             self.n += 1;
@@ -75,11 +91,7 @@ impl Arena {
 
     /// The vertices of a piece, in order around it; `triangle` gives the corners of a whole one.
     pub fn vertices<'a>(&'a self, piece: &Piece, corners: &'a [[DVec3; 3]]) -> &'a [DVec3] {
-        if piece.count == 0 {
-            &corners[piece.triangle as usize]
-        } else {
-            &self.vertices[piece.first as usize..][..piece.count as usize]
-        }
+        vertices_of(&self.vertices, piece, corners)
     }
 
     /// A copy that holds only these pieces, for another thread.
@@ -98,7 +110,10 @@ impl Arena {
     /// Distributes a piece to the children of the cube with this centre: calls `found` with each child slot that it
     /// meets and the part of it there.
     pub fn split(&mut self, piece: &Piece, corners: &[[DVec3; 3]], centre: DVec3, mut found: impl FnMut(usize, Piece)) {
-        let vertices = self.vertices(piece, corners);
+        let vertices = vertices_of(&self.vertices, piece, corners);
+        self.scratch.whole.n = vertices.len();
+        self.scratch.whole.v[..vertices.len()].copy_from_slice(vertices);
+        let vertices = self.scratch.whole.vertices();
         let (mut lo, mut hi) = (vertices[0], vertices[0]);
         for v in &vertices[1..] {
             lo = lo.min(*v);
@@ -113,33 +128,51 @@ impl Arena {
             found(slot, *piece);
             return;
         }
-        let mut polygon = Polygon::EMPTY;
-        vertices.iter().for_each(|v| polygon.push(*v));
-        for (z, polygon) in halves(&polygon, 2, centre.z, sides[2]) {
-            for (y, polygon) in halves(&polygon, 1, centre.y, sides[1]) {
-                for (x, polygon) in halves(&polygon, 0, centre.x, sides[0]) {
-                    let first = self.vertices.len() as u32;
-                    self.vertices.extend_from_slice(polygon.vertices());
-                    found(x | y << 1 | z << 2, Piece { first, count: polygon.n as u32, ..*piece });
+        let Self { vertices: stack, scratch: Scratch { whole, z, y, x } } = self;
+        for (high_z, polygon) in halves(whole, 2, centre.z, sides[2], z) {
+            for (high_y, polygon) in halves(polygon, 1, centre.y, sides[1], y) {
+                for (high_x, polygon) in halves(polygon, 0, centre.x, sides[0], x) {
+                    let first = stack.len() as u32;
+                    stack.extend_from_slice(polygon.vertices());
+                    found(high_x | high_y << 1 | high_z << 2, Piece { first, count: polygon.n as u32, ..*piece });
                 }
             }
         }
     }
 }
 
-/// The parts of a polygon on the sides of the plane where there are any. `sides` says on which the whole could be.
-fn halves(polygon: &Polygon, axis: usize, at: f64, sides: u8) -> impl Iterator<Item = (usize, Polygon)> {
-    let (low, high) = match sides {
-        1 => (*polygon, Polygon::EMPTY),
-        2 => (Polygon::EMPTY, *polygon),
-        _ => cut(polygon, axis, at),
+fn vertices_of<'a>(stack: &'a [DVec3], piece: &Piece, corners: &'a [[DVec3; 3]]) -> &'a [DVec3] {
+    if piece.count == 0 {
+        &corners[piece.triangle as usize]
+    } else {
+        &stack[piece.first as usize..][..piece.count as usize]
+    }
+}
+
+/// The parts of a polygon on the lower (0) and upper (1) side of the plane where there are any. `sides` says on which the
+/// whole could be.
+fn halves<'a>(
+    polygon: &'a Polygon,
+    axis: usize,
+    at: f64,
+    sides: u8,
+    parts: &'a mut [Polygon; 2],
+) -> impl Iterator<Item = (usize, &'a Polygon)> {
+    let found = match sides {
+        1 => [Some(polygon), None],
+        2 => [None, Some(polygon)],
+        _ => {
+            cut(polygon, axis, at, parts);
+            [Some(&parts[0]), Some(&parts[1])]
+        }
     };
-    [(0, low), (1, high)].into_iter().filter(|(_, p)| p.n > 0)
+    found.into_iter().enumerate().filter_map(|(side, part)| Some((side, part.filter(|p| p.n > 0)?)))
 }
 
 /// Cuts by one plane, closed on both sides.
-fn cut(polygon: &Polygon, axis: usize, at: f64) -> (Polygon, Polygon) {
-    let (mut low, mut high) = (Polygon::EMPTY, Polygon::EMPTY);
+fn cut(polygon: &Polygon, axis: usize, at: f64, parts: &mut [Polygon; 2]) {
+    let [low, high] = parts;
+    (low.n, high.n) = (0, 0);
     let vertices = polygon.vertices();
     let mut previous = vertices[vertices.len() - 1];
     let mut d0 = previous[axis] - at;
@@ -160,7 +193,6 @@ fn cut(polygon: &Polygon, axis: usize, at: f64) -> (Polygon, Polygon) {
         }
         (previous, d0) = (current, d1);
     }
-    (low, high)
 }
 
 /// Twice the vector area of a polygon, and its centroid weighted by area (the mean of the vertices without any).

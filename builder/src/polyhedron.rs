@@ -3,92 +3,140 @@
 use glam::Vec3;
 
 /// Most contours that are kept as bounds of one voxel; further ones are forgotten, which only makes the shape larger.
-pub const MAX_SLABS: usize = 12;
-/// Most edges; a cut that would need more leaves the polyhedron as it is.
-const MAX_EDGES: usize = 96;
+pub const MAX_SLABS: usize = 8;
+/// Faces: 0..6 are the cube's; 6 + 2k and 7 + 2k are the planes of slab k.
+const MAX_FACES: usize = 6 + 2 * MAX_SLABS;
+/// Most vertices; a cut that would need more leaves the polyhedron as it is.
+const MAX_VERTICES: usize = 64;
 
-/// An edge between two faces. Faces 0..6 are the cube's; 6 + 2k and 7 + 2k are the planes of slab k.
+/// An edge: its two vertices and the two faces that meet in it.
 #[derive(Clone, Copy, Debug)]
 struct Edge {
-    ends: [Vec3; 2],
+    ends: [u8; 2],
     faces: [u8; 2],
 }
 
-/// A convex polyhedron inside the unit cube around the origin, as its edges.
+/// A convex polyhedron inside the unit cube around the origin, as its vertices and edges.
 #[derive(Clone)]
 pub struct Polyhedron {
+    vertices: Vec<Vec3>,
     edges: Vec<Edge>,
-    scratch: Vec<Edge>,
+    // Scratch of `cut`.
+    distances: Vec<f32>,
+    new_edges: Vec<Edge>,
 }
 
 impl Default for Polyhedron {
     fn default() -> Self {
-        Self { edges: Vec::with_capacity(MAX_EDGES), scratch: Vec::with_capacity(MAX_EDGES) }
+        let mut polyhedron = Self {
+            vertices: Vec::with_capacity(MAX_VERTICES),
+            edges: Vec::new(),
+            distances: Vec::new(),
+            new_edges: Vec::new(),
+        };
+        polyhedron.reset();
+        polyhedron
     }
 }
+
+/// The edges of the cube; vertex `i` has the coordinates of its bits.
+const CUBE_EDGES: [Edge; 12] = {
+    let mut edges = [Edge { ends: [0; 2], faces: [0; 2] }; 12];
+    let mut i = 0;
+    while i < 12 {
+        let (axis, corner) = (i / 4, i % 4);
+        let (b, c) = ((axis + 1) % 3, (axis + 2) % 3);
+        let (high_b, high_c) = (corner & 1, corner >> 1);
+        let start = high_b << b | high_c << c;
+        edges[i] = Edge {
+            ends: [start as u8, (start | 1 << axis) as u8],
+            faces: [(2 * b + high_b) as u8, (2 * c + high_c) as u8],
+        };
+        i += 1;
+    }
+    edges
+};
 
 impl Polyhedron {
     /// Becomes the whole cube `[-1/2, 1/2]³`.
     pub fn reset(&mut self) {
+        self.vertices.clear();
+        let side = |i: u32, axis: u32| if i >> axis & 1 != 0 { 0.5 } else { -0.5 };
+        self.vertices.extend((0..8).map(|i| Vec3::new(side(i, 0), side(i, 1), side(i, 2))));
         self.edges.clear();
-        for axis in 0..3 {
-            let (b, c) = ((axis + 1) % 3, (axis + 2) % 3);
-            for corner in 0..4u8 {
-                let (hb, hc) = (corner & 1, corner >> 1);
-                let mut end = Vec3::ZERO;
-                end[b] = f32::from(hb) - 0.5;
-                end[c] = f32::from(hc) - 0.5;
-                let mut ends = [end; 2];
-                ends[0][axis] = -0.5;
-                ends[1][axis] = 0.5;
-                self.edges.push(Edge { ends, faces: [2 * b as u8 + hb, 2 * c as u8 + hc] });
-            }
-        }
+        self.edges.extend_from_slice(&CUBE_EDGES);
     }
 
     /// Cuts away where `normal·p > limit`; the new face gets the number `face`.
     pub fn cut(&mut self, normal: Vec3, limit: f32, face: u8) {
-        // A cut that removes nothing is the common case: look before touching anything.
-        if self.edges.iter().all(|e| normal.dot(e.ends[0]) <= limit && normal.dot(e.ends[1]) <= limit) {
+        self.distances.clear();
+        self.distances.extend(self.vertices.iter().map(|v| normal.dot(*v) - limit));
+        // A cut that removes nothing is the common case.
+        if self.distances.iter().all(|d| *d <= 0.0) {
             return;
         }
-        self.scratch.clear();
+        let crossings =
+            self.edges.iter().filter(|e| (self.distance(e.ends[0]) > 0.0) != (self.distance(e.ends[1]) > 0.0));
+        if self.vertices.len() + crossings.count() > MAX_VERTICES {
+            return;
+        }
+        self.new_edges.clear();
         // Where the new face meets an old one: two points each, on edges that the plane crosses.
-        let mut open: [Option<Vec3>; 6 + 2 * MAX_SLABS] = [None; 6 + 2 * MAX_SLABS];
-        for edge in &self.edges {
+        let mut open = [u8::MAX; MAX_FACES];
+        for i in 0..self.edges.len() {
+            let edge = self.edges[i];
             let [a, b] = edge.ends;
-            let (da, db) = (normal.dot(a) - limit, normal.dot(b) - limit);
+            let (da, db) = (self.distance(a), self.distance(b));
             if da > 0.0 && db > 0.0 {
                 continue;
             }
             if da <= 0.0 && db <= 0.0 {
-                self.scratch.push(*edge);
+                self.new_edges.push(edge);
                 continue;
             }
-            let crossing = a + (b - a) * (da / (da - db)).clamp(0.0, 1.0);
-            let kept = if da <= 0.0 { a } else { b };
-            self.scratch.push(Edge { ends: [kept, crossing], faces: edge.faces });
+            let (pa, pb) = (self.vertices[a as usize], self.vertices[b as usize]);
+            let crossing = self.vertices.len() as u8;
+            self.vertices.push(pa + (pb - pa) * (da / (da - db)).clamp(0.0, 1.0));
+            self.distances.push(0.0);
+            self.new_edges.push(Edge { ends: [if da <= 0.0 { a } else { b }, crossing], faces: edge.faces });
             for old in edge.faces {
-                match open[old as usize].take() {
-                    Some(other) => self.scratch.push(Edge { ends: [other, crossing], faces: [old, face] }),
-                    None => open[old as usize] = Some(crossing),
+                let other = std::mem::replace(&mut open[old as usize], crossing);
+                if other != u8::MAX {
+                    self.new_edges.push(Edge { ends: [other, crossing], faces: [old, face] });
+                    open[old as usize] = u8::MAX;
                 }
             }
         }
-        if self.scratch.len() <= MAX_EDGES {
-            std::mem::swap(&mut self.edges, &mut self.scratch);
+        std::mem::swap(&mut self.edges, &mut self.new_edges);
+        // Close the gaps that the vertices cut away leave.
+        let mut moved = [0u8; MAX_VERTICES];
+        let mut kept = 0;
+        for i in 0..self.vertices.len() {
+            if self.distances[i] <= 0.0 {
+                moved[i] = kept as u8;
+                self.vertices[kept] = self.vertices[i];
+                kept += 1;
+            }
+        }
+        self.vertices.truncate(kept);
+        for edge in &mut self.edges {
+            edge.ends = edge.ends.map(|end| moved[end as usize]);
         }
     }
 
-    /// All vertices, each several times.
-    pub fn vertices(&self) -> impl Iterator<Item = Vec3> + '_ {
-        self.edges.iter().flat_map(|e| e.ends)
+    fn distance(&self, vertex: u8) -> f32 {
+        self.distances[vertex as usize]
+    }
+
+    /// The vertices; none if nothing is left.
+    pub fn vertices(&self) -> &[Vec3] {
+        &self.vertices
     }
 
     /// Extent along a direction.
     pub fn extent(&self, direction: Vec3) -> (f32, f32) {
-        self.vertices().fold((f32::MAX, f32::MIN), |(lo, hi), v| {
-            let d = direction.dot(v);
+        self.vertices.iter().fold((f32::MAX, f32::MIN), |(lo, hi), v| {
+            let d = direction.dot(*v);
             (lo.min(d), hi.max(d))
         })
     }
@@ -110,7 +158,7 @@ mod tests {
         assert_eq!(p.edges.len(), 12);
         assert_eq!(p.faces(), 0b111111);
         p.cut(Vec3::ONE, 1.0, 6);
-        assert_eq!(p.edges.len(), 15);
+        assert_eq!((p.vertices.len(), p.edges.len()), (10, 15));
         assert_eq!(p.faces(), 0b1111111);
         let (lo, hi) = p.extent(Vec3::ONE);
         assert!((lo + 1.5).abs() < 1e-6 && (hi - 1.0).abs() < 1e-6);
@@ -125,6 +173,6 @@ mod tests {
         assert_eq!(p.faces(), 0b1111101);
         assert_eq!(p.extent(Vec3::X), (-0.5, 0.0));
         p.cut(Vec3::NEG_X, -0.25, 7);
-        assert!(p.edges.is_empty() || p.extent(Vec3::X).0 >= -0.25, "nothing below 1/4 may be left");
+        assert!(p.vertices.is_empty() || p.extent(Vec3::X).0 >= -0.25, "nothing below 1/4 may be left");
     }
 }

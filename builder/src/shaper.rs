@@ -20,22 +20,47 @@ pub struct Slab {
 }
 
 /// The slabs of a voxel's ancestors (and its own) that still bound it.
-#[derive(Clone, Default, Debug)]
-pub struct Slabs(Vec<Slab>);
+#[derive(Clone, Copy, Debug)]
+pub struct Slabs {
+    list: [Slab; MAX_SLABS],
+    count: usize,
+}
+
+impl Default for Slabs {
+    fn default() -> Self {
+        Self { list: [Slab { n: Vec3::ZERO, lo: 0.0, hi: 0.0 }; MAX_SLABS], count: 0 }
+    }
+}
 
 impl Slabs {
     /// The same slabs in the units of child `slot`.
     pub fn for_child(&self, slot: usize) -> Self {
         let offset = Vec3::from(std::array::from_fn(|axis| if slot >> axis & 1 != 0 { 0.25 } else { -0.25 }));
-        Self(
-            self.0
-                .iter()
-                .map(|s| {
-                    let at = s.n.dot(offset);
-                    Slab { n: s.n, lo: 2.0 * (s.lo - at), hi: 2.0 * (s.hi - at) }
-                })
-                .collect(),
-        )
+        let mut slabs = Self::default();
+        for s in self.as_slice() {
+            let at = s.n.dot(offset);
+            slabs.push(Slab { n: s.n, lo: 2.0 * (s.lo - at), hi: 2.0 * (s.hi - at) });
+        }
+        slabs
+    }
+
+    fn as_slice(&self) -> &[Slab] {
+        &self.list[..self.count]
+    }
+
+    fn push(&mut self, slab: Slab) {
+        self.list[self.count] = slab;
+        self.count += 1;
+    }
+
+    fn is_full(&self) -> bool {
+        self.count == MAX_SLABS
+    }
+
+    fn retain(&mut self, keep: impl Fn(usize) -> bool) {
+        let old = *self;
+        self.count = 0;
+        (0..old.count).filter(|k| keep(*k)).for_each(|k| self.push(old.list[k]));
     }
 }
 
@@ -92,7 +117,7 @@ impl Shaper {
             return Shape { contour: None, slabs: ancestors, fits: false };
         }
         self.polyhedron.reset();
-        for (k, slab) in ancestors.0.iter().enumerate() {
+        for (k, slab) in ancestors.as_slice().iter().enumerate() {
             self.cut(slab, k);
         }
         if self.fits(voxel, deviation) {
@@ -115,20 +140,22 @@ impl Shaper {
         let n = Vec3::from(decoded.normal.map(|c| c as f32));
         let slab = Slab { n, lo: decoded.lo() as f32, hi: decoded.hi() as f32 };
         let mut slabs = ancestors;
-        if slabs.0.len() == MAX_SLABS && !deepest {
+        if slabs.is_full() && !deepest {
             slabs = self.bounding(slabs);
             // Still full: forget the oldest, which has grown widest.
-            if slabs.0.len() == MAX_SLABS {
-                slabs.0.remove(0);
+            if slabs.is_full() {
+                slabs.retain(|k| k > 0);
             }
             self.polyhedron.reset();
-            (0..slabs.0.len()).for_each(|k| self.cut(&slabs.0[k].clone(), k));
+            for (k, slab) in slabs.as_slice().iter().enumerate() {
+                self.cut(slab, k);
+            }
         }
         if deepest {
             return Shape { contour: Some(contour), slabs, fits: false };
         }
-        self.cut(&slab, slabs.0.len());
-        slabs.0.push(slab);
+        self.cut(&slab, slabs.count);
+        slabs.push(slab);
         let fits = self.fits(voxel, deviation);
         Shape { contour: Some(contour), slabs: self.bounding(slabs), fits }
     }
@@ -142,11 +169,7 @@ impl Shaper {
     /// The slabs that still have a face on the polyhedron.
     fn bounding(&self, mut slabs: Slabs) -> Slabs {
         let faces = self.polyhedron.faces();
-        let mut k = 0;
-        slabs.0.retain(|_| {
-            k += 1;
-            faces >> (4 + 2 * k) & 3 != 0
-        });
+        slabs.retain(|k| faces >> (6 + 2 * k) & 3 != 0);
         slabs
     }
 
@@ -156,7 +179,7 @@ impl Shaper {
             return false;
         }
         let surface = voxel.surface;
-        self.polyhedron.vertices().all(|v| {
+        self.polyhedron.vertices().iter().all(|v| {
             let p = voxel.centre + v.as_dvec3() * voxel.size;
             voxel.pieces.iter().any(|piece| {
                 let corners = &surface.corners[piece.triangle as usize];

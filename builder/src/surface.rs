@@ -47,8 +47,6 @@ struct Look {
 pub struct Sample {
     /// Linear RGB.
     pub color: Vec3,
-    /// Least and greatest sRGB-encoded colour in the piece.
-    pub color_range: ([u8; 3], [u8; 3]),
     /// Unit normal at the centroid.
     pub normal: Vec3,
 }
@@ -141,25 +139,35 @@ impl<'a> Surface<'a> {
     }
 
     /// The colour and normal of a piece with this centroid, in a voxel of this size.
-    pub fn sample(&self, triangle: u32, vertices: &[DVec3], centroid: DVec3, voxel_size: f64) -> Sample {
+    pub fn sample(&self, triangle: u32, centroid: DVec3, voxel_size: f64) -> Sample {
         let look = self.look(triangle);
-        let flat_normal = self.normals[triangle as usize];
-        if let Some(plain) = look.plain
-            && self.mesh.normals.is_empty()
-        {
-            return Sample { color: look.base, color_range: (plain, plain), normal: flat_normal };
+        if look.plain.is_some() && self.mesh.normals.is_empty() {
+            return Sample { color: look.base, normal: self.normals[triangle as usize] };
         }
-        let weights = Barycentric::new(&self.corners[triangle as usize]);
-        let w = weights.at(centroid);
-        let normal = self.shading_normal(triangle, w);
-        if let Some(plain) = look.plain {
-            return Sample { color: look.base, color_range: (plain, plain), normal };
-        }
+        let w = Barycentric::new(&self.corners[triangle as usize]).at(centroid);
         let mut color = look.base;
+        if !self.mesh.colors.is_empty() {
+            color *= mix3(self.colors(triangle), w);
+        }
+        if let Some((texture, _)) = &look.texture {
+            let footprint = voxel_size as f32 * self.texel_density[triangle as usize];
+            let uv = mix2(self.uvs(triangle), w);
+            let [r, g, b, _] = texture.sample(uv.into(), footprint);
+            color *= Vec3::new(r, g, b);
+        }
+        Sample { color, normal: self.shading_normal(triangle, w) }
+    }
+
+    /// Least and greatest sRGB-encoded colour that the finest voxels will show of a piece.
+    pub fn color_range(&self, triangle: u32, vertices: &[DVec3]) -> ([u8; 3], [u8; 3]) {
+        let look = self.look(triangle);
+        if let Some(plain) = look.plain {
+            return (plain, plain);
+        }
         let (mut lo, mut hi) = (look.base, look.base);
         if !self.mesh.colors.is_empty() {
-            let colors = self.indices(triangle).map(|i| Vec3::from(self.mesh.colors[i]));
-            color *= mix3(colors, w);
+            let colors = self.colors(triangle);
+            let weights = Barycentric::new(&self.corners[triangle as usize]);
             let (mut least, mut greatest) = (Vec3::MAX, Vec3::MIN);
             for v in vertices {
                 let c = mix3(colors, weights.at(*v));
@@ -169,18 +177,18 @@ impl<'a> Surface<'a> {
             lo *= least;
             hi *= greatest;
         }
-        if let Some((texture, range)) = &look.texture {
-            let footprint = voxel_size as f32 * self.texel_density[triangle as usize];
-            let uv = mix2(self.uvs(triangle), w);
-            let texel = texture.sample(uv.into(), footprint);
-            color *= Vec3::new(texel[0], texel[1], texel[2]);
+        if let Some((_, range)) = &look.texture {
             let (uv_lo, uv_hi) = self.uv_bounds(triangle, vertices);
             let finest = self.finest_voxel * self.texel_density[triangle as usize];
             let bounds = range.in_box(uv_lo, uv_hi, finest);
             lo *= bounds.min;
             hi *= bounds.max;
         }
-        Sample { color, color_range: (encode_srgb(lo), encode_srgb(hi)), normal }
+        (encode_srgb(lo), encode_srgb(hi))
+    }
+
+    fn colors(&self, triangle: u32) -> [Vec3; 3] {
+        self.indices(triangle).map(|i| Vec3::from(self.mesh.colors[i]))
     }
 
     /// The interpolated shading normal, or the geometric one where the mesh has none.

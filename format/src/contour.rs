@@ -43,6 +43,11 @@ const MAX_BOUND: f64 = 48.0;
 /// Units of the position and thickness fields, in `n·p`.
 const UNIT: f64 = 0.75;
 
+/// The nearest integer; unlike `f64::round` no call into a library where the target has no instruction for it.
+fn nearest(x: f64) -> i32 {
+    (x + 0.5f64.copysign(x)) as i32
+}
+
 impl Contour {
     /// The slab this contour stands for, exactly.
     pub fn decode(self) -> Slab {
@@ -71,7 +76,7 @@ impl Contour {
         let mut word = 0u32;
         for (axis, shift) in [(2, 0), (1, 6), (0, 12)] {
             let fraction = f64::from(word) / f64::from(1u32 << shift);
-            let field = (direction[axis] * scale - fraction).round().clamp(-32.0, 31.0) as i32;
+            let field = nearest(direction[axis] * scale - fraction).clamp(-32, 31);
             word |= ((field as u32) & 0x3f) << shift;
         }
         Some(word)
@@ -91,7 +96,7 @@ impl Contour {
         let (lo, hi) = (lo.max(-MAX_BOUND), hi.min(MAX_BOUND));
         let mut word = normal_bits & 0x3ffff;
         let fraction = f64::from(word) / f64::from(1u32 << 18);
-        let field = ((lo + hi) * 0.5 / UNIT - fraction).round().clamp(-64.0, 63.0) as i32;
+        let field = nearest((lo + hi) * 0.5 / UNIT - fraction).clamp(-64, 63);
         word |= ((field as u32) & 0x7f) << 18;
         let position = Contour(word).decode().position;
         let thickness = 2.0 * (position - lo).max(hi - position);

@@ -16,6 +16,11 @@ use glam::Vec3;
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Pod, Zeroable, Default)]
 pub struct RawNormal(pub u32);
 
+/// The nearest integer; unlike `f32::round` no call into a library where the target has no instruction for it.
+fn nearest(x: f32) -> i32 {
+    (x + 0.5f32.copysign(x)) as i32
+}
+
 /// Length of the main axis in the decoder's integer units.
 const MAIN: f32 = 2147483648.0;
 
@@ -54,11 +59,11 @@ impl RawNormal {
             1 => (n.y, n.z, n.x),
             _ => (n.z, n.x, n.y),
         };
-        let v = (v / main.abs() * 8192.0).round().clamp(-8192.0, 8191.0);
-        let v_bits = v as i32 as u32 & 0x3fff;
+        let v = nearest(v / main.abs() * 8192.0).clamp(-8192, 8191);
+        let v_bits = v as u32 & 0x3fff;
         let fraction = v_bits as f32 / 16384.0;
-        let u = (u / main.abs() * 16384.0 - fraction).round().clamp(-16384.0, 16383.0);
-        Self((u32::from(main < 0.0)) << 31 | axis << 29 | (u as i32 as u32 & 0x7fff) << 14 | v_bits)
+        let u = nearest(u / main.abs() * 16384.0 - fraction).clamp(-16384, 16383);
+        Self((u32::from(main < 0.0)) << 31 | axis << 29 | (u as u32 & 0x7fff) << 14 | v_bits)
     }
 }
 
@@ -108,7 +113,7 @@ fn encode_axis(axis: Vec3, below: u32) -> u32 {
     let mut bits = exponent << 16 | (below & 0xffff);
     for (component, shift) in [(axis.z, 20u32), (axis.y, 24), (axis.x, 28)] {
         let fraction = bits as f32 / (1u32 << shift) as f32;
-        let field = (component / unit - fraction).round().clamp(-8.0, 7.0) as i32 as u32 & 15;
+        let field = nearest(component / unit - fraction).clamp(-8, 7) as u32 & 15;
         bits |= field << shift;
     }
     bits >> 16
