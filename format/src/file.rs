@@ -11,8 +11,8 @@ pub const MAJOR_VERSION: u16 = 1;
 pub const MINOR_VERSION: u16 = 0;
 /// Required feature bit 0: some blocks are stored compressed.
 pub const FEATURE_COMPRESSED: u64 = 1;
-/// All required feature bits that this reader knows.
-pub const KNOWN_REQUIRED: u64 = 0;
+/// All required feature bits that this reader knows: [`FEATURE_COMPRESSED`] with the crate's feature `zstd`.
+pub const KNOWN_REQUIRED: u64 = if cfg!(feature = "zstd") { FEATURE_COMPRESSED } else { 0 };
 
 /// Bytes in a page; blocks are multiples of it and start at multiples of it.
 pub const PAGE_BYTES: u64 = 8192;
@@ -147,7 +147,7 @@ pub struct BlockEntry {
     pub file_offset: u64,
     /// Size as stored in bytes.
     pub stored_size: u64,
-    /// [`CODEC_RAW`].
+    /// [`CODEC_RAW`] or [`CODEC_ZSTD`]. Says how the block is stored; in memory it never is compressed.
     pub codec: u32,
     /// CRC-32 of the stored bytes.
     pub crc: u32,
@@ -161,6 +161,8 @@ pub const BLOCK_BYTES: u64 = 72;
 pub const NO_PARENT: u32 = u32::MAX;
 /// The block is stored as it is in memory.
 pub const CODEC_RAW: u32 = 0;
+/// The block is stored as one Zstandard frame; needs [`FEATURE_COMPRESSED`].
+pub const CODEC_ZSTD: u32 = 1;
 
 /// Fixed part of a block's info section, 32 bytes, followed by `attachment_count` [`AttachmentEntry`].
 ///

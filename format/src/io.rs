@@ -1,7 +1,6 @@
-//! Files: opening by mapping, writing to a temporary and renaming (spec sections 2 and 3).
+//! Opening files, by mapping where that can be, and reading all of their structure but the blocks (spec section 2).
 
 use std::fs::File;
-use std::io::{BufWriter, Write};
 use std::path::Path;
 
 use memmap2::Mmap;
@@ -9,117 +8,76 @@ use rayon::prelude::*;
 
 use crate::file::*;
 use crate::octree::{Image, Origin, UnknownSection};
-use crate::tables::{check_blocks, check_objects, check_stored};
-use crate::{Broken, FormatError, Octree, ids};
+use crate::tables::{check_blocks, check_objects, check_stored, compressed, stored_ranges};
+use crate::{Broken, FormatError, Octree, codec, ids};
+
+/// Memory that opening a file takes for decompressed blocks if nothing else is said: 8 GiB.
+pub const DEFAULT_MEMORY_LIMIT: u64 = 8 << 30;
+
+/// How a file is opened.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct OpenOptions {
+    /// Largest image in bytes that is made in memory: of a file with compressed blocks, or of the blocks that a
+    /// [`StreamReader`](crate::StreamReader) loads at once. A file that is mapped is not limited. Default:
+    /// [`DEFAULT_MEMORY_LIMIT`].
+    pub memory_limit: u64,
+}
+
+impl Default for OpenOptions {
+    fn default() -> Self {
+        Self { memory_limit: DEFAULT_MEMORY_LIMIT }
+    }
+}
+
+impl OpenOptions {
+    /// Refuses an image that is larger than the limit.
+    pub(crate) fn check(&self, image: u64) -> Result<(), FormatError> {
+        if image <= self.memory_limit {
+            return Ok(());
+        }
+        let what = format!("{image} bytes of blocks, more than the memory limit of {}: raise it", self.memory_limit);
+        Err(FormatError::Limit(what))
+    }
+}
 
 impl Octree {
+    /// Opens a file with the default [`OpenOptions`], see [`open_with`](Self::open_with).
+    ///
+    /// # Errors
+    /// The system's, the rule that the file breaks, or the memory limit.
+    pub fn open(path: &Path) -> Result<Self, FormatError> {
+        Self::open_with(path, &OpenOptions::default())
+    }
+
     /// Opens a file by mapping it. Checks header, directory, tables and info sections, and the checksums of all of
     /// these; reads nothing else.
+    ///
+    /// If some block is compressed, all are read, checked against their checksums and decompressed, in parallel: the
+    /// image is then one in memory.
     ///
     /// The file must not be changed or truncated while the octree lives.
     ///
     /// # Errors
-    /// The system's, or the rule that the file breaks.
-    pub fn open(path: &Path) -> Result<Self, FormatError> {
+    /// The system's, the rule that the file breaks, or the memory limit.
+    pub fn open_with(path: &Path, options: &OpenOptions) -> Result<Self, FormatError> {
         let map = map(path)?;
-        Contents::read(&map)?.into_mapped(map)
+        Contents::read(&map)?.into_mapped(map, options)
     }
 
     /// Opens a file that is in memory.
     ///
     /// # Errors
-    /// The rule that the bytes break.
+    /// The rule that the bytes break, or the memory limit.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, FormatError> {
-        Contents::read(bytes)?.into_owned(bytes)
+        Self::from_bytes_with(bytes, &OpenOptions::default())
     }
 
-    /// Writes the file to a temporary beside `path`, then renames it: `path` is either untouched or complete.
+    /// Opens a file that is in memory.
     ///
     /// # Errors
-    /// The system's; `path` exists and is not a regular file.
-    pub fn write(&self, path: &Path) -> Result<(), FormatError> {
-        write_atomically(path, |out| self.write_to(out)).map_err(|e| FormatError::io(path, e))
-    }
-
-    /// Writes the file to `out`. The same octree always gives the same bytes.
-    ///
-    /// # Errors
-    /// Those of `out`.
-    pub fn write_to(&self, out: &mut dyn Write) -> std::io::Result<()> {
-        let image: &[u8] = bytemuck::cast_slice(self.slots());
-        let objects: Vec<u8> = self.objects.iter().flat_map(to_bytes).collect();
-        let mut sections: Vec<(SectionEntry, &[u8])> = Vec::new();
-        let entry = |tag, flags, length: usize| SectionEntry {
-            tag,
-            flags,
-            offset: 0,
-            length: length as u64,
-            crc: 0,
-            reserved: 0,
-        };
-        let block_table_bytes = self.blocks.len() * BLOCK_BYTES as usize;
-        let mut blocks = Vec::new();
-        sections.push((entry(TAG_OBJECTS, SECTION_REQUIRED, objects.len()), &objects));
-        sections.push((entry(TAG_BLOCKS, SECTION_REQUIRED, block_table_bytes), &[]));
-        if !self.meta.is_empty() {
-            sections.push((entry(TAG_META, 0, self.meta.len()), self.meta.as_bytes()));
-        }
-        for unknown in &self.unknown {
-            sections.push((entry(unknown.tag, unknown.flags, unknown.bytes.len()), &unknown.bytes));
-        }
-        let directory_offset = HEADER_BYTES;
-        let mut offset = directory_offset + (sections.len() as u64 + 1) * SECTION_BYTES;
-        for (section, _) in &mut sections {
-            section.offset = offset;
-            offset = (offset + section.length).next_multiple_of(8);
-        }
-        let data_offset = offset.next_multiple_of(PAGE_BYTES);
-        let data_flags = SECTION_REQUIRED | SECTION_OWN_CHECKSUMS;
-        let data = SectionEntry { offset: data_offset, ..entry(TAG_DATA, data_flags, image.len()) };
-
-        let crcs: Vec<u32> = (self.blocks.par_iter())
-            .map(|b| crc32fast::hash(&image[b.image_offset as usize..(b.image_offset + b.image_size) as usize]))
-            .collect();
-        for (block, crc) in self.blocks.iter().zip(crcs) {
-            let file_offset = data_offset + block.image_offset;
-            let stored = BlockEntry { file_offset, stored_size: block.image_size, codec: CODEC_RAW, crc, ..*block };
-            blocks.extend(to_bytes(&stored));
-        }
-        sections[1].1 = &blocks;
-        let mut directory = Vec::new();
-        for (section, bytes) in &mut sections {
-            section.crc = if section.flags & SECTION_OWN_CHECKSUMS != 0 { 0 } else { crc32fast::hash(bytes) };
-            directory.extend(to_bytes(section));
-        }
-        directory.extend(to_bytes(&data));
-        let mut header = Header {
-            identifier: IDENTIFIER,
-            major: MAJOR_VERSION,
-            minor: MINOR_VERSION,
-            required_features: 0,
-            optional_features: 0,
-            file_length: data_offset + image.len() as u64,
-            directory_offset,
-            directory_count: sections.len() as u32 + 1,
-            directory_crc: crc32fast::hash(&directory),
-            reserved: 0,
-            header_crc: 0,
-        };
-        header.header_crc = crc32fast::hash(&to_bytes(&header)[..HEADER_BYTES as usize - 4]);
-
-        let mut written = 0u64;
-        let mut put = |out: &mut dyn Write, at: u64, bytes: &[u8]| -> std::io::Result<()> {
-            out.write_all(&vec![0; (at - written) as usize])?;
-            out.write_all(bytes)?;
-            written = at + bytes.len() as u64;
-            Ok(())
-        };
-        put(out, 0, &to_bytes(&header))?;
-        put(out, directory_offset, &directory)?;
-        for (section, bytes) in &sections {
-            put(out, section.offset, bytes)?;
-        }
-        put(out, data_offset, image)
+    /// The rule that the bytes break, or the memory limit.
+    pub fn from_bytes_with(bytes: &[u8], options: &OpenOptions) -> Result<Self, FormatError> {
+        Contents::read(bytes)?.into_owned(bytes, options)
     }
 }
 
@@ -140,41 +98,17 @@ pub(crate) fn map(path: &Path) -> Result<Mmap, FormatError> {
     unsafe { Mmap::map(&file) }.map_err(|e| FormatError::io(path, e))
 }
 
-/// Runs `write` on a temporary file beside `path`, syncs it, and renames it to `path`.
-///
-/// # Errors
-/// The system's; `path` exists and is not a regular file (a device or a directory is never replaced).
-pub fn write_atomically(path: &Path, write: impl FnOnce(&mut dyn Write) -> std::io::Result<()>) -> std::io::Result<()> {
-    if std::fs::metadata(path).is_ok_and(|m| !m.is_file()) {
-        return Err(std::io::Error::other("exists and is not a regular file"));
-    }
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut builder = tempfile::Builder::new();
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        // Readable like any other output; the umask still applies.
-        builder.permissions(std::fs::Permissions::from_mode(0o666));
-    }
-    let temporary = builder.prefix(".esvo-").suffix(".tmp").tempfile_in(folder)?;
-    let mut out = BufWriter::with_capacity(1 << 20, temporary);
-    write(&mut out)?;
-    let temporary = out.into_inner().map_err(|e| e.into_error())?;
-    temporary.as_file().sync_all()?;
-    temporary.persist(path).map_err(|e| e.error)?;
-    Ok(())
-}
-
 /// The parts of a file but for the image.
 pub(crate) struct Contents {
     objects: Vec<ObjectEntry>,
     blocks: Vec<BlockEntry>,
     meta: String,
     unknown: Vec<UnknownSection>,
-    /// Offset and length of the image in the file.
-    image: (usize, usize),
+    /// Offset and length of the block data in the file.
+    data: (usize, usize),
     origin: Origin,
-    /// Start and end of header, directory and sections, in order.
+    /// Start and end of header, directory, sections, and instead of the block data, if some block is compressed, of
+    /// each stored block; in order.
     pub(crate) ranges: Vec<(u64, u64)>,
 }
 
@@ -182,18 +116,47 @@ pub(crate) struct Contents {
 const MAX_SECTION: u64 = 1 << 30;
 
 impl Contents {
-    /// With an image of its own, copied from the bytes that this was read from.
-    pub(crate) fn into_owned(self, bytes: &[u8]) -> Result<Octree, FormatError> {
-        let (offset, length) = self.image;
+    /// With an image of its own, made from the bytes that this was read from.
+    pub(crate) fn into_owned(self, bytes: &[u8], options: &OpenOptions) -> Result<Octree, FormatError> {
+        if self.origin.compressed {
+            return self.into_decompressed(bytes, options);
+        }
+        let (offset, length) = self.data;
+        options.check(length as u64)?;
         let mut image = vec![0u64; length / 8];
         bytemuck::cast_slice_mut::<u64, u8>(&mut image).copy_from_slice(&bytes[offset..offset + length]);
         self.into_octree(Image::Owned(image))
     }
 
-    /// With the image in the map that this was read from.
-    pub(crate) fn into_mapped(self, map: Mmap) -> Result<Octree, FormatError> {
-        let (offset, bytes) = self.image;
+    /// With the image in the map that this was read from, if it can be.
+    pub(crate) fn into_mapped(self, map: Mmap, options: &OpenOptions) -> Result<Octree, FormatError> {
+        if self.origin.compressed {
+            return self.into_decompressed(&map, options);
+        }
+        let (offset, bytes) = self.data;
         self.into_octree(Image::Mapped { map, offset, bytes })
+    }
+
+    fn into_decompressed(self, bytes: &[u8], options: &OpenOptions) -> Result<Octree, FormatError> {
+        let length: u64 = self.blocks.iter().map(|b| b.image_size).sum();
+        options.check(length)?;
+        let mut image = vec![0u64; (length / 8) as usize];
+        let mut rest: &mut [u8] = bytemuck::cast_slice_mut(&mut image);
+        let mut work = Vec::with_capacity(self.blocks.len());
+        for (index, block) in self.blocks.iter().enumerate() {
+            let (head, tail) = rest.split_at_mut(block.image_size as usize);
+            work.push((index, block, head));
+            rest = tail;
+        }
+        let results: Vec<Result<(), Broken>> = (work.into_par_iter())
+            .map(|(index, block, image)| {
+                let stored = block.file_offset as usize..(block.file_offset + block.stored_size) as usize;
+                codec::decode(index, block, &bytes[stored], image)
+            })
+            .collect();
+        // The first that is broken, whichever thread was first.
+        results.into_iter().collect::<Result<(), Broken>>()?;
+        self.into_octree(Image::Owned(image))
     }
 
     fn into_octree(self, image: Image) -> Result<Octree, FormatError> {
@@ -201,8 +164,57 @@ impl Contents {
     }
 
     pub(crate) fn read(bytes: &[u8]) -> Result<Self, FormatError> {
-        let header = read_header(bytes)?;
-        let Directory { sections, ranges } = read_directory(bytes, &header)?;
+        let header = read_header(bytes, Some(bytes.len() as u64))?;
+        let (start, end) = directory_range(&header)?;
+        let Directory { sections, mut ranges } = read_directory(&bytes[start as usize..end as usize], &header)?;
+        let slice = |s: &SectionEntry| &bytes[s.offset as usize..(s.offset + s.length) as usize];
+        for section in &sections {
+            check_section(section, slice(section))?;
+        }
+        check_overlaps(&ranges)?;
+        let Tables { objects, blocks, data, object_at } =
+            Tables::read(&header, &sections, |section| Ok(slice(section).to_vec()))?;
+        let compressed = compressed(&blocks);
+        let mut origin = Origin { image: data.offset, objects: object_at, meta: 0, compressed };
+        let mut meta = String::new();
+        let mut unknown = Vec::new();
+        check_tags(&sections)?;
+        for section in &sections {
+            match section.tag {
+                TAG_OBJECTS | TAG_BLOCKS | TAG_DATA => {}
+                TAG_META => {
+                    meta = String::from_utf8_lossy(slice(section)).into_owned();
+                    origin.meta = section.offset;
+                }
+                tag => unknown.push(UnknownSection { tag, flags: section.flags, bytes: slice(section).to_vec() }),
+            }
+        }
+        if compressed {
+            ranges.retain(|range| *range != (data.offset, data.offset + data.length));
+            ranges.extend(stored_ranges(&blocks));
+            ranges.sort_unstable();
+        }
+        Ok(Self { objects, blocks, meta, unknown, data: (data.offset as usize, data.length as usize), origin, ranges })
+    }
+}
+
+/// The two tables of a file, checked as far as they can be without the blocks.
+pub(crate) struct Tables {
+    pub(crate) objects: Vec<ObjectEntry>,
+    pub(crate) blocks: Vec<BlockEntry>,
+    /// The section with the blocks.
+    pub(crate) data: SectionEntry,
+    /// Where the object table lies in the file.
+    pub(crate) object_at: u64,
+}
+
+impl Tables {
+    /// Reads the tables with `fetch`, which returns the bytes of a section.
+    pub(crate) fn read(
+        header: &Header,
+        sections: &[SectionEntry],
+        mut fetch: impl FnMut(&SectionEntry) -> Result<Vec<u8>, FormatError>,
+    ) -> Result<Self, FormatError> {
         let find = |tag: [u8; 4]| {
             let mut found = sections.iter().filter(|s| s.tag == tag);
             match (found.next(), found.next()) {
@@ -214,38 +226,37 @@ impl Contents {
                 )),
             }
         };
-        let slice = |s: &SectionEntry| &bytes[s.offset as usize..(s.offset + s.length) as usize];
         let (object_section, block_section, data) = (find(TAG_OBJECTS)?, find(TAG_BLOCKS)?, find(TAG_DATA)?);
-        let objects = entries::<ObjectEntry>(slice(&object_section), OBJECT_BYTES)
+        let objects = entries::<ObjectEntry>(&fetch(&object_section)?, OBJECT_BYTES)
             .ok_or_else(|| broken(ids::OBJECT_SIZE, object_section.offset, "object table has no whole entry".into()))?;
-        let blocks = entries::<BlockEntry>(slice(&block_section), BLOCK_BYTES)
+        let blocks = entries::<BlockEntry>(&fetch(&block_section)?, BLOCK_BYTES)
             .ok_or_else(|| broken(ids::BLOCK_SIZE, block_section.offset, "block table has no whole entry".into()))?;
         check_objects(&objects, object_section.offset)?;
-        check_blocks(&blocks, block_section.offset, &objects, data.length)?;
-        check_stored(&blocks, block_section.offset, &data)?;
-        let mut origin = Origin { image: data.offset, objects: object_section.offset, meta: 0 };
-        let mut meta = String::new();
-        let mut unknown = Vec::new();
-        for (i, section) in sections.iter().enumerate() {
-            match section.tag {
-                TAG_OBJECTS | TAG_BLOCKS | TAG_DATA => {}
-                tag if sections[..i].iter().any(|s| s.tag == tag) => {
-                    let what = format!("section {} occurs twice", name(tag));
-                    return Err(broken(ids::SECTION_MISSING, section.offset, what));
-                }
-                TAG_META => {
-                    meta = String::from_utf8_lossy(slice(section)).into_owned();
-                    origin.meta = section.offset;
-                }
-                tag if section.flags & SECTION_REQUIRED != 0 => {
-                    let what = format!("section {} is required and not known to this reader", name(tag));
-                    return Err(broken(ids::SECTION_REQUIRED, section.offset, what));
-                }
-                tag => unknown.push(UnknownSection { tag, flags: section.flags, bytes: slice(section).to_vec() }),
-            }
-        }
-        Ok(Self { objects, blocks, meta, unknown, image: (data.offset as usize, data.length as usize), origin, ranges })
+        let image = (!compressed(&blocks)).then_some(data.length);
+        check_blocks(&blocks, block_section.offset, &objects, image)?;
+        check_stored(&blocks, block_section.offset, &data, header.required_features)?;
+        Ok(Self { objects, blocks, data, object_at: object_section.offset })
     }
+}
+
+/// Checks that no tag is one too many and that all required sections are known.
+pub(crate) fn check_tags(sections: &[SectionEntry]) -> Result<(), FormatError> {
+    for (i, section) in sections.iter().enumerate() {
+        match section.tag {
+            TAG_OBJECTS | TAG_BLOCKS | TAG_DATA => {}
+            tag if sections[..i].iter().any(|s| s.tag == tag) => {
+                let what = format!("section {} occurs twice", name(tag));
+                return Err(broken(ids::SECTION_MISSING, section.offset, what));
+            }
+            TAG_META => {}
+            tag if section.flags & SECTION_REQUIRED != 0 => {
+                let what = format!("section {} is required and not known to this reader", name(tag));
+                return Err(broken(ids::SECTION_REQUIRED, section.offset, what));
+            }
+            _ => {}
+        }
+    }
+    Ok(())
 }
 
 fn broken(rule: &'static str, offset: u64, what: String) -> FormatError {
@@ -267,7 +278,8 @@ where
     bytes.chunks_exact(size as usize).map(from_bytes::<T>).collect()
 }
 
-fn read_header(bytes: &[u8]) -> Result<Header, FormatError> {
+/// Reads the header from the first bytes of a file, whose length may be known.
+pub(crate) fn read_header(bytes: &[u8], length: Option<u64>) -> Result<Header, FormatError> {
     if !bytes.starts_with(&IDENTIFIER) {
         let what = if bytes.starts_with(b"\xABESVO") {
             "the identifier is damaged: the file went through a text-mode transfer, or is of another major version"
@@ -285,12 +297,17 @@ fn read_header(bytes: &[u8]) -> Result<Header, FormatError> {
     if crc32fast::hash(&bytes[..HEADER_BYTES as usize - 4]) != header.header_crc {
         return Err(broken(ids::HEADER_CHECKSUM, 60, "the header is damaged".into()));
     }
-    if header.required_features & !KNOWN_REQUIRED != 0 {
-        let what = format!("required feature bits {:#x} are not known to this reader", header.required_features);
+    let strange = header.required_features & !KNOWN_REQUIRED;
+    if strange != 0 {
+        let what = if strange == FEATURE_COMPRESSED {
+            "required feature bit 0, compressed blocks: takes a build of esvo-format with the feature `zstd`".into()
+        } else {
+            format!("required feature bits {strange:#x} are not known to this reader")
+        };
         return Err(broken(ids::REQUIRED_FEATURES, 16, what));
     }
-    if header.file_length != bytes.len() as u64 {
-        let what = format!("{} bytes, but the header says {}: truncated?", bytes.len(), header.file_length);
+    if let Some(length) = length.filter(|length| *length != header.file_length) {
+        let what = format!("{length} bytes, but the header says {}: truncated?", header.file_length);
         return Err(broken(ids::FILE_LENGTH, 32, what));
     }
     if header.reserved != 0 {
@@ -299,13 +316,14 @@ fn read_header(bytes: &[u8]) -> Result<Header, FormatError> {
     Ok(header)
 }
 
-struct Directory {
-    sections: Vec<SectionEntry>,
+pub(crate) struct Directory {
+    pub(crate) sections: Vec<SectionEntry>,
     /// Start and end of header, directory and sections in the file, in order.
-    ranges: Vec<(u64, u64)>,
+    pub(crate) ranges: Vec<(u64, u64)>,
 }
 
-fn read_directory(bytes: &[u8], header: &Header) -> Result<Directory, FormatError> {
+/// Start and end of the directory.
+pub(crate) fn directory_range(header: &Header) -> Result<(u64, u64), FormatError> {
     let at = header.directory_offset;
     let length = u64::from(header.directory_count) * SECTION_BYTES;
     let end =
@@ -316,16 +334,20 @@ fn read_directory(bytes: &[u8], header: &Header) -> Result<Directory, FormatErro
     if header.directory_count > MAX_SECTIONS {
         return Err(broken(ids::DIRECTORY_LIMIT, 48, format!("{} sections", header.directory_count)));
     }
-    let directory = &bytes[at as usize..end as usize];
+    Ok((at, end))
+}
+
+/// Reads the directory and checks where its sections lie, but not whether they overlap.
+pub(crate) fn read_directory(directory: &[u8], header: &Header) -> Result<Directory, FormatError> {
+    let at = header.directory_offset;
     if crc32fast::hash(directory) != header.directory_crc {
         return Err(broken(ids::DIRECTORY_CHECKSUM, at, "the directory is damaged".into()));
     }
     let sections: Vec<SectionEntry> = entries(directory, SECTION_BYTES).unwrap_or_default();
-    let mut ranges = vec![(0, HEADER_BYTES), (at, end)];
+    let mut ranges = vec![(0, HEADER_BYTES), (at, at + directory.len() as u64)];
     for (i, section) in sections.iter().enumerate() {
         let entry_at = at + i as u64 * SECTION_BYTES;
         let tag = name(section.tag);
-        let own = section.flags & SECTION_OWN_CHECKSUMS != 0;
         if section.flags & !(SECTION_REQUIRED | SECTION_OWN_CHECKSUMS) != 0 || section.reserved != 0 {
             return Err(broken(ids::SECTION_RESERVED, entry_at, format!("section {tag} has reserved bits set")));
         }
@@ -341,15 +363,26 @@ fn read_directory(bytes: &[u8], header: &Header) -> Result<Directory, FormatErro
             )));
         }
         ranges.push((section.offset, end));
-        let crc = if own { 0 } else { crc32fast::hash(&bytes[section.offset as usize..end as usize]) };
-        if crc != section.crc {
-            return Err(broken(ids::SECTION_CHECKSUM, section.offset, format!("section {tag} is damaged")));
-        }
     }
     ranges.sort_unstable();
+    Ok(Directory { sections, ranges })
+}
+
+/// Checks that header, directory and sections do not overlap.
+pub(crate) fn check_overlaps(ranges: &[(u64, u64)]) -> Result<(), FormatError> {
     if let Some(pair) = ranges.windows(2).find(|pair| pair[0].1 > pair[1].0) {
         let what = format!("something else lies at {} already", pair[1].0);
         return Err(broken(ids::SECTION_RANGE, pair[1].0, what));
     }
-    Ok(Directory { sections, ranges })
+    Ok(())
+}
+
+/// Checks the bytes of a section against its checksum.
+pub(crate) fn check_section(section: &SectionEntry, bytes: &[u8]) -> Result<(), FormatError> {
+    let crc = if section.flags & SECTION_OWN_CHECKSUMS != 0 { 0 } else { crc32fast::hash(bytes) };
+    if crc != section.crc {
+        let what = format!("section {} is damaged", name(section.tag));
+        return Err(broken(ids::SECTION_CHECKSUM, section.offset, what));
+    }
+    Ok(())
 }

@@ -30,6 +30,7 @@
 compile_error!("the image is viewed in place as little-endian words; a big-endian reader would have to swap them");
 
 mod assemble;
+mod codec;
 mod color;
 mod contour;
 mod descriptor;
@@ -44,18 +45,21 @@ mod tables;
 mod topology;
 mod tree;
 mod validate;
+mod write;
 
 pub use assemble::{AssembleOptions, assemble};
+pub use codec::COMPRESSION_LEVELS;
 pub use color::ColorBlock;
 pub use contour::{Contour, Slab};
 pub use descriptor::{ChildDescriptor, MAX_CONTOUR_POINTER, MAX_NEAR_POINTER};
 pub use error::{Broken, FormatError};
 pub use esvo_spec::ids;
 pub use file::FIRST_SLOT;
-pub use io::write_atomically;
+pub use io::{DEFAULT_MEMORY_LIMIT, OpenOptions};
 pub use needs::Needs;
 pub use normal::{NormalBlock, RawNormal};
 pub use octree::{BlockParts, Octree, UnknownSection};
 pub use stats::{Bytes, Stats, stats};
 pub use tree::{Tree, TreeNode, Voxel};
-pub use validate::{Finding, Report, validate, validate_bytes, validate_file};
+pub use validate::{Finding, Report, validate, validate_bytes, validate_bytes_with, validate_file, validate_file_with};
+pub use write::{WriteOptions, write_atomically};

@@ -5,7 +5,7 @@ use std::sync::OnceLock;
 use glam::{DMat4, Vec3};
 use memmap2::Mmap;
 
-use crate::file::{BlockEntry, ObjectEntry, PAGE_SLOTS, attachment};
+use crate::file::{BlockEntry, CODEC_RAW, ObjectEntry, PAGE_SLOTS, attachment};
 use crate::{Broken, ChildDescriptor, ColorBlock, Contour, FormatError, Needs, NormalBlock};
 
 /// The image: every block, uncompressed, one after the other, in slots of 8 bytes.
@@ -51,6 +51,19 @@ pub(crate) struct Origin {
     pub(crate) image: u64,
     pub(crate) objects: u64,
     pub(crate) meta: u64,
+    /// Some block is compressed: the block data is not the image, and all checksums have been checked on reading.
+    pub(crate) compressed: bool,
+}
+
+impl Origin {
+    /// Where the first byte of a block lies in the file, or in the image if it is compressed.
+    fn of_block(&self, block: &BlockEntry) -> u64 {
+        match block.codec {
+            _ if !self.compressed => self.image + block.image_offset,
+            CODEC_RAW => block.file_offset,
+            _ => block.image_offset,
+        }
+    }
 }
 
 /// A section that this library does not know; kept when a file is rewritten.
@@ -93,7 +106,7 @@ impl Octree {
         image: Vec<u64>,
     ) -> Result<Self, FormatError> {
         crate::tables::check_objects(&objects, 0)?;
-        crate::tables::check_blocks(&blocks, 0, &objects, image.len() as u64 * 8)?;
+        crate::tables::check_blocks(&blocks, 0, &objects, Some(image.len() as u64 * 8))?;
         Self::new(objects, blocks, String::new(), Vec::new(), Image::Owned(image), None)
     }
 
@@ -107,16 +120,27 @@ impl Octree {
         origin: Option<Origin>,
     ) -> Result<Self, FormatError> {
         let bytes: &[u8] = bytemuck::cast_slice(image.slots());
-        let base = origin.map_or(0, |origin| origin.image);
         let parts = (blocks.iter().enumerate())
-            .map(|(index, block)| crate::tables::block_parts(bytes, base, index, block))
+            .map(|(index, block)| {
+                let start = block.image_offset;
+                let at = origin.map_or(start, |origin| origin.of_block(block));
+                // The table says that the block lies in the image.
+                let bytes = &bytes[start as usize..(start + block.image_size) as usize];
+                crate::tables::block_parts(bytes, start, at, index)
+            })
             .collect::<Result<_, Broken>>()?;
         Ok(Self { objects, blocks, parts, meta, unknown, image, origin, sound: OnceLock::new() })
     }
 
-    /// Where byte `at` of the image lies in the file that it comes from, or in the image if it comes from none.
+    /// Where byte `at` of the image lies in the file that it comes from; in the image if it comes from none, or from a
+    /// compressed block.
     pub(crate) fn offset(&self, at: u64) -> u64 {
-        self.origin.map_or(0, |origin| origin.image) + at
+        let Some(origin) = self.origin else { return at };
+        if !origin.compressed {
+            return origin.image + at;
+        }
+        let index = self.blocks.partition_point(|b| b.image_offset <= at).saturating_sub(1);
+        origin.of_block(&self.blocks[index]) + (at - self.blocks[index].image_offset)
     }
 
     /// The objects; at least one.

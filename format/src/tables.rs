@@ -1,5 +1,6 @@
 //! Checks of the object table, the block table and the info sections (spec sections 3, 4 and 6).
 
+use crate::codec::MAX_RATIO;
 use crate::file::*;
 use crate::octree::BlockParts;
 use crate::{Broken, ids};
@@ -35,9 +36,14 @@ fn check_object(object: &ObjectEntry) -> Result<(), Fault> {
     Ok(())
 }
 
-/// Checks the entries of a block table that starts at byte `at`, for an image of so many bytes. Where the blocks are
-/// stored is left to [`check_stored`].
-pub(crate) fn check_blocks(blocks: &[BlockEntry], at: u64, objects: &[ObjectEntry], image: u64) -> Result<(), Broken> {
+/// Checks the entries of a block table that starts at byte `at`; the blocks must fill an image of so many bytes, if that
+/// is known. Where the blocks are stored is left to [`check_stored`].
+pub(crate) fn check_blocks(
+    blocks: &[BlockEntry],
+    at: u64,
+    objects: &[ObjectEntry],
+    image: Option<u64>,
+) -> Result<(), Broken> {
     if blocks.is_empty() {
         return Err(Broken::new(ids::BLOCK_SIZE, at, "no block"));
     }
@@ -46,11 +52,11 @@ pub(crate) fn check_blocks(blocks: &[BlockEntry], at: u64, objects: &[ObjectEntr
         check_block(block, i, end, blocks, objects).map_err(|fault| block_fault(fault, at, i))?;
         end = end.saturating_add(block.image_size);
     }
-    if end != image {
+    if let Some(image) = image.filter(|image| *image != end) {
         return Err(Broken::new(ids::BLOCK_IMAGE, at, format!("{end} bytes of blocks in an image of {image} bytes")));
     }
-    if image / 8 > MAX_IMAGE_SLOTS {
-        return Err(Broken::new(ids::BLOCK_LIMIT, at, format!("an image of {image} bytes")));
+    if end / 8 > MAX_IMAGE_SLOTS {
+        return Err(Broken::new(ids::BLOCK_LIMIT, at, format!("an image of {end} bytes")));
     }
     Ok(())
 }
@@ -92,23 +98,58 @@ fn check_block(
     Ok(())
 }
 
-/// Checks where the blocks are stored in a file whose block data is `data`. They must be stored as they are: a file is
-/// mapped, so the block data is the image.
-pub(crate) fn check_stored(blocks: &[BlockEntry], at: u64, data: &SectionEntry) -> Result<(), Broken> {
+/// Whether some block is not stored as it is, so that the block data is not the image.
+pub(crate) fn compressed(blocks: &[BlockEntry]) -> bool {
+    blocks.iter().any(|block| block.codec != CODEC_RAW)
+}
+
+/// Checks where and how the blocks are stored in a file with these required features, whose block data is `data`.
+pub(crate) fn check_stored(blocks: &[BlockEntry], at: u64, data: &SectionEntry, features: u64) -> Result<(), Broken> {
+    let in_place = !compressed(blocks);
     for (i, block) in blocks.iter().enumerate() {
-        let fail = |field, rule, what| Err(block_fault((rule, field, what), at, i));
-        if block.codec != CODEC_RAW {
-            return fail(56, ids::BLOCK_CODEC, format!("codec {} is not known to this reader", block.codec));
-        }
-        if block.stored_size != block.image_size {
-            return fail(48, ids::BLOCK_CODEC, format!("{} bytes stored for {}", block.stored_size, block.image_size));
+        check_codec(block, features).map_err(|fault| block_fault(fault, at, i))?;
+        let fail = |what| Err(block_fault((ids::BLOCK_RANGE, 40, what), at, i));
+        // Stored blocks start at pages, and what is behind one up to the next page belongs to no other.
+        let end = (block.stored_size.checked_next_multiple_of(PAGE_BYTES))
+            .and_then(|size| block.file_offset.checked_add(size))
+            .filter(|end| *end <= data.offset.saturating_add(data.length) && block.file_offset >= data.offset);
+        if end.is_none() || block.file_offset % PAGE_BYTES != 0 {
+            return fail(format!("file offset {}, {} bytes stored", block.file_offset, block.stored_size));
         }
         let expected = data.offset.saturating_add(block.image_offset);
-        if block.file_offset != expected || block.file_offset % PAGE_BYTES != 0 {
-            return fail(40, ids::BLOCK_RANGE, format!("file offset {}, expected {expected}", block.file_offset));
+        if in_place && block.file_offset != expected {
+            return fail(format!("file offset {}, expected {expected}", block.file_offset));
         }
     }
+    let ranges = stored_ranges(blocks);
+    if let Some(pair) = ranges.windows(2).find(|pair| pair[0].1 > pair[1].0) {
+        return Err(Broken::new(ids::BLOCK_RANGE, at, format!("two blocks are stored at {}", pair[1].0)));
+    }
     Ok(())
+}
+
+fn check_codec(block: &BlockEntry, features: u64) -> Result<(), Fault> {
+    let (stored, image) = (block.stored_size, block.image_size);
+    match block.codec {
+        CODEC_RAW if stored == image => Ok(()),
+        CODEC_RAW => Err((ids::BLOCK_CODEC, 48, format!("{stored} bytes stored for {image}"))),
+        CODEC_ZSTD if features & FEATURE_COMPRESSED == 0 => {
+            Err((ids::BLOCK_CODEC, 56, "codec 1, but required feature bit 0 is clear".into()))
+        }
+        // No frame makes so much of so little: a claim to be refused before memory is taken for it.
+        CODEC_ZSTD if image / MAX_RATIO > stored => {
+            Err((ids::BLOCK_CODEC, 48, format!("{stored} compressed bytes cannot hold {image}")))
+        }
+        CODEC_ZSTD => Ok(()),
+        codec => Err((ids::BLOCK_CODEC, 56, format!("codec {codec} is not known to this reader"))),
+    }
+}
+
+/// Start and end in the file of what is stored of the blocks, in order. The table must have been checked that far.
+pub(crate) fn stored_ranges(blocks: &[BlockEntry]) -> Vec<(u64, u64)> {
+    let mut ranges: Vec<_> = blocks.iter().map(|b| (b.file_offset, b.file_offset + b.stored_size)).collect();
+    ranges.sort_unstable();
+    ranges
 }
 
 fn cube_fits(block: &BlockEntry, blocks: &[BlockEntry]) -> bool {
@@ -126,12 +167,10 @@ fn cube_fits(block: &BlockEntry, blocks: &[BlockEntry]) -> bool {
     }) && size <= outer
 }
 
-/// Reads and checks the info section of one block of the image. Offsets in errors count from `base` before the image.
-pub(crate) fn block_parts(image: &[u8], base: u64, index: usize, block: &BlockEntry) -> Result<BlockParts, Broken> {
-    let start = block.image_offset;
-    let fault = |(rule, at, what): Fault| Broken::new(rule, base + start + at, format!("block {index}: {what}"));
-    // The table says that the block lies in the image.
-    let bytes = &image[start as usize..(start + block.image_size) as usize];
+/// Reads and checks the info section of block `index`, whose bytes these are and which starts at byte `start` of the
+/// image. Offsets in errors count from `at`.
+pub(crate) fn block_parts(bytes: &[u8], start: u64, at: u64, index: usize) -> Result<BlockParts, Broken> {
+    let fault = |(rule, within, what): Fault| Broken::new(rule, at + within, format!("block {index}: {what}"));
     let (info_at, info) = info_section(bytes, index as u32).map_err(fault)?;
     let pool = info_at + u64::from(info.contour_offset) * 4;
     let attachments = attachments(bytes, info_at, &info).map_err(fault)?;

@@ -11,7 +11,7 @@ use crate::file::*;
 use crate::io::{Contents, map};
 use crate::octree::{BlockParts, Origin};
 use crate::topology::{Bits, Step, Visitor, Walked, walk};
-use crate::{Broken, ChildDescriptor, FormatError, Octree, ids};
+use crate::{Broken, ChildDescriptor, FormatError, Octree, OpenOptions, ids};
 
 /// Findings that a report lists; more are counted.
 const MAX_FINDINGS: usize = 1000;
@@ -75,11 +75,19 @@ impl fmt::Display for Report {
 /// # Errors
 /// The file cannot be read, or is beyond the limits of this library.
 pub fn validate_file(path: &Path) -> Result<Report, FormatError> {
+    validate_file_with(path, &OpenOptions::default())
+}
+
+/// Like [`validate_file`], with a limit to the memory that compressed blocks may take.
+///
+/// # Errors
+/// The file cannot be read, or is beyond the limits.
+pub fn validate_file_with(path: &Path, options: &OpenOptions) -> Result<Report, FormatError> {
     let mut report = Report::default();
     let result = map(path).and_then(|map| {
         let contents = Contents::read(&map)?;
         check_gaps(&map, &contents.ranges, &mut report);
-        contents.into_mapped(map)
+        contents.into_mapped(map, options)
     });
     finish(report, result)
 }
@@ -89,10 +97,18 @@ pub fn validate_file(path: &Path) -> Result<Report, FormatError> {
 /// # Errors
 /// The file is beyond the limits of this library.
 pub fn validate_bytes(bytes: &[u8]) -> Result<Report, FormatError> {
+    validate_bytes_with(bytes, &OpenOptions::default())
+}
+
+/// Like [`validate_bytes`], with a limit to the memory that blocks may take.
+///
+/// # Errors
+/// The file is beyond the limits.
+pub fn validate_bytes_with(bytes: &[u8], options: &OpenOptions) -> Result<Report, FormatError> {
     let mut report = Report::default();
     let result = Contents::read(bytes).and_then(|contents| {
         check_gaps(bytes, &contents.ranges, &mut report);
-        contents.into_owned(bytes)
+        contents.into_owned(bytes, options)
     });
     finish(report, result)
 }
@@ -119,7 +135,7 @@ fn check_gaps(bytes: &[u8], ranges: &[(u64, u64)], report: &mut Report) {
     let starts = ranges.iter().skip(1).map(|range| range.0).chain([bytes.len() as u64]);
     for (from, to) in ends.zip(starts) {
         if let Some(at) = bytes[from as usize..to as usize].iter().position(|b| *b != 0) {
-            report.add(Broken::new(ids::FILE_GAPS, from + at as u64, "a byte between sections is not zero"));
+            report.add(Broken::new(ids::FILE_GAPS, from + at as u64, "a byte in no section or block is not zero"));
         }
     }
 }
@@ -163,8 +179,8 @@ fn check_meta(octree: &Octree, report: &mut Report) {
 }
 
 fn check_checksums(octree: &Octree, report: &mut Report) {
-    // An octree that comes from no file has no stored bytes.
-    let Some(Origin { image: base, .. }) = octree.origin else { return };
+    // An octree that comes from no file has no stored bytes; those of compressed blocks were checked on reading.
+    let Some(Origin { image: base, compressed: false, .. }) = octree.origin else { return };
     let image: &[u8] = bytemuck::cast_slice(octree.slots());
     let broken: Vec<Broken> = (octree.blocks().par_iter().enumerate())
         .filter(|(_, b)| {

@@ -48,7 +48,7 @@ rules! {
     SECTION_MISSING = "D006" Must: "The sections OBJT, BLKT and BLKS occur exactly once; no other tag occurs twice.";
     SECTION_RESERVED = "D007" Must: "Undefined flag bits and reserved fields of the directory are zero.";
     DIRECTORY_LIMIT = "D008" Must: "The directory has at most 1024 entries.";
-    FILE_GAPS = "D009" Must: "Bytes of the file that belong to neither header, directory nor a section are zero.";
+    FILE_GAPS = "D009" Must: "Bytes of the file that belong to neither header, directory nor a section are zero, and so are those of BLKS that belong to no block.";
 
     META_JSON = "M001" Must: "The section META, if there is one, is a JSON object in UTF-8.";
 
@@ -62,8 +62,8 @@ rules! {
     BLOCK_SIZE = "B001" Must: "The block table holds a whole number of entries, at least one.";
     BLOCK_ALIGNMENT = "B002" Must: "The image size and the image offset of a block are multiples of 8192 and the size is not zero.";
     BLOCK_IMAGE = "B003" Must: "Blocks follow each other in the image without gaps, in table order, and fill it.";
-    BLOCK_RANGE = "B004" Must: "The stored bytes of a block lie within the section BLKS, at a multiple of 8192 from the start of the file, and overlap no other block; with codec 0 everywhere they follow each other as in the image.";
-    BLOCK_CODEC = "B005" Must: "The codec is known; codec 0 stores the image bytes as they are.";
+    BLOCK_RANGE = "B004" Must: "The stored bytes of a block, up to the next multiple of 8192, lie within the section BLKS, start at a multiple of 8192 from the start of the file and overlap no other block; with codec 0 everywhere they follow each other as in the image.";
+    BLOCK_CODEC = "B005" Must: "The codec is known, and one other than 0 goes with required feature bit 0; codec 0 stores the image bytes as they are, codec 1 one Zstandard frame of exactly the image bytes.";
     BLOCK_CHECKSUM = "B006" Must: "The block checksum is the CRC-32 of the stored bytes.";
     BLOCK_PARENT = "B007" Must: "A block's parent comes before it in the table and belongs to the same object; exactly the root blocks have none.";
     BLOCK_CUBE = "B008" Must: "The cube of a block is that of the voxel whose descendants it holds: of scale 1 to 23, at a multiple of its size, within its parent's cube.";

@@ -1,0 +1,166 @@
+//! Writing files: the same octree, the same bytes; to a temporary that is renamed (spec sections 2 and 11).
+
+use std::borrow::Cow;
+use std::io::{BufWriter, Write};
+use std::path::Path;
+
+use rayon::prelude::*;
+
+use crate::file::*;
+use crate::{FormatError, Octree, codec};
+
+/// How a file is written.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct WriteOptions {
+    /// Store blocks compressed with Zstandard at this level, 1 to 22 ([`COMPRESSION_LEVELS`](crate::COMPRESSION_LEVELS)).
+    /// A block that would not take fewer pages of the file is stored as it is; a file without compressed blocks can be
+    /// mapped and says so. `None`, the default: all blocks as they are.
+    pub compress: Option<i32>,
+}
+
+impl Octree {
+    /// Writes the file to a temporary beside `path`, then renames it: `path` is either untouched or complete. Blocks
+    /// are stored as they are.
+    ///
+    /// # Errors
+    /// The system's; `path` exists and is not a regular file.
+    pub fn write(&self, path: &Path) -> Result<(), FormatError> {
+        self.write_with(path, &WriteOptions::default())
+    }
+
+    /// Like [`write`](Self::write), with options.
+    ///
+    /// # Errors
+    /// The system's; `path` exists and is not a regular file; a compression level that there is not, or any without
+    /// the crate's feature `zstd`.
+    pub fn write_with(&self, path: &Path, options: &WriteOptions) -> Result<(), FormatError> {
+        write_atomically(path, |out| self.write_to_with(out, options)).map_err(|e| FormatError::io(path, e))
+    }
+
+    /// Writes the file to `out`, blocks as they are. The same octree always gives the same bytes.
+    ///
+    /// # Errors
+    /// Those of `out`.
+    pub fn write_to(&self, out: &mut dyn Write) -> std::io::Result<()> {
+        self.write_to_with(out, &WriteOptions::default())
+    }
+
+    /// Like [`write_to`](Self::write_to), with options. What is compressed is the same for the same octree and version
+    /// of the Zstandard library, whatever the number of threads; it is held in memory until it is written.
+    ///
+    /// # Errors
+    /// Those of `out`; a compression level that there is not, or any without the crate's feature `zstd`.
+    pub fn write_to_with(&self, out: &mut dyn Write, options: &WriteOptions) -> std::io::Result<()> {
+        let image: &[u8] = bytemuck::cast_slice(self.slots());
+        let objects: Vec<u8> = self.objects.iter().flat_map(to_bytes).collect();
+        let mut sections: Vec<(SectionEntry, &[u8])> = Vec::new();
+        let entry = |tag, flags, length: usize| SectionEntry {
+            tag,
+            flags,
+            offset: 0,
+            length: length as u64,
+            crc: 0,
+            reserved: 0,
+        };
+        let block_table_bytes = self.blocks.len() * BLOCK_BYTES as usize;
+        let mut blocks = Vec::new();
+        sections.push((entry(TAG_OBJECTS, SECTION_REQUIRED, objects.len()), &objects));
+        sections.push((entry(TAG_BLOCKS, SECTION_REQUIRED, block_table_bytes), &[]));
+        if !self.meta.is_empty() {
+            sections.push((entry(TAG_META, 0, self.meta.len()), self.meta.as_bytes()));
+        }
+        for unknown in &self.unknown {
+            sections.push((entry(unknown.tag, unknown.flags, unknown.bytes.len()), &unknown.bytes));
+        }
+        let directory_offset = HEADER_BYTES;
+        let mut offset = directory_offset + (sections.len() as u64 + 1) * SECTION_BYTES;
+        for (section, _) in &mut sections {
+            section.offset = offset;
+            offset = (offset + section.length).next_multiple_of(8);
+        }
+        let data_offset = offset.next_multiple_of(PAGE_BYTES);
+        let data_flags = SECTION_REQUIRED | SECTION_OWN_CHECKSUMS;
+
+        let stored = self.blocks.par_iter().map(|block| {
+            let image = &image[block.image_offset as usize..(block.image_offset + block.image_size) as usize];
+            let (codec, bytes) = codec::encode(image, options.compress)?;
+            let crc = crc32fast::hash(&bytes);
+            Ok((codec, crc, bytes))
+        });
+        let stored: Vec<(u32, u32, Cow<[u8]>)> = stored.collect::<std::io::Result<_>>()?;
+        let mut file_offset = data_offset;
+        for (block, (codec, crc, bytes)) in self.blocks.iter().zip(&stored) {
+            let stored_size = bytes.len() as u64;
+            blocks.extend(to_bytes(&BlockEntry { file_offset, stored_size, codec: *codec, crc: *crc, ..*block }));
+            file_offset += stored_size.next_multiple_of(PAGE_BYTES);
+        }
+        let file_length = file_offset;
+        let data_length = (file_length - data_offset) as usize;
+        let data = SectionEntry { offset: data_offset, ..entry(TAG_DATA, data_flags, data_length) };
+        sections[1].1 = &blocks;
+        let mut directory = Vec::new();
+        for (section, bytes) in &mut sections {
+            section.crc = if section.flags & SECTION_OWN_CHECKSUMS != 0 { 0 } else { crc32fast::hash(bytes) };
+            directory.extend(to_bytes(section));
+        }
+        directory.extend(to_bytes(&data));
+        let mut header = Header {
+            identifier: IDENTIFIER,
+            major: MAJOR_VERSION,
+            minor: MINOR_VERSION,
+            required_features: if stored.iter().any(|s| s.0 != CODEC_RAW) { FEATURE_COMPRESSED } else { 0 },
+            optional_features: 0,
+            file_length,
+            directory_offset,
+            directory_count: sections.len() as u32 + 1,
+            directory_crc: crc32fast::hash(&directory),
+            reserved: 0,
+            header_crc: 0,
+        };
+        header.header_crc = crc32fast::hash(&to_bytes(&header)[..HEADER_BYTES as usize - 4]);
+
+        let mut written = 0u64;
+        let mut put = |out: &mut dyn Write, at: u64, bytes: &[u8]| -> std::io::Result<()> {
+            out.write_all(&vec![0; (at - written) as usize])?;
+            out.write_all(bytes)?;
+            written = at + bytes.len() as u64;
+            Ok(())
+        };
+        put(out, 0, &to_bytes(&header))?;
+        put(out, directory_offset, &directory)?;
+        for (section, bytes) in &sections {
+            put(out, section.offset, bytes)?;
+        }
+        let mut at = data_offset;
+        for (_, _, bytes) in &stored {
+            put(out, at, bytes)?;
+            at += (bytes.len() as u64).next_multiple_of(PAGE_BYTES);
+        }
+        put(out, file_length, &[])
+    }
+}
+
+/// Runs `write` on a temporary file beside `path`, syncs it, and renames it to `path`.
+///
+/// # Errors
+/// The system's; `path` exists and is not a regular file (a device or a directory is never replaced).
+pub fn write_atomically(path: &Path, write: impl FnOnce(&mut dyn Write) -> std::io::Result<()>) -> std::io::Result<()> {
+    if std::fs::metadata(path).is_ok_and(|m| !m.is_file()) {
+        return Err(std::io::Error::other("exists and is not a regular file"));
+    }
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let mut builder = tempfile::Builder::new();
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        // Readable like any other output; the umask still applies.
+        builder.permissions(std::fs::Permissions::from_mode(0o666));
+    }
+    let temporary = builder.prefix(".esvo-").suffix(".tmp").tempfile_in(folder)?;
+    let mut out = BufWriter::with_capacity(1 << 20, temporary);
+    write(&mut out)?;
+    let temporary = out.into_inner().map_err(|e| e.into_error())?;
+    temporary.as_file().sync_all()?;
+    temporary.persist(path).map_err(|e| e.error)?;
+    Ok(())
+}
