@@ -298,7 +298,7 @@ impl Layout {
         let Placer { placed, cursor: array_slots, far_pointers, .. } = placer;
         let contour_count = placed.iter().map(|p| tree.nodes[p.node].contours.count_ones()).sum();
         let color = Self::color_kind(tree, &placed);
-        let normals = !tree.normals.is_empty();
+        let normals = !(tree.normals.is_empty() && tree.normal_blocks.is_empty());
         let attachments = u64::from(color != Color::None) + u64::from(normals);
         let pairs = u64::from(array_slots / 2);
         let info = u64::from(array_slots) * 8;
@@ -321,7 +321,7 @@ impl Layout {
             &tree.colors[node.first_voxel as usize..][..node.valid.count_ones() as usize]
         };
         if tree.colors.is_empty() {
-            return Color::None;
+            return if tree.color_blocks.is_empty() { Color::None } else { Color::Blocks };
         }
         let first = colors(&placed[0])[0];
         if placed.iter().all(|p| colors(p).iter().all(|c| *c == first)) {
@@ -415,21 +415,20 @@ impl Layout {
                 let base = 8 * (member.slot % 2) as usize;
                 let slots = (0..8).filter(|slot| node.valid >> slot & 1 != 0);
                 for (voxel, slot) in (node.first_voxel as usize..).zip(slots) {
-                    if self.color == Color::Blocks {
-                        colors[base + slot] = Some(tree.colors[voxel]);
-                    }
-                    if self.normals {
-                        normals[base + slot] = Some(tree.normals[voxel].decode());
-                    }
+                    colors[base + slot] = tree.colors.get(voxel).copied();
+                    normals[base + slot] = tree.normals.get(voxel).map(|n| n.decode());
                 }
             }
+            let first = members[0].node;
             if self.color == Color::Blocks {
+                let block = tree.color_blocks.get(first).copied().unwrap_or_else(|| ColorBlock::encode(&colors));
                 let at = word(self.parts.color) + pair as usize * 2;
-                words[at..at + 2].copy_from_slice(bytemuck::cast_slice(&[ColorBlock::encode(&colors)]));
+                words[at..at + 2].copy_from_slice(bytemuck::cast_slice(&[block]));
             }
             if self.normals {
+                let block = tree.normal_blocks.get(first).copied().unwrap_or_else(|| NormalBlock::encode(&normals));
                 let at = word(self.parts.normals) + pair as usize * 4;
-                words[at..at + 4].copy_from_slice(bytemuck::cast_slice(&[NormalBlock::encode(&normals)]));
+                words[at..at + 4].copy_from_slice(bytemuck::cast_slice(&[block]));
             }
         }
     }

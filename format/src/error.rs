@@ -16,6 +16,14 @@ pub enum FormatError {
     /// The bytes break a rule of the specification.
     #[error(transparent)]
     Broken(#[from] Broken),
+    /// A file of the paper's authors (`.oct`) is damaged, or holds what this library does not take.
+    #[error(".oct file, {place}: {what}")]
+    Oct {
+        /// The part of the file.
+        place: String,
+        /// What was found there.
+        what: String,
+    },
     /// Something that the format cannot express, or a limit that was reached.
     #[error("{0}")]
     Limit(String),

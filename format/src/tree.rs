@@ -1,6 +1,6 @@
 //! An octree in depth-first order, before it has addresses: what a builder makes and [`assemble`](crate::assemble) lays out.
 
-use crate::{Contour, FormatError, RawNormal};
+use crate::{ColorBlock, Contour, FormatError, NormalBlock, RawNormal};
 
 /// One non-leaf voxel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,6 +37,12 @@ pub struct Tree {
     pub colors: Vec<[u8; 3]>,
     /// Normal of every voxel but the root, likewise; or empty.
     pub normals: Vec<RawNormal>,
+    /// Instead of [`colors`](Self::colors), blocks that are encoded already: one for every node, in the order of the
+    /// nodes; or empty. Sibling nodes share a block two by two, in slot order from the first; the one that counts is
+    /// that of the first of the two, texel `i` being its child `i` and texel `8 + i` child `i` of the second.
+    pub color_blocks: Vec<ColorBlock>,
+    /// Instead of [`normals`](Self::normals), likewise.
+    pub normal_blocks: Vec<NormalBlock>,
     voxels: u32,
 }
 
@@ -102,6 +108,8 @@ impl Tree {
         self.contours.extend_from_slice(&subtree.contours);
         self.colors.extend_from_slice(&subtree.colors);
         self.normals.extend_from_slice(&subtree.normals);
+        self.color_blocks.extend_from_slice(&subtree.color_blocks);
+        self.normal_blocks.extend_from_slice(&subtree.normal_blocks);
         self.voxels += subtree.voxels;
     }
 
@@ -147,6 +155,15 @@ impl Tree {
         for (what, count) in [("colours", self.colors.len()), ("normals", self.normals.len())] {
             if count != 0 && count != self.voxels as usize {
                 let what = format!("{count} {what} for {} voxels: give every voxel one, or none", self.voxels);
+                return Err(FormatError::Limit(what));
+            }
+        }
+        for (what, values, blocks) in [
+            ("colour", self.colors.len(), self.color_blocks.len()),
+            ("normal", self.normals.len(), self.normal_blocks.len()),
+        ] {
+            if blocks != 0 && (blocks != self.nodes.len() || values != 0) {
+                let what = format!("{blocks} {what} blocks for {} nodes: one each and no values", self.nodes.len());
                 return Err(FormatError::Limit(what));
             }
         }
