@@ -16,7 +16,15 @@ vulkan() {
         PATH="$PATH:/sbin" ldconfig -p 2>/dev/null | grep -q 'libvulkan\.so\.1' && loader=1
     fi
     [ -n "$loader" ] || return 1
-    [ -z "${VK_DRIVER_FILES:-}${VK_ICD_FILENAMES:-}" ] || return 0
+    local named="${VK_DRIVER_FILES:-${VK_ICD_FILENAMES:-}}"
+    if [ -n "$named" ]; then
+        local -a files
+        IFS=: read -r -a files <<<"$named"
+        for driver in "${files[@]}"; do
+            [ -e "$driver" ] && return 0
+        done
+        return 1
+    fi
     for folder in /usr/share/vulkan/icd.d /usr/local/share/vulkan/icd.d /etc/vulkan/icd.d "${XDG_DATA_HOME:-$HOME/.local/share}/vulkan/icd.d"; do
         for driver in "$folder"/*.json; do
             [ -e "$driver" ] && return 0
