@@ -1,0 +1,210 @@
+//! What a file decodes to, from its bytes and its image alone: the formulas of the specification in binary64, none of
+//! the library's code.
+
+use std::fmt::Write;
+
+use serde_json::{Value, json};
+
+fn u32_at(bytes: &[u8], at: usize) -> u32 {
+    u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap())
+}
+
+fn u64_at(bytes: &[u8], at: usize) -> u64 {
+    u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap())
+}
+
+/// A file that is known to be valid.
+struct File<'a> {
+    bytes: &'a [u8],
+    image: &'a [u8],
+}
+
+/// What is needed of a block to read its voxels. Offsets count from the start of the image.
+struct Block {
+    start: usize,
+    pairs_colors: Option<usize>,
+    pairs_normals: Option<usize>,
+    constant: Option<usize>,
+}
+
+impl File<'_> {
+    fn section(&self, tag: &[u8; 4]) -> &[u8] {
+        let directory = u64_at(self.bytes, 40) as usize;
+        let count = u32_at(self.bytes, 48) as usize;
+        let entry = (0..count).map(|i| directory + 32 * i).find(|at| &self.bytes[*at..at + 4] == tag);
+        let at = entry.expect("the section");
+        let (offset, length) = (u64_at(self.bytes, at + 8) as usize, u64_at(self.bytes, at + 16) as usize);
+        &self.bytes[offset..offset + length]
+    }
+
+    fn block(&self, index: usize) -> Block {
+        let start = u64_at(self.section(b"BLKT"), 72 * index + 24) as usize;
+        let info = start + 8 * u64_at(self.image, start) as usize;
+        let find = |kind: u32| {
+            (0..u32_at(self.image, info + 20) as usize)
+                .map(|k| info + 32 + 16 * k)
+                .find(|at| u32_at(self.image, *at) == kind)
+                .map(|at| info + u32_at(self.image, at + 4) as usize)
+        };
+        Block { start, pairs_colors: find(1), pairs_normals: find(2), constant: find(3) }
+    }
+
+    fn color(&self, block: &Block, slot: usize, child: usize) -> Option<Value> {
+        if let Some(at) = block.constant {
+            return Some(json!([0, 1, 2].map(|k| f64::from(self.image[at + k]) / 255.0)));
+        }
+        let texel = child + 8 * (slot % 2);
+        let at = block.pairs_colors? + 8 * (slot / 2);
+        let w = u32_at(self.image, at);
+        let index = u32_at(self.image, at + 4) >> (2 * texel) & 3;
+        let unit = 2f64.powi(-32);
+        let ref0 = [w << 16, w << 21, w << 27].map(|c| f64::from(c) * unit);
+        let ref1 = [w, w << 5, w << 11].map(|c| f64::from(c) * unit);
+        let color = [0, 1, 2].map(|k| match index {
+            0 => ref0[k],
+            1 => ref1[k],
+            2 => (2.0 * ref0[k] + ref1[k]) / 3.0,
+            _ => (ref0[k] + 2.0 * ref1[k]) / 3.0,
+        });
+        Some(json!(color))
+    }
+
+    fn normal(&self, block: &Block, slot: usize, child: usize) -> Option<Value> {
+        let texel = child + 8 * (slot % 2);
+        let at = block.pairs_normals? + 16 * (slot / 2);
+        let [w, us, axes, vs] = [0, 4, 8, 12].map(|k| u32_at(self.image, at + k));
+        let t = if w >> 31 != 0 { -1.0 } else { 1.0 };
+        let u = f64::from((w << 3) as i32) * 2f64.powi(-31);
+        let v = f64::from((w << 18) as i32) * 2f64.powi(-31);
+        let base = match w >> 29 & 3 {
+            0 => [t, u, v],
+            1 => [v, t, u],
+            _ => [u, v, t],
+        };
+        let axis = |h: u32| {
+            let scale = 2f64.powi((h >> 16 & 15) as i32 - 41);
+            [h, h << 4, h << 8].map(|c| f64::from(c as i32) * scale)
+        };
+        let c = [-1.0, -1.0 / 3.0, 1.0 / 3.0, 1.0];
+        let (cu, cv) = (c[(us >> (2 * texel) & 3) as usize], c[(vs >> (2 * texel) & 3) as usize]);
+        let (ua, va) = (axis(axes << 16), axis(axes));
+        let sum = [0, 1, 2].map(|k| base[k] + cu * ua[k] + cv * va[k]);
+        let length = sum.iter().map(|x| x * x).sum::<f64>().sqrt();
+        Some(if length == 0.0 { json!([0.0, 0.0, 1.0]) } else { json!(sum.map(|x| x / length)) })
+    }
+
+    /// One line for the descriptor at `slot` of the image, then those below it, in the order of the slots.
+    fn node(&self, slot: usize, path: &str, position: [u32; 3], index: usize, out: &mut Vec<Value>) {
+        let level = path.len();
+        let block = self.block(index);
+        let local = slot - block.start / 8;
+        let at = 8 * slot;
+        let (low, high) = (u32_at(self.image, at), u32_at(self.image, at + 4));
+        let (leaf, valid, contours) = (low & 0xff, low >> 8 & 0xff, high & 0xff);
+        let mut contour_at = at + 4 * (high >> 8) as usize;
+        let mut voxels = Vec::new();
+        for child in (0..8).filter(|child| valid >> child & 1 != 0) {
+            let mut voxel = json!({ "slot": child, "leaf": leaf >> child & 1 != 0 });
+            if contours >> child & 1 != 0 {
+                voxel["contour"] = contour(u32_at(self.image, contour_at));
+                contour_at += 4;
+            }
+            let attributes =
+                [("color", self.color(&block, local, child)), ("normal", self.normal(&block, local, child))];
+            for (name, value) in attributes {
+                if let Some(value) = value {
+                    voxel[name] = value;
+                }
+            }
+            voxels.push(voxel);
+        }
+        out.push(json!({
+            "path": path, "level": level, "position": position, "block": index, "slot": local,
+            "valid": valid, "leaf": leaf, "contours": contours, "far": low >> 16 & 1 != 0, "voxels": voxels,
+        }));
+        if valid & !leaf == 0 {
+            return;
+        }
+        let near = slot + (low >> 17) as usize;
+        let mut first = near;
+        if low >> 16 & 1 != 0 {
+            first = slot + u32_at(self.image, 8 * near) as usize;
+        }
+        let table = self.section(b"BLKT");
+        let starts = (0..table.len() / 72).map(|i| u64_at(table, 72 * i + 24) as usize / 8);
+        let below = starts.take_while(|start| *start <= first).count() - 1;
+        for child in (0..8).filter(|child| valid & !leaf & 1 << child != 0) {
+            let half = 1u32 << (22 - level);
+            let corner = [0, 1, 2].map(|k| position[k] + half * (child >> k & 1));
+            self.node(first, &format!("{path}{child}"), corner, below, out);
+            first += 1;
+        }
+    }
+}
+
+fn contour(w: u32) -> Value {
+    let signed = |shift: u32| f64::from((w << shift) as i32);
+    json!({
+        "word": w,
+        "normal": [signed(14) * 2f64.powi(-26), signed(20) * 2f64.powi(-26), signed(26) * 2f64.powi(-26)],
+        "position": signed(7) * 2f64.powi(-25) * 0.75,
+        "thickness": f64::from(w) * 2f64.powi(-25) * 0.75,
+    })
+}
+
+/// The JSON that stands beside a vector: short lines, one for each descriptor.
+pub(crate) fn describe(name: &str, about: &str, bytes: &[u8], image: &[u8]) -> String {
+    let file = File { bytes, image };
+    let mut text = String::from("{\n");
+    let line = |text: &mut String, key: &str, value: Value| writeln!(text, "\"{key}\": {value},").unwrap();
+    line(&mut text, "file", json!(format!("{name}.esvo")));
+    line(&mut text, "about", json!(about));
+    let version = [u32_at(bytes, 12) & 0xffff, u32_at(bytes, 12) >> 16];
+    line(&mut text, "version", json!(version));
+    line(&mut text, "required_features", json!(u64_at(bytes, 16)));
+    line(&mut text, "optional_features", json!(u64_at(bytes, 24)));
+    let directory = u64_at(bytes, 40) as usize;
+    let sections = (0..u32_at(bytes, 48) as usize).map(|i| directory + 32 * i).map(|at| {
+        let tag = String::from_utf8_lossy(&bytes[at..at + 4]);
+        json!({ "tag": tag, "flags": u32_at(bytes, at + 4), "bytes": u64_at(bytes, at + 16) })
+    });
+    list(&mut text, "sections", sections.collect());
+    let blocks = file.section(b"BLKT");
+    let blocks = blocks.chunks_exact(72).map(|entry| {
+        let start = u64_at(entry, 24) as usize;
+        let info = start + 8 * u64_at(image, start) as usize;
+        let attachments: Vec<Value> = (0..u32_at(image, info + 20) as usize)
+            .map(|k| info + 32 + 16 * k)
+            .map(|at| json!({ "type": u32_at(image, at), "bytes": u64_at(image, at + 8) }))
+            .collect();
+        let corner = [8, 12, 16].map(|at| u32_at(entry, at));
+        json!({
+            "object": u32_at(entry, 0), "parent": u32_at(entry, 4),
+            "position": corner, "scale": u32_at(entry, 20),
+            "codec": u32_at(entry, 56), "slots": u32_at(image, info + 4), "contours": u32_at(image, info + 16),
+            "attachments": attachments,
+        })
+    });
+    list(&mut text, "blocks", blocks.collect());
+    text += "\"objects\": [\n";
+    let objects = file.section(b"OBJT");
+    for (index, entry) in objects.chunks_exact(192).enumerate() {
+        text += if index == 0 { "{\n" } else { ",\n{\n" };
+        let transform: Vec<f64> = (0..16).map(|k| f64::from_bits(u64_at(entry, 8 * k))).collect();
+        line(&mut text, "octree_to_mesh", json!(transform));
+        line(&mut text, "levels", json!(u32_at(entry, 132)));
+        for (k, name) in ["descriptors", "leaf_voxels", "contours", "far_pointers"].into_iter().enumerate() {
+            line(&mut text, name, json!(u64_at(entry, 144 + 8 * k)));
+        }
+        let mut nodes = Vec::new();
+        file.node(u64_at(entry, 136) as usize, "", [0; 3], u32_at(entry, 128) as usize, &mut nodes);
+        let lines: Vec<String> = nodes.iter().map(Value::to_string).collect();
+        write!(text, "\"nodes\": [\n{}\n]\n}}", lines.join(",\n")).unwrap();
+    }
+    text + "\n]\n}\n"
+}
+
+fn list(text: &mut String, name: &str, values: Vec<Value>) {
+    let lines: Vec<String> = values.iter().map(Value::to_string).collect();
+    writeln!(text, "\"{name}\": [\n{}\n],", lines.join(",\n")).unwrap();
+}

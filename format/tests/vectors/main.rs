@@ -1,0 +1,205 @@
+//! The test vectors of the specification: `spec/v1/vectors/valid` with what each decodes to, `spec/v1/vectors/invalid`
+//! with the rule that each breaks.
+//!
+//! `ESVO_BLESS=1 cargo test -p esvo-format --test vectors` writes them anew. Nothing of it depends on the machine.
+
+#[path = "../common/mod.rs"]
+mod common;
+mod expected;
+mod valid;
+mod writer;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use common::breaks::{NOT_TESTED, broken_files};
+use common::bytes_of;
+use esvo_format::{Contour, FormatError, Octree, file, validate_bytes};
+use esvo_spec::{Level, RULES, rule};
+use serde_json::{Value, json};
+use valid::vectors;
+
+/// Vectors of each rule at most: the first ones of the list.
+const PER_RULE: usize = 2;
+
+fn folder(kind: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../spec/v1/vectors").join(kind)
+}
+
+fn blessing() -> bool {
+    std::env::var_os("ESVO_BLESS").is_some()
+}
+
+/// Compares what is generated with what is there, file by file; writes it instead when blessing.
+fn same_files(kind: &str, generated: &BTreeMap<String, Vec<u8>>) {
+    let folder = folder(kind);
+    if blessing() {
+        fs::create_dir_all(&folder).unwrap();
+        for entry in fs::read_dir(&folder).unwrap() {
+            let path = entry.unwrap().path();
+            if !generated.contains_key(path.file_name().unwrap().to_str().unwrap()) {
+                fs::remove_file(path).unwrap();
+            }
+        }
+        for (name, bytes) in generated {
+            fs::write(folder.join(name), bytes).unwrap();
+        }
+    }
+    let there: BTreeSet<String> =
+        fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    let expected: BTreeSet<String> = generated.keys().cloned().collect();
+    assert_eq!(there, expected, "the files in {kind}");
+    for (name, bytes) in generated.iter().filter(|(name, _)| *name != "index.json") {
+        let found = fs::read(folder.join(name)).unwrap();
+        let differs = found.iter().zip(bytes).position(|(a, b)| a != b);
+        assert_eq!((differs, found.len()), (None, bytes.len()), "{kind}/{name}: first byte that differs, and length");
+    }
+}
+
+#[test]
+fn valid_vectors_are_as_generated() {
+    let mut files = BTreeMap::new();
+    let mut total = 0;
+    for vector in vectors() {
+        assert!(vector.bytes.len() <= 32768, "{} has {} bytes", vector.name, vector.bytes.len());
+        total += vector.bytes.len();
+        let json = expected::describe(&vector.name, vector.about, &vector.bytes, &vector.image);
+        serde_json::from_str::<Value>(&json).expect("JSON");
+        assert!(files.insert(format!("{}.json", vector.name), json.into_bytes()).is_none(), "{} twice", vector.name);
+        files.insert(format!("{}.esvo", vector.name), vector.bytes);
+    }
+    assert!(total < 3 << 19, "{total} bytes");
+    same_files("valid", &files);
+}
+
+/// Whether this library reads compressed blocks.
+fn reads_compressed() -> bool {
+    file::KNOWN_REQUIRED & file::FEATURE_COMPRESSED != 0
+}
+
+#[test]
+fn valid_vectors_break_no_rule_and_decode_as_expected() {
+    for vector in vectors() {
+        let name = &vector.name;
+        if vector.bytes[16] & 1 != 0 && !reads_compressed() {
+            let Err(FormatError::Broken(broken)) = Octree::from_bytes(&vector.bytes) else { panic!("{name}") };
+            assert_eq!(broken.rule, "H003", "{name}");
+            continue;
+        }
+        let report = validate_bytes(&vector.bytes).unwrap();
+        assert!(report.findings.is_empty(), "{name}: {report}");
+        let octree = Octree::from_bytes(&vector.bytes).unwrap();
+        octree.sound().unwrap();
+        let image: &[u8] = bytemuck::cast_slice(octree.slots());
+        assert!(image == vector.image, "{name}: the image");
+        let json = expected::describe(name, vector.about, &vector.bytes, &vector.image);
+        let json: Value = serde_json::from_str(&json).unwrap();
+        for (object, expected) in octree.objects().iter().zip(json["objects"].as_array().unwrap()) {
+            let mut nodes = expected["nodes"].as_array().unwrap().iter();
+            same_node(&octree, object.root_slot as u32, "", &mut nodes, name);
+            assert!(nodes.next().is_none(), "{name}: more nodes are expected");
+        }
+        if vector.canonical {
+            assert!(bytes_of(&octree) == vector.bytes, "{name}: written anew");
+        }
+    }
+}
+
+/// Compares the descriptor at `slot` and all below it with the lines of the JSON.
+fn same_node<'a>(octree: &Octree, slot: u32, path: &str, nodes: &mut impl Iterator<Item = &'a Value>, name: &str) {
+    let expected = nodes.next().unwrap_or_else(|| panic!("{name}: {path} is not expected"));
+    let descriptor = octree.descriptor(slot);
+    let block = octree.block_of(slot);
+    let found = json!({
+        "path": path, "level": path.len(), "block": block, "slot": slot - octree.parts()[block as usize].start,
+        "valid": descriptor.valid_mask(), "leaf": descriptor.leaf_mask(), "contours": descriptor.contour_mask(),
+        "far": descriptor.far(),
+    });
+    for (key, value) in found.as_object().unwrap() {
+        assert_eq!(*value, expected[key], "{name}: {key} of {path}");
+    }
+    let mut voxels = expected["voxels"].as_array().unwrap().iter();
+    for child in (0..8u8).filter(|child| descriptor.valid_mask() >> child & 1 != 0) {
+        let voxel = voxels.next().unwrap_or_else(|| panic!("{name}: voxel {path}{child} is not expected"));
+        assert_eq!(voxel["slot"], child, "{name}: voxel of {path}");
+        assert_eq!(voxel["leaf"], descriptor.leaf_mask() >> child & 1 != 0, "{name}: {path}{child}");
+        let word = octree.contour(slot, child).map(|Contour(word)| word);
+        assert_eq!(word.map(u64::from), voxel["contour"]["word"].as_u64(), "{name}: contour of {path}{child}");
+        if let Some(word) = word {
+            let (slab, contour) = (Contour(word).decode(), &voxel["contour"]);
+            let what = format!("{name}: contour of {path}{child}");
+            // Exact, but for the JSON parser's last bit.
+            near(Some(slab.normal), &contour["normal"], 1e-14, &what);
+            let rest = json!([contour["position"], contour["thickness"], 0.0]);
+            near(Some([slab.position, slab.thickness, 0.0]), &rest, 5e-14, &what);
+        }
+        let color = octree.color(slot, child).map(|c| c.map(f64::from));
+        near(color, &voxel["color"], 1e-6, &format!("{name}: colour of {path}{child}"));
+        let normal = octree.normal(slot, child).map(|n| n.as_dvec3().to_array());
+        near(normal, &voxel["normal"], 2e-6, &format!("{name}: normal of {path}{child}"));
+    }
+    assert!(voxels.next().is_none(), "{name}: more voxels of {path} are expected");
+    for child in 0..8u8 {
+        if let Some(below) = octree.child(slot, child) {
+            same_node(octree, below, &format!("{path}{child}"), nodes, name);
+        }
+    }
+}
+
+fn near(found: Option<[f64; 3]>, expected: &Value, bound: f64, what: &str) {
+    let numbers = expected.as_array().map(|list| [0, 1, 2].map(|k| list[k].as_f64().unwrap()));
+    assert_eq!(found.is_some(), numbers.is_some(), "{what}");
+    let Some((found, numbers)) = found.zip(numbers) else { return };
+    assert!(found.iter().zip(numbers).all(|(a, b)| (a - b).abs() <= bound), "{what}: {found:?}, expected {numbers:?}");
+}
+
+#[test]
+fn invalid_vectors_are_as_generated() {
+    let mut files = BTreeMap::new();
+    let mut index = Vec::new();
+    let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
+    for broken in broken_files() {
+        let count = counts.entry(broken.rule).or_default();
+        *count += 1;
+        if *count > PER_RULE {
+            continue;
+        }
+        let report = validate_bytes(&broken.bytes).unwrap();
+        let rules: BTreeSet<&str> = report.findings.iter().map(|f| f.broken.rule).collect();
+        let name = format!("{}_{count}.esvo", broken.rule);
+        assert_eq!(rules, BTreeSet::from([broken.rule]), "{name}");
+        let finding = &report.findings[0].broken;
+        let level = if rule(broken.rule).unwrap().level == Level::Must { "must" } else { "should" };
+        index.push(json!({
+            "file": name, "rule": broken.rule, "level": level, "offset": finding.offset, "cause": finding.what,
+        }));
+        files.insert(name, broken.bytes);
+    }
+    // Offsets and sentences are those of the day they were blessed; files and rules are compared by the next test.
+    let lines: Vec<String> = index.iter().map(Value::to_string).collect();
+    files.insert("index.json".into(), format!("[\n{}\n]\n", lines.join(",\n")).into_bytes());
+    same_files("invalid", &files);
+}
+
+#[test]
+fn every_rule_has_vectors_and_every_vector_a_rule() {
+    let text = fs::read_to_string(folder("invalid").join("index.json")).unwrap();
+    let index: Vec<Value> = serde_json::from_str(&text).unwrap();
+    let mut broken = BTreeSet::new();
+    let listed: BTreeSet<&str> = index.iter().map(|entry| entry["file"].as_str().unwrap()).collect();
+    assert_eq!(listed.len() + 1, fs::read_dir(folder("invalid")).unwrap().count(), "files beside index.json");
+    for entry in &index {
+        let (name, id) = (entry["file"].as_str().unwrap(), entry["rule"].as_str().unwrap());
+        assert!(rule(id).is_some(), "{name}: no rule {id}");
+        assert!(name.starts_with(&format!("{id}_")), "{name}");
+        assert!(!entry["cause"].as_str().unwrap().is_empty(), "{name}");
+        broken.insert(id);
+        // A file on its own: what the committed bytes break, not what a generator says.
+        let report = validate_bytes(&fs::read(folder("invalid").join(name)).unwrap()).unwrap();
+        assert!(!report.findings.is_empty() && report.findings.iter().all(|f| f.broken.rule == id), "{name}: {report}");
+        assert_eq!(report.is_ok(), rule(id).unwrap().level == Level::Should, "{name}");
+    }
+    let without: Vec<&str> = RULES.iter().map(|rule| rule.id).filter(|id| !broken.contains(id)).collect();
+    assert_eq!(without, NOT_TESTED, "rules without a vector");
+}
