@@ -19,6 +19,16 @@ pub struct NamedPicture {
     pub picture: Picture,
 }
 
+/// Whether something can be written below `results`, which need not exist: better known before a run than after it.
+///
+/// # Errors
+/// The system's, at the folder or the nearest one above that exists.
+pub fn check(results: &Path) -> Result<(), BenchError> {
+    let above = results.ancestors().map(|p| if p.as_os_str().is_empty() { Path::new(".") } else { p });
+    let existing = above.into_iter().find(|p| p.exists()).unwrap_or(Path::new("."));
+    tempfile::tempfile_in(existing).map(drop).map_err(|e| BenchError::io(existing, e))
+}
+
 /// Writes `report.json`, `tables.md` and the pictures to `<results>/<machine>/<date>/` and returns that folder.
 ///
 /// `machine` replaces the name made from the processor. A second run of a day goes to `<date>.2`, and so on: nothing is

@@ -203,7 +203,7 @@ pub(crate) struct Bench {
     /// Where real meshes are looked for first; then $ESVO_SCENES, then ../shared/scenes
     #[arg(long, value_name = "FOLDER")]
     pub(crate) scenes_dir: Option<PathBuf>,
-    /// Where the folder <machine>/<date>/ is made
+    /// Where the folder MACHINE/DATE/ is made
     #[arg(long, value_name = "FOLDER", default_value = "results")]
     pub(crate) out: PathBuf,
     /// Name of the machine's folder [default: made from the processor's]

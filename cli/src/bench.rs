@@ -10,6 +10,7 @@ pub(crate) fn run(arguments: &Bench) -> Result<(), Failure> {
     if let Some(folder) = arguments.scenes_dir.as_ref().filter(|f| !f.is_dir()) {
         return Err(format!("--scenes-dir {}: there is no such folder", folder.display()).into());
     }
+    output::check(&arguments.out)?;
     let options =
         run::Options { matrix, scenes_dir: arguments.scenes_dir.clone(), threads: arguments.threads.map(Into::into) };
     let progress = Progress::terminal();

@@ -162,4 +162,6 @@ fn benches_that_cannot_be_run() {
     folder.fails(&["bench", "--matrix", "bad.toml"], 1, "bad.toml: line 2");
     folder.fails(&["bench", "--memory", "0"], 1, "memory_gb");
     folder.fails(&["bench", "--views", "0"], 1, "at least 1");
+    folder.fails(&["bench", "--out", "bad.toml/results"], 1, "bad.toml");
+    folder.fails(&["bench", "--time-limit=-1"], 1, "time_limit_seconds");
 }
