@@ -4,40 +4,9 @@ mod common;
 
 use common::patch::File;
 use common::samples::samples;
+use common::survive::survive;
 use common::{Rng, bytes_of};
-use esvo_format::{FormatError, Octree, ids, stats, validate_bytes};
-
-/// Does everything with the bytes that a program might do before it trusts them. Returns whether validation objects.
-fn survive(bytes: &[u8]) -> bool {
-    let report = validate_bytes(bytes).expect("no limit of the library is reached by small files");
-    match Octree::from_bytes(bytes) {
-        Ok(octree) => {
-            let counted = stats(&octree);
-            assert_eq!(counted.bytes.total(), counted.image_bytes);
-            octree.needs();
-            match octree.sound() {
-                // Whatever is sound can be walked to its end.
-                Ok(()) => visit(&octree),
-                Err(broken) => assert!(!report.is_ok(), "{broken}"),
-            }
-        }
-        Err(FormatError::Broken(broken)) => assert!(report.findings.iter().any(|f| f.broken == broken)),
-        Err(other) => panic!("{other}"),
-    }
-    !report.is_ok()
-}
-
-fn visit(octree: &Octree) {
-    let mut stack: Vec<u32> = octree.objects().iter().map(|o| o.root_slot as u32).collect();
-    while let Some(slot) = stack.pop() {
-        for child in 0..8 {
-            octree.contour(slot, child).map(|contour| contour.decode());
-            octree.color(slot, child);
-            octree.normal(slot, child);
-            stack.extend(octree.child(slot, child));
-        }
-    }
-}
+use esvo_format::{FormatError, Octree, ids};
 
 #[test]
 fn truncated_files_are_refused() {

@@ -4,6 +4,7 @@
 pub(crate) mod breaks;
 pub(crate) mod patch;
 pub(crate) mod samples;
+pub(crate) mod survive;
 
 use esvo_format::{ColorBlock, Contour, NormalBlock, Octree, RawNormal, Tree, Voxel};
 use glam::Vec3;
