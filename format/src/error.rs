@@ -13,6 +13,14 @@ pub enum FormatError {
         /// What the system said.
         source: std::io::Error,
     },
+    /// What a [`StreamReader`](crate::StreamReader) reads from failed.
+    #[error("reading at byte {offset}: {source}")]
+    Source {
+        /// Where in the file.
+        offset: u64,
+        /// What the source said.
+        source: std::io::Error,
+    },
     /// The bytes break a rule of the specification.
     #[error(transparent)]
     Broken(#[from] Broken),
