@@ -1,0 +1,292 @@
+//! From an octree to chunks.
+
+use std::collections::BTreeSet;
+
+use glam::Vec3;
+
+use super::clusters::{NewFile, OCTREE_CHUNK, SLICES};
+use super::kind;
+use super::layers::LEAF;
+use super::slice::{COMPLETE, NewSlice, Place, entry};
+use crate::file::attachment;
+use crate::{BlockParts, ColorBlock, FormatError, NormalBlock, Octree};
+
+/// A slice of more voxels is divided.
+const SLICE_VOXELS: usize = 49152;
+/// So is one whose voxels, those above them and those that may come below might not fit a block in the authors' memory,
+/// where contour pointers have 24 bits and a voxel takes up to 17 words.
+const BLOCK_VOXELS: usize = (1 << 24) / 17;
+/// Cubes of lower levels are always divided, as the authors' builder does.
+const DIVIDED_LEVELS: usize = 2;
+/// The object list has room for the states of a multiple of so many slices.
+const STATES_PER_WORD: usize = 16;
+
+/// A file in memory, and what it cannot hold.
+pub(super) struct Exported {
+    pub(super) file: NewFile,
+    pub(super) lost: Vec<String>,
+}
+
+pub(super) fn export(octree: &Octree) -> Result<Exported, FormatError> {
+    octree.sound()?;
+    let mut exporter = Exporter { octree, file: NewFile::default(), slices: 0, lost: Vec::new() };
+    let mut list = vec![0, 0, 1, octree.objects().len() as u32, 0];
+    bytemuck::cast_slice_mut::<u32, u8>(&mut list)[..8].copy_from_slice(b"Octree  ");
+    for index in 0..octree.objects().len() {
+        exporter.object(index, &mut list)?;
+    }
+    let slices = (exporter.slices as usize).next_multiple_of(STATES_PER_WORD);
+    list[4] = slices as u32;
+    list.extend((0..slices).step_by(STATES_PER_WORD).map(|first| {
+        let used = (exporter.slices as usize - first).min(STATES_PER_WORD);
+        (0..used).fold(0, |word, slice| word | COMPLETE << (2 * slice))
+    }));
+    exporter.file.put(OCTREE_CHUNK, list);
+    exporter.file.check()?;
+    if !octree.meta().is_empty() {
+        exporter.lost.push("the metadata".into());
+    }
+    for section in octree.unknown_sections() {
+        exporter.lost.push(format!("the section {}", section.tag.escape_ascii()));
+    }
+    Ok(Exported { file: exporter.file, lost: exporter.lost })
+}
+
+/// The voxels of one level, depth first.
+struct Layer {
+    /// Slot of the descriptor of each, or [`LEAF`].
+    slots: Vec<u32>,
+    /// First child of each among the voxels of the next level; one more at the end.
+    first: Vec<u32>,
+}
+
+/// A slice to write: the voxels of the level that is being written, in the cube of one voxel of a higher level.
+#[derive(Clone, Copy)]
+struct Task {
+    id: u32,
+    place: Place,
+    /// The cube: level and index of its voxel.
+    level: usize,
+    voxel: usize,
+}
+
+struct Exporter<'a> {
+    octree: &'a Octree,
+    file: NewFile,
+    slices: u32,
+    lost: Vec<String>,
+}
+
+/// What is missing of an object's attributes, and how far constant colours are from the blocks for them.
+#[derive(Default)]
+struct Gaps {
+    colors: bool,
+    normals: bool,
+    constant: Option<f32>,
+}
+
+impl Exporter<'_> {
+    /// Writes the slices of an object, and appends its entry.
+    fn object(&mut self, index: usize, list: &mut Vec<u32>) -> Result<(), FormatError> {
+        let object = &self.octree.objects()[index];
+        let exact = self.octree.octree_to_mesh(index);
+        let rounded = exact.as_mat4();
+        if !(rounded.is_finite() && rounded.as_dmat4().determinant().is_normal()) {
+            return Err(FormatError::Limit(format!("object {index}: the transform needs more than 32-bit floats")));
+        }
+        if rounded.as_dmat4() != exact {
+            self.lost.push(format!("object {index}: the transform is rounded to 32-bit floats"));
+        }
+        let kinds = self.kinds(index);
+        list.extend(glam::Mat4::IDENTITY.to_cols_array().map(f32::to_bits));
+        list.extend(rounded.to_cols_array().map(f32::to_bits));
+        list.extend([self.slices, kinds.len() as u32]);
+        list.extend(&kinds);
+
+        let layers = layers(self.octree, object.root_slot as u32)?;
+        let mut gaps = Gaps::default();
+        let mut tasks = vec![Task { id: self.slices, place: Place::ROOT, level: 0, voxel: 0 }];
+        self.slices += 1;
+        for level in 0.. {
+            let mut next = Vec::new();
+            for task in tasks {
+                let mut entries = Vec::new();
+                self.follow(&layers, level, task, &mut entries, &mut next);
+                let words = self.slice(&layers, level, &task, &entries, &kinds, &mut gaps);
+                self.file.put((SLICES, task.id), words);
+            }
+            if next.is_empty() {
+                break;
+            }
+            tasks = next;
+        }
+        let mut lose = |what: &str| self.lost.push(format!("object {index}: {what}"));
+        if gaps.colors {
+            lose("some or all voxels have no colour; in the file they are white");
+        }
+        if gaps.normals {
+            lose("some or all voxels have no normal; in the file they face +z");
+        }
+        if let Some(error) = gaps.constant.filter(|error| *error > 0.0) {
+            lose(&format!("constant colours became blocks: channels are up to {error:.1} steps of 255 off"));
+        }
+        Ok(())
+    }
+
+    /// Types of the attachments of an object in the file. Those that the file has no place for are listed.
+    fn kinds(&mut self, index: usize) -> Vec<u32> {
+        let mut found = BTreeSet::new();
+        for (block, parts) in self.octree.blocks().iter().zip(self.octree.parts()) {
+            if block.object as usize == index {
+                found.extend(parts.attachments.iter().map(|attachment| attachment.0));
+            }
+        }
+        let mut kinds = Vec::new();
+        if self.octree.objects()[index].contours > 0 {
+            kinds.push(kind::CONTOURS);
+        }
+        let known = [attachment::COLOR_BLOCKS, attachment::COLOR_CONSTANT, attachment::NORMAL_BLOCKS];
+        if known.iter().any(|kind| found.contains(kind)) {
+            kinds.push(kind::BLOCKS);
+        }
+        for other in found.iter().filter(|kind| !known.contains(kind)) {
+            self.lost.push(format!("object {index}: attachments of type {other:#x}"));
+        }
+        kinds
+    }
+
+    /// What follows the cube of a slice, or a part of it, at the next level.
+    fn follow(&mut self, layers: &[Layer], level: usize, cube: Task, entries: &mut Vec<i32>, tasks: &mut Vec<Task>) {
+        let voxels = |at: usize| range(layers, cube.level, cube.voxel, at);
+        let next = match layers.get(level + 1) {
+            Some(layer) if layer.slots[voxels(level + 1)].iter().any(|slot| *slot != LEAF) => voxels(level + 1).len(),
+            _ => return entries.push(entry::NONE),
+        };
+        let all = || (cube.level..=level + 1).map(|at| voxels(at).len()).sum::<usize>() + 8 * next;
+        let large = cube.level < DIVIDED_LEVELS || next > SLICE_VOXELS || all() > BLOCK_VOXELS;
+        if level - cube.level <= 1 || !large {
+            let place = Place { voxel_scale: 22 - level as u32, ..cube.place };
+            entries.push(self.slices as i32);
+            tasks.push(Task { id: self.slices, place, ..cube });
+            self.slices += 1;
+            return;
+        }
+        entries.push(entry::SPLIT);
+        let layer = &layers[cube.level];
+        let valid = self.octree.descriptor(layer.slots[cube.voxel]).valid_mask();
+        let mut child = layer.first[cube.voxel] as usize;
+        for slot in 0..8 {
+            if valid >> slot & 1 == 0 {
+                entries.push(entry::NONE);
+                continue;
+            }
+            let octant = Task { place: cube.place.octant(slot), level: cube.level + 1, voxel: child, ..cube };
+            self.follow(layers, level, octant, entries, tasks);
+            child += 1;
+        }
+    }
+
+    fn slice(
+        &self,
+        layers: &[Layer],
+        level: usize,
+        task: &Task,
+        entries: &[i32],
+        kinds: &[u32],
+        gaps: &mut Gaps,
+    ) -> Vec<u32> {
+        let slots = &layers[level].slots[range(layers, task.level, task.voxel, level)];
+        let split: Vec<bool> = slots.iter().map(|slot| *slot != LEAF).collect();
+        let nodes: Vec<u32> = slots.iter().copied().filter(|slot| *slot != LEAF).collect();
+        let masks: Vec<u8> = nodes.iter().map(|slot| self.octree.descriptor(*slot).valid_mask()).collect();
+        let attachments: Vec<(u32, Vec<u32>)> = (kinds.iter())
+            .map(|kind| match *kind {
+                kind::CONTOURS => (*kind, self.contours(&nodes)),
+                _ => (*kind, self.blocks(&nodes, gaps)),
+            })
+            .collect();
+        let (id, place) = (task.id, task.place);
+        NewSlice { id, place, entries, split: &split, masks: &masks, attachments: &attachments }.words()
+    }
+
+    /// A word for each node, mask and pointer; then the contours.
+    fn contours(&self, nodes: &[u32]) -> Vec<u32> {
+        let mut words = vec![0; nodes.len()];
+        for (index, slot) in nodes.iter().enumerate() {
+            words[index] = (words.len() as u32) << 8 | u32::from(self.octree.descriptor(*slot).contour_mask());
+            words.extend((0..8).filter_map(|child| self.octree.contour(*slot, child)).map(|contour| contour.0));
+        }
+        words
+    }
+
+    /// A colour block and a normal block for every pair of siblings. They are pairs of slots in both formats.
+    fn blocks(&self, nodes: &[u32], gaps: &mut Gaps) -> Vec<u32> {
+        let mut words = Vec::new();
+        for slot in nodes.iter().filter(|slot| **slot % 2 == 0) {
+            let parts = &self.octree.parts()[self.octree.block_of(*slot) as usize];
+            let pair = ((slot - parts.start) / 2) as usize;
+            match self.words(parts, attachment::COLOR_BLOCKS, pair * 2, 2) {
+                Some(block) => words.extend_from_slice(block),
+                None => {
+                    let constant = self.words(parts, attachment::COLOR_CONSTANT, 0, 1);
+                    gaps.colors |= constant.is_none();
+                    let [r, g, b, _] = constant.map_or([255; 4], |word| word[0].to_le_bytes());
+                    let block = ColorBlock::encode(&[Some([r, g, b]); 16]);
+                    if constant.is_some() {
+                        let off = |(exact, found): (u8, f32)| (f32::from(exact) - found * 255.0).abs();
+                        let worst = [r, g, b].into_iter().zip(block.decode(0)).map(off).fold(0.0, f32::max);
+                        gaps.constant = Some(gaps.constant.unwrap_or(0.0).max(worst));
+                    }
+                    words.extend([block.head, block.indices]);
+                }
+            }
+            match self.words(parts, attachment::NORMAL_BLOCKS, pair * 4, 4) {
+                Some(block) => words.extend_from_slice(block),
+                None => {
+                    gaps.normals = true;
+                    words.extend_from_slice(bytemuck::cast_slice(&[NormalBlock::encode(&[Some(Vec3::Z); 16])]));
+                }
+            }
+        }
+        words
+    }
+
+    /// Words of an attachment of a block.
+    fn words(&self, parts: &BlockParts, kind: u32, first: usize, count: usize) -> Option<&[u32]> {
+        let (_, at, _) = parts.attachments.iter().find(|attachment| attachment.0 == kind)?;
+        self.octree.words().get(*at as usize / 4 + first..)?.get(..count)
+    }
+}
+
+/// The voxels of every level of an object.
+fn layers(octree: &Octree, root: u32) -> Result<Vec<Layer>, FormatError> {
+    let mut layers = Vec::new();
+    let mut slots = vec![root];
+    while !slots.is_empty() {
+        let (mut first, mut next) = (Vec::with_capacity(slots.len() + 1), Vec::new());
+        for &slot in &slots {
+            first.push(next.len() as u32);
+            if slot == LEAF {
+                continue;
+            }
+            let descriptor = octree.descriptor(slot);
+            for child in (0..8).filter(|child| descriptor.valid_mask() >> child & 1 != 0) {
+                next.push(octree.child(slot, child).unwrap_or(LEAF));
+            }
+        }
+        if next.len() >= LEAF as usize {
+            return Err(FormatError::Limit("a level of 2^32 voxels or more".into()));
+        }
+        first.push(next.len() as u32);
+        layers.push(Layer { slots, first });
+        slots = next;
+    }
+    Ok(layers)
+}
+
+/// Where the descendants at level `at` of a voxel are.
+fn range(layers: &[Layer], level: usize, voxel: usize, at: usize) -> std::ops::Range<usize> {
+    layers[level..at]
+        .iter()
+        .fold(voxel..voxel + 1, |r, layer| layer.first[r.start] as usize..layer.first[r.end] as usize)
+}

@@ -1,0 +1,187 @@
+//! From chunks to an octree.
+
+use std::io::{Read, Seek};
+
+use glam::{DMat4, DVec4};
+
+use super::clusters::{Clusters, MESHES, OCTREE_CHUNK, SLICES};
+use super::layers::{BLOCK_WORDS, LEAF, Layers};
+use super::merge::merge;
+use super::values::{Attributes, block_error};
+use super::{Imported, fault, kind};
+use crate::{AssembleOptions, ColorBlock, Contour, FormatError, NormalBlock, Octree, RawNormal, Tree, Voxel, assemble};
+
+/// Words of an object before its list of attachments.
+const OBJECT_WORDS: usize = 34;
+
+/// An entry of the object list.
+struct Object {
+    transform: DMat4,
+    /// Slice of the root; `None`: nothing has been built.
+    root: Option<u32>,
+    attachments: Vec<u32>,
+}
+
+pub(super) fn import<R: Read + Seek>(mut file: Clusters<R>) -> Result<Imported, FormatError> {
+    let objects = read_objects(&file.take(OCTREE_CHUNK)?)?;
+    let mut lost = Vec::new();
+    let mut octrees = Vec::new();
+    for (index, object) in objects.iter().enumerate() {
+        match object.root {
+            Some(root) => octrees.push(import_object(&mut file, index, root, object, &mut lost)?),
+            None => lost.push(format!("object {index}: has no voxels")),
+        }
+    }
+    let unused = [(SLICES, "slices that belong to no object"), (MESHES, "meshes that octrees were built from")];
+    for (group, what) in unused {
+        match file.left(group) {
+            0 => {}
+            count => lost.push(format!("{count} {what}")),
+        }
+    }
+    if octrees.is_empty() {
+        return Err(fault("octree chunk", "no object has voxels"));
+    }
+    Ok(Imported { octree: merge(octrees)?, lost })
+}
+
+fn read_objects(words: &[u32]) -> Result<Vec<Object>, FormatError> {
+    let broken = |what: &str| fault("octree chunk", what);
+    let short = || broken("is too short");
+    let (header, mut rest) = words.split_first_chunk::<5>().ok_or_else(short)?;
+    if bytemuck::bytes_of(header)[..8] != *b"Octree  " || header[2] != 1 {
+        return Err(broken("does not begin with \"Octree  \" and version 1"));
+    }
+    let mut objects = Vec::new();
+    for index in 0..header[3] {
+        let (head, tail) = rest.split_first_chunk::<OBJECT_WORDS>().ok_or_else(short)?;
+        let matrix =
+            |at: usize| DMat4::from_cols_array(&std::array::from_fn(|i| f64::from(f32::from_bits(head[at + i]))));
+        let (to_world, to_object) = (matrix(0), matrix(16));
+        let mut transform = to_world * to_object;
+        // The product of two affine matrices is one, whatever rounding says.
+        if to_world.row(3) == DVec4::W && to_object.row(3) == DVec4::W {
+            transform = DMat4::from_cols(
+                transform.x_axis.truncate().extend(0.0),
+                transform.y_axis.truncate().extend(0.0),
+                transform.z_axis.truncate().extend(0.0),
+                transform.w_axis.truncate().extend(1.0),
+            );
+        }
+        let usable = transform.is_finite() && transform.row(3) == DVec4::W && transform.determinant().is_normal();
+        if !usable {
+            return Err(broken(&format!("object {index} has a transform that cannot be inverted")));
+        }
+        let root = match head[32] as i32 {
+            -1 => None,
+            root => Some(u32::try_from(root).map_err(|_| broken(&format!("object {index} begins at slice {root}")))?),
+        };
+        let attachments = tail.get(..head[33] as usize).ok_or_else(short)?;
+        rest = &tail[attachments.len()..];
+        objects.push(Object { transform, root, attachments: attachments.to_vec() });
+    }
+    Ok(objects)
+}
+
+fn import_object<R: Read + Seek>(
+    file: &mut Clusters<R>,
+    index: usize,
+    root: u32,
+    object: &Object,
+    lost: &mut Vec<String>,
+) -> Result<Octree, FormatError> {
+    let mut lose = |what: String| lost.push(format!("object {index}: {what}"));
+    let has = |kind: u32| object.attachments.contains(&kind);
+    let source = [kind::BLOCKS, kind::PALETTE, kind::CORNERS].into_iter().find(|kind| has(*kind));
+    for other in object.attachments.iter().filter(|kind| **kind != kind::CONTOURS && Some(**kind) != source) {
+        match *other {
+            0 => {}
+            kind::OCCLUSION => lose("ambient occlusion".into()),
+            other => lose(format!("attachments of type {other}")),
+        }
+    }
+    let layers = Layers::read(file, root, has(kind::CONTOURS), source)?;
+    if layers.layers[0].nodes.is_empty() {
+        return Err(fault(format!("slice {root}"), "the root is not divided: there are no voxels"));
+    }
+    if layers.unbuilt > 0 {
+        lose(format!("plans for {} slices that have not been built; their voxels are leaves", layers.unbuilt));
+    }
+    let mut planter = Planter { layers: &layers, tree: Tree::default(), bare: 0 };
+    planter.plant(0, 0, Attributes::None);
+    let Planter { tree, bare, .. } = planter;
+    let octree = assemble(&tree, object.transform, &AssembleOptions::default())?;
+    if bare > 0 {
+        lose(format!("{bare} voxels have no colour and normal, nor has any above them; they are white and face +z"));
+    }
+    if matches!(source, Some(kind::PALETTE | kind::CORNERS)) {
+        if source == Some(kind::CORNERS) {
+            lose("colours and normals at corners became those in the middles of voxels".into());
+        }
+        let (color, angle) = block_error(&tree, &octree);
+        lose(format!(
+            "a colour and a normal for every voxel became blocks: channels are up to {color:.1} steps of 255 off, normals up to {angle:.1} degrees"
+        ));
+        if layers.values.iter().step_by(2).any(|color| color >> 24 != 255) {
+            lose("the alpha of colours".into());
+        }
+    }
+    Ok(octree)
+}
+
+/// Makes the tree, depth first.
+struct Planter<'a> {
+    layers: &'a Layers,
+    tree: Tree,
+    /// Voxels that lack attributes.
+    bare: u64,
+}
+
+impl Planter<'_> {
+    /// Adds a node of a level and what is below it.
+    fn plant(&mut self, level: usize, index: u32, attributes: Attributes) {
+        let layers = self.layers;
+        let node = &layers.layers[level].nodes[index as usize];
+        let mut contour = node.first_contour as usize;
+        let mut children = [None; 8];
+        let mut below = [None; 8];
+        let valid = (0..8).filter(|slot| node.valid >> slot & 1 != 0);
+        for (child, slot) in (node.first_child as usize..).zip(valid) {
+            let next = layers.layers[level + 1].voxels[child];
+            let mut voxel = Voxel { leaf: next == LEAF, ..Voxel::default() };
+            if node.contours >> slot & 1 != 0 {
+                voxel.contour = Some(Contour(layers.contours[contour]));
+                contour += 1;
+            }
+            let own = match layers.kind {
+                None | Some(kind::BLOCKS) => Attributes::None,
+                Some(_) => {
+                    let own = attributes.child(layers, node, slot);
+                    let (color, normal) = own.value().unwrap_or_else(|| {
+                        self.bare += 1;
+                        ([255; 3], RawNormal::encode(glam::Vec3::Z))
+                    });
+                    (voxel.color, voxel.normal) = (Some(color), Some(normal));
+                    own
+                }
+            };
+            below[slot as usize] = (!voxel.leaf).then_some((next, own));
+            children[slot as usize] = Some(voxel);
+        }
+        let opened = self.tree.open(&children);
+        if layers.kind == Some(kind::BLOCKS) {
+            let words = &layers.values[node.first_value as usize..][..BLOCK_WORDS];
+            self.tree.color_blocks.push(ColorBlock { head: words[0], indices: words[1] });
+            self.tree.normal_blocks.push(NormalBlock {
+                base: RawNormal(words[2]),
+                u_indices: words[3],
+                axes: words[4],
+                v_indices: words[5],
+            });
+        }
+        for (next, own) in below.into_iter().flatten() {
+            self.plant(level + 1, next, own);
+        }
+        self.tree.close(opened);
+    }
+}

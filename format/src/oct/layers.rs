@@ -1,0 +1,245 @@
+//! The slices of an object, level by level: what a tree is made from.
+
+use std::io::{Read, Seek};
+
+use super::clusters::{Clusters, SLICES};
+use super::slice::{Place, Slice, entry};
+use super::{fault, kind};
+use crate::FormatError;
+
+/// In place of a node: the voxel is a leaf.
+pub(super) const LEAF: u32 = u32::MAX;
+
+/// A voxel that is not a leaf.
+#[derive(Clone, Copy)]
+pub(super) struct Node {
+    /// Which children it has; never zero.
+    pub(super) valid: u8,
+    /// Which of them have a contour.
+    pub(super) contours: u8,
+    /// Its first child among the voxels of the next level.
+    pub(super) first_child: u32,
+    /// The contour of the first child that has one.
+    pub(super) first_contour: u32,
+    /// Which children, or corners of children, have a colour and a normal of their own.
+    pub(super) mask: u32,
+    /// Where its colours and normals begin.
+    pub(super) first_value: u32,
+}
+
+/// The voxels of one level, in depth-first order.
+#[derive(Default)]
+pub(super) struct Layer {
+    /// For each voxel its node, or [`LEAF`].
+    pub(super) voxels: Vec<u32>,
+    /// Those that are not leaves.
+    pub(super) nodes: Vec<Node>,
+}
+
+/// An object.
+#[derive(Default)]
+pub(super) struct Layers {
+    /// Level 0, the root, first.
+    pub(super) layers: Vec<Layer>,
+    /// Contours of all nodes.
+    pub(super) contours: Vec<u32>,
+    /// Words of the colours and normals of all nodes.
+    pub(super) values: Vec<u32>,
+    /// Slices that are planned and not built.
+    pub(super) unbuilt: u64,
+    /// Whether there are contours.
+    with_contours: bool,
+    /// Type of the attachment with colours and normals.
+    pub(super) kind: Option<u32>,
+}
+
+/// A slice to read: where it is, and the voxels in its cube.
+struct Task {
+    id: u32,
+    place: Place,
+    first: usize,
+    count: usize,
+}
+
+/// Voxels of the level that is being made.
+#[derive(Default)]
+struct Front {
+    /// Lower corners.
+    positions: Vec<[u32; 3]>,
+    /// Nodes that they are children of.
+    parents: Vec<u32>,
+}
+
+impl Layers {
+    /// Reads the slices from that of the root on.
+    pub(super) fn read<R: Read + Seek>(
+        file: &mut Clusters<R>,
+        root: u32,
+        with_contours: bool,
+        kind: Option<u32>,
+    ) -> Result<Self, FormatError> {
+        let mut layers = Self { with_contours, kind, ..Self::default() };
+        let mut front = Front { positions: vec![[0; 3]], parents: vec![0] };
+        let mut tasks = vec![Task { id: root, place: Place::ROOT, first: 0, count: 1 }];
+        let mut total = 0;
+        while !front.positions.is_empty() {
+            let mut layer = Layer { voxels: vec![LEAF; front.positions.len()], nodes: Vec::new() };
+            let (mut next, mut next_tasks) = (Front::default(), Vec::new());
+            for task in tasks {
+                let words = file.take((SLICES, task.id))?;
+                match Slice::new(task.id, words, task.place, task.count as u32)? {
+                    None => layers.unbuilt += 1,
+                    Some(slice) => layers.slice(&slice, &task, &front, &mut layer, &mut next, &mut next_tasks)?,
+                }
+                if total + next.positions.len() >= LEAF as usize {
+                    return Err(FormatError::Limit("an .oct file with 2^32 voxels or more".into()));
+                }
+            }
+            layers.layers.push(layer);
+            total += next.positions.len();
+            (front, tasks) = (next, next_tasks);
+        }
+        Ok(layers)
+    }
+
+    /// Takes the nodes of a slice, and finds out what voxels and slices follow it.
+    fn slice(
+        &mut self,
+        slice: &Slice,
+        task: &Task,
+        front: &Front,
+        layer: &mut Layer,
+        next: &mut Front,
+        tasks: &mut Vec<Task>,
+    ) -> Result<(), FormatError> {
+        if slice.nodes() == 0 {
+            return Ok(());
+        }
+        if task.place.voxel_scale == 0 {
+            return Err(slice.broken("has voxels of scale 0 that are divided"));
+        }
+        let first_node = layer.nodes.len();
+        let first_child = next.positions.len();
+        let half = 1 << (task.place.voxel_scale - 1);
+        let mut parents = Vec::with_capacity(slice.nodes() as usize);
+        for voxel in (0..slice.voxels()).filter(|voxel| slice.is_split(*voxel)) {
+            let index = task.first + voxel as usize;
+            let node = layer.nodes.len() as u32;
+            let valid = slice.mask(node - first_node as u32)?;
+            layer.voxels[index] = node;
+            let first_child = next.positions.len() as u32;
+            layer.nodes.push(Node { valid, contours: 0, first_child, first_contour: 0, mask: 0, first_value: 0 });
+            parents.push(front.parents[index]);
+            for slot in (0..8).filter(|slot| valid >> slot & 1 != 0) {
+                let corner = front.positions[index];
+                next.positions.push(std::array::from_fn(|axis| corner[axis] + (slot >> axis & 1) * half));
+                next.parents.push(node);
+            }
+        }
+        let nodes = &mut layer.nodes[first_node..];
+        if self.with_contours {
+            self.contours(slice, nodes)?;
+        }
+        match self.kind {
+            None => {}
+            Some(kind::BLOCKS) => self.blocks(slice, nodes, &parents)?,
+            Some(kind) => self.values(slice, nodes, kind)?,
+        }
+        let place = Place { voxel_scale: task.place.voxel_scale - 1, ..task.place };
+        let mut cursor = first_child;
+        follow(slice, &mut slice.entries(), place, &next.positions, &mut cursor, tasks)
+    }
+
+    fn contours(&mut self, slice: &Slice, nodes: &mut [Node]) -> Result<(), FormatError> {
+        let words = slice.attachment(kind::CONTOURS, nodes.len())?;
+        for (index, node) in nodes.iter_mut().enumerate() {
+            let (pointer, mask) = (words[index] >> 8, words[index] as u8);
+            node.contours = mask;
+            node.first_contour = self.contours.len() as u32;
+            let values = (words.get(pointer as usize..))
+                .and_then(|rest| rest.get(..mask.count_ones() as usize))
+                .filter(|values| mask & !node.valid == 0 && values.iter().all(|value| value << 14 != 0));
+            let Some(values) = values else {
+                return Err(
+                    slice.broken(format!("the contours of node {index} do not fit: mask {mask:08b} at {pointer}"))
+                );
+            };
+            self.contours.extend_from_slice(values);
+        }
+        Ok(())
+    }
+
+    /// Siblings that are not leaves share a block two by two.
+    fn blocks(&mut self, slice: &Slice, nodes: &mut [Node], parents: &[u32]) -> Result<(), FormatError> {
+        let mut pairs = 0;
+        let mut index = 0;
+        while index < nodes.len() {
+            let size = if parents.get(index + 1) == Some(&parents[index]) { 2 } else { 1 };
+            for node in &mut nodes[index..index + size] {
+                node.first_value = (self.values.len() + pairs * BLOCK_WORDS) as u32;
+            }
+            (index, pairs) = (index + size, pairs + 1);
+        }
+        let words = slice.attachment(kind::BLOCKS, pairs * BLOCK_WORDS)?;
+        self.values.extend_from_slice(&words[..pairs * BLOCK_WORDS]);
+        Ok(())
+    }
+
+    /// Colours and normals of children, or of the corners of children.
+    fn values(&mut self, slice: &Slice, nodes: &mut [Node], kind: u32) -> Result<(), FormatError> {
+        let entry_words = if kind == kind::CORNERS { 2 } else { 1 };
+        let words = slice.attachment(kind, nodes.len() * entry_words)?;
+        for (index, node) in nodes.iter_mut().enumerate() {
+            let (mask, pointer, allowed) = match words[index * entry_words..][..entry_words] {
+                [mask, pointer] => (mask, pointer, (1 << 27) - 1),
+                _ => (words[index] & 0xff, words[index] >> 8, u32::from(node.valid)),
+            };
+            node.mask = mask;
+            node.first_value = self.values.len() as u32;
+            let values = (words.get(pointer as usize..))
+                .and_then(|rest| rest.get(..2 * mask.count_ones() as usize))
+                .filter(|_| mask & !allowed == 0 && self.values.len() < LEAF as usize - 64);
+            let Some(values) = values else {
+                return Err(
+                    slice.broken(format!("the attributes of node {index} do not fit: mask {mask:b} at {pointer}"))
+                );
+            };
+            self.values.extend_from_slice(values);
+        }
+        Ok(())
+    }
+}
+
+/// Words of a colour block and a normal block.
+pub(super) const BLOCK_WORDS: usize = 6;
+
+/// Reads the entries of one cube: what slices follow, and which of the voxels at `cursor` and behind lie in each.
+fn follow(
+    slice: &Slice,
+    entries: &mut impl Iterator<Item = i32>,
+    place: Place,
+    voxels: &[[u32; 3]],
+    cursor: &mut usize,
+    tasks: &mut Vec<Task>,
+) -> Result<(), FormatError> {
+    let entry = entries.next().ok_or_else(|| slice.broken("too few child entries"))?;
+    if entry == entry::SPLIT {
+        // Siblings stay together: they share blocks.
+        if place.cube_scale < place.voxel_scale + 2 {
+            return Err(slice.broken(format!("divides a cube of scale {} too far", place.cube_scale)));
+        }
+        return (0..8).try_for_each(|slot| follow(slice, entries, place.octant(slot), voxels, cursor, tasks));
+    }
+    let first = *cursor;
+    while voxels.get(*cursor).is_some_and(|position| place.contains(*position)) {
+        *cursor += 1;
+    }
+    let count = *cursor - first;
+    match u32::try_from(entry) {
+        Ok(id) if count > 0 => tasks.push(Task { id, place, first, count }),
+        Ok(id) => return Err(fault(format!("slice {id}"), "follows a cube without voxels")),
+        Err(_) if entry == entry::NONE => {}
+        Err(_) => return Err(slice.broken(format!("child entry {entry} means nothing"))),
+    }
+    Ok(())
+}
