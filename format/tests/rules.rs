@@ -5,7 +5,7 @@ mod common;
 
 use std::collections::BTreeSet;
 
-use common::breaks::{Broken, NOT_TESTED, broken_files, sample, set_slot};
+use common::breaks::{Broken, NOT_TESTED, broken_files, change_low, sample, set_slot};
 use common::samples::samples;
 use common::{Colors, Shape, bytes_of};
 use esvo_format::{AssembleOptions, Octree, assemble, validate, validate_bytes};
@@ -33,6 +33,15 @@ fn every_rule_is_reported_when_it_is_broken_and_no_other() {
     let all: BTreeSet<&str> = RULES.iter().map(|rule| rule.id).collect();
     let rest: Vec<&str> = all.difference(&tested).copied().collect();
     assert_eq!(rest, NOT_TESTED);
+}
+
+#[test]
+fn siblings_do_not_share_a_far_pointer() {
+    // From one of them it leads astray as well, so this is no case of one broken rule.
+    let mut file = sample("blocks");
+    change_low(&mut file, 4, |low| low + (1 << 17));
+    file.seal();
+    assert!(reported(&file.0).contains("C005"));
 }
 
 #[test]

@@ -143,6 +143,8 @@ const SEALED: &[Case] = &[
     ("O001", "contours", |f| {
         let entry = f.entry(b"OBJT");
         f.set_u64(entry + 16, 0);
+        let object = f.object(0);
+        f.0[object..object + 192].fill(0);
     }),
     ("O002", "contours", |f| set_object(f, 136, 3)),
     ("O002", "contours", |f| set_object(f, 136, u64::MAX)),
@@ -165,7 +167,14 @@ const SEALED: &[Case] = &[
     ("B002", "blocks", |f| set_block(f, 1, 32, 0)),
     ("B002", "blocks", |f| set_block(f, 1, 24, 8200)),
     ("B003", "blocks", |f| set_block(f, 1, 24, 16384)),
-    ("B003", "blocks", |f| set_block(f, 2, 32, 16384)),
+    ("B003", "blocks", |f| {
+        // A page of block data that belongs to no block.
+        let length = f.0.len() + 8192;
+        f.0.resize(length, 0);
+        f.set_u64(32, length as u64);
+        let entry = f.entry(b"BLKS");
+        f.set_u64(entry + 16, 4 * 8192);
+    }),
     ("B004", "blocks", |f| set_block(f, 2, 40, 8192)),
     ("B004", "blocks", |f| set_block(f, 2, 40, u64::MAX)),
     ("B005", "blocks", |f| set_block_u32(f, 1, 56, 9)),
@@ -224,7 +233,6 @@ const SEALED: &[Case] = &[
     ("C004", "blocks", |f| change_low(f, 4, |low| low & 0x1_ffff)),
     ("C004", "blocks", |f| change_low(f, 4, |low| low | 0x7fff << 17)),
     ("C005", "contours", |f| change_low(f, 4, |low| low & 0x1_ffff | 4 << 17)),
-    ("C005", "blocks", |f| change_low(f, 4, |low| low + (1 << 17))), // the far pointer of its sibling
     ("C006", "contours", |f| change_low(f, 6, |low| low | 1 << 17)),
     ("C006", "contours", |f| change_low(f, 6, |low| low | 1 << 16)),
     ("C007", "contours", |f| set_object_u32(f, 132, 2)),
@@ -318,7 +326,7 @@ fn add_attachment(f: &mut File, field: usize, value: u32) {
     f.set_u32(at, value);
 }
 
-fn change_low(f: &mut File, slot: usize, change: fn(u32) -> u32) {
+pub(crate) fn change_low(f: &mut File, slot: usize, change: fn(u32) -> u32) {
     let at = f.slot(slot);
     let value = change(f.u32(at));
     f.set_u32(at, value);
