@@ -1,6 +1,7 @@
 //! Blocks as they are stored: as they are in memory, or as one Zstandard frame (spec section 4.1).
 
 use std::borrow::Cow;
+use std::io::{Error, ErrorKind};
 
 use crate::file::{BlockEntry, CODEC_RAW, CODEC_ZSTD, PAGE_BYTES};
 use crate::{Broken, ids};
@@ -13,31 +14,26 @@ pub(crate) const MAX_RATIO: u64 = (128 << 10) / 4;
 pub const COMPRESSION_LEVELS: std::ops::RangeInclusive<i32> = 1..=22;
 
 /// The stored form of a block: codec and bytes. A block that would not take fewer pages of the file stays as it is.
-#[cfg(feature = "zstd")]
 pub(crate) fn encode(image: &[u8], level: Option<i32>) -> std::io::Result<(u32, Cow<'_, [u8]>)> {
-    let Some(level) = level else { return Ok((CODEC_RAW, Cow::Borrowed(image))) };
+    let raw = (CODEC_RAW, Cow::Borrowed(image));
+    let Some(level) = level else { return Ok(raw) };
     if !COMPRESSION_LEVELS.contains(&level) {
         let what = format!("compression level {level}: Zstandard has 1 to 22");
-        return Err(std::io::Error::new(std::io::ErrorKind::InvalidInput, what));
+        return Err(Error::new(ErrorKind::InvalidInput, what));
     }
-    let frame = zstd::bulk::compress(image, level)?;
-    if (frame.len() as u64).next_multiple_of(PAGE_BYTES) < image.len() as u64 {
-        Ok((CODEC_ZSTD, Cow::Owned(frame)))
-    } else {
-        Ok((CODEC_RAW, Cow::Borrowed(image)))
-    }
+    let frame = pack(image, level)?;
+    let fewer = (frame.len() as u64).next_multiple_of(PAGE_BYTES) < image.len() as u64;
+    Ok(if fewer { (CODEC_ZSTD, Cow::Owned(frame)) } else { raw })
 }
 
-/// Without the feature there is no compression.
+#[cfg(feature = "zstd")]
+fn pack(image: &[u8], level: i32) -> std::io::Result<Vec<u8>> {
+    zstd::bulk::compress(image, level)
+}
+
 #[cfg(not(feature = "zstd"))]
-pub(crate) fn encode(image: &[u8], level: Option<i32>) -> std::io::Result<(u32, Cow<'_, [u8]>)> {
-    match level {
-        None => Ok((CODEC_RAW, Cow::Borrowed(image))),
-        Some(_) => {
-            let what = "compressing takes a build of esvo-format with the feature `zstd`";
-            Err(std::io::Error::new(std::io::ErrorKind::Unsupported, what))
-        }
-    }
+fn pack(_: &[u8], _: i32) -> std::io::Result<Vec<u8>> {
+    Err(Error::new(ErrorKind::Unsupported, "compressing takes a build of esvo-format with the feature `zstd`"))
 }
 
 /// Checks the stored bytes of block `index` against their checksum, and only then makes the image of the block of them.
