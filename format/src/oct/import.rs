@@ -122,7 +122,8 @@ fn import_object<R: Read + Seek>(
         lose(format!(
             "a colour and a normal for every voxel became blocks: channels are up to {color:.1} steps of 255 off, normals up to {angle:.1} degrees"
         ));
-        if layers.values.iter().step_by(2).any(|color| color >> 24 != 255) {
+        let opaque = |color: &u32| color >> 24 == 255 || source == Some(kind::CORNERS) && color >> 24 == 0;
+        if !layers.values.iter().step_by(2).all(opaque) {
             lose("the alpha of colours".into());
         }
     }

@@ -57,13 +57,19 @@ impl Attributes {
             Self::One([color, normal]) => Some((channels(*color), RawNormal(*normal))),
             Self::Corners { values, low, size } => {
                 let at = *low + *size * 0.5;
-                let (mut color, mut normal) = (Vec3::ZERO, Vec3::ZERO);
+                let (mut color, mut normal, mut sum) = (Vec3::ZERO, Vec3::ZERO, 0.0);
                 for (k, [c, n]) in values.iter().enumerate() {
-                    let weight: f32 =
-                        (0..3).map(|axis| if k >> axis & 1 != 0 { at[axis] } else { 1.0 - at[axis] }).product();
+                    let along = |axis: usize| if k >> axis & 1 != 0 { at[axis] } else { 1.0 - at[axis] };
+                    // Corners that no surface comes near have no value, which their alpha of 0 tells.
+                    let weight = if *c >> 24 == 0 { 0.0 } else { along(0) * along(1) * along(2) };
                     color += weight * Vec3::from(channels(*c).map(f32::from));
                     normal += weight * RawNormal(*n).decode();
+                    sum += weight;
                 }
+                if sum == 0.0 {
+                    return None;
+                }
+                let color = color / sum;
                 Some((color.to_array().map(|c| c.round() as u8), RawNormal::encode(normal)))
             }
         }

@@ -2,6 +2,7 @@
 #![allow(dead_code, reason = "every test binary takes a part of this")]
 
 pub(crate) mod breaks;
+pub(crate) mod oct;
 pub(crate) mod patch;
 pub(crate) mod samples;
 pub(crate) mod survive;

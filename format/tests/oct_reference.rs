@@ -1,0 +1,165 @@
+//! The files that the authors' builder made, with the counts that their loader reports. They are not in the repository:
+//! they are looked for in `$ESVO_REFERENCE`, then in `../shared/reference` beside it.
+
+mod common;
+
+use std::path::PathBuf;
+
+use common::oct::{contents, damage, same};
+use esvo_format::{Octree, oct, stats, validate};
+
+/// Name, levels, descriptors, leaf voxels, contours.
+const FILES: [(&str, u32, u64, u64, u64); 5] = [
+    ("sibenik_L7_contours_dxt", 7, 22_506, 76_478, 98_983),
+    ("sibenik_L7_cubical_dxt", 7, 22_506, 76_478, 0),
+    ("sibenik_L6_contours_palette", 6, 4_842, 17_664, 22_505),
+    ("sibenik_L6_contours_corner", 6, 4_842, 17_664, 22_505),
+    ("sibenik_L6_contours_palette_unoptimized", 6, 4_842, 17_664, 22_505),
+];
+
+fn file(name: &str) -> Option<PathBuf> {
+    let folder = std::env::var_os("ESVO_REFERENCE")
+        .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../shared/reference"), PathBuf::from);
+    let path = folder.join("oct").join(name).with_extension("oct");
+    if !path.is_file() {
+        println!("skipped: {} is not there; set ESVO_REFERENCE", path.display());
+        return None;
+    }
+    Some(path)
+}
+
+#[test]
+fn the_counts_are_those_of_the_authors_loader() {
+    for (name, levels, descriptors, leaves, contours) in FILES {
+        let Some(path) = file(name) else { continue };
+        let imported = oct::open(&path).unwrap_or_else(|e| panic!("{name}: {e}"));
+        let stats = stats(&imported.octree);
+        println!("{name}: lost {:#?}", imported.lost);
+        assert_eq!(
+            (stats.levels, stats.descriptors, stats.leaf_voxels, stats.contours),
+            (levels, descriptors, leaves, contours),
+            "{name}"
+        );
+        assert!(validate(&imported.octree).is_ok(), "{name}: {:?}", validate(&imported.octree).findings);
+        assert!(imported.octree.needs().colors && imported.octree.needs().normals);
+        let expected: &[&str] = match name {
+            n if n.contains("dxt") => &[],
+            n if n.ends_with("corner") => &["corners", "became blocks"],
+            n if n.ends_with("unoptimized") => &["have not been built", "became blocks", "meshes"],
+            _ => &["became blocks"],
+        };
+        assert_eq!(imported.lost.len(), expected.len(), "{:?}", imported.lost);
+        for (lost, expected) in imported.lost.iter().zip(expected) {
+            assert!(lost.contains(expected), "{lost}");
+        }
+    }
+}
+
+#[test]
+fn what_is_exported_is_what_was_imported() {
+    for (name, ..) in FILES {
+        let Some(path) = file(name) else { continue };
+        let octree = oct::open(&path).unwrap().octree;
+        let mut bytes = Vec::new();
+        let lost = oct::write_to(&octree, &mut bytes).unwrap();
+        // One colour for everything takes less room with us, and has to become a block again.
+        let one_color = name.contains("palette");
+        assert_eq!(lost.len(), usize::from(one_color), "{lost:?}");
+        assert!(lost.iter().all(|lost| lost.contains("constant colours")));
+        let back = oct::from_bytes(&bytes).unwrap();
+        assert!(back.lost.is_empty(), "{:?}", back.lost);
+        assert_eq!(back.octree.octree_to_mesh(0), octree.octree_to_mesh(0));
+        let (mut before, after) = (contents(&octree, 0), contents(&back.octree, 0));
+        if one_color {
+            for (before, after) in before.iter_mut().zip(&after) {
+                let off =
+                    (0..3).map(|k| (before.color.unwrap()[k] - after.color.unwrap()[k]).abs()).fold(0.0, f32::max);
+                assert!(off < 4.0 / 255.0, "{before:?} {after:?}");
+                before.color = after.color;
+            }
+        }
+        same(&before, &after);
+        // And through our own format; nothing of either has changed, so the bytes are equal too.
+        let mut own = Vec::new();
+        octree.write_to(&mut own).unwrap();
+        let mut again = Vec::new();
+        oct::write_to(&Octree::from_bytes(&own).unwrap(), &mut again).unwrap();
+        assert!(again == bytes, "{name}");
+        assert!(bytes.len() as u64 <= std::fs::metadata(&path).unwrap().len(), "{name}: {} bytes", bytes.len());
+    }
+}
+
+/// An independent reader of one thing: the words of the blocks of a slice, found by the header alone.
+fn words(path: &PathBuf, slice: u32, kind: u32) -> Vec<u32> {
+    let bytes = std::fs::read(path).unwrap();
+    let file: Vec<u32> = bytes.as_chunks().0.iter().map(|w| u32::from_le_bytes(*w)).collect();
+    let entry = (0..file[5] as usize).map(|k| &file[7 + 6 * k..][..6]).find(|e| e[..2] == [2, slice]).unwrap();
+    let start = (entry[2] * file[4] / 4) as usize;
+    let chunk = &file[start..][..(entry[5] / 4) as usize];
+    let list = &chunk[chunk[10] as usize..][..3 * chunk[9] as usize];
+    let found = list.chunks(3).find(|a| a[0] == kind).unwrap();
+    chunk[found[1] as usize..][..found[2] as usize].to_vec()
+}
+
+#[test]
+fn blocks_and_contours_are_carried_over_bit_by_bit() {
+    let Some(path) = file("sibenik_L7_contours_dxt") else { return };
+    let octree = oct::open(&path).unwrap().octree;
+    let root = octree.objects()[0].root_slot as u32;
+    let parts = &octree.parts()[0];
+    let attachment = |kind: u32| (parts.attachments.iter().find(|a| a.0 == kind).unwrap().1 / 4) as usize;
+    let block = |slot: u32| {
+        let pair = (slot / 2) as usize;
+        let color = &octree.words()[attachment(1) + 2 * pair..][..2];
+        [color, &octree.words()[attachment(2) + 4 * pair..][..4]].concat()
+    };
+    // Slice 0 is the root, slice 1 its eight children; none of these is a leaf.
+    assert_eq!(words(&path, 0, 1), block(root));
+    let pairs: Vec<u32> = (0..8).step_by(2).flat_map(|k| block(octree.child(root, k).unwrap())).collect();
+    assert_eq!(words(&path, 1, 1), pairs);
+    let contours: Vec<u32> = (0..8).map(|k| octree.contour(root, k).unwrap().0).collect();
+    assert_eq!(words(&path, 0, 6)[1..], contours);
+    let second = octree.child(root, 1).unwrap();
+    let table = words(&path, 1, 6);
+    let first = octree.contour(second, octree.descriptor(second).contour_mask().trailing_zeros() as u8).unwrap();
+    assert_eq!(table[(table[1] >> 8) as usize], first.0);
+}
+
+/// The same mesh three times, with attributes in three ways: what they say of a voxel must be alike. Means of corners are
+/// smoother than what they are means of; normals that have nothing to do with each other are 90 degrees apart.
+#[test]
+fn blocks_palettes_and_corners_mean_the_same() {
+    let open = |name: &str| Some(oct::open(&file(name)?).unwrap().octree);
+    let Some(blocks) = open("sibenik_L7_contours_dxt") else { return };
+    for (name, allowed) in [("sibenik_L6_contours_palette", 12.0), ("sibenik_L6_contours_corner", 40.0)] {
+        let Some(other) = open(name) else { return };
+        let (mut angles, mut count, mut contours) = (0.0, 0, 0);
+        let root = |octree: &Octree| octree.objects()[0].root_slot as u32;
+        let mut stack = vec![(root(&blocks), root(&other))];
+        while let Some((a, b)) = stack.pop() {
+            for child in (0..8).filter(|child| blocks.descriptor(a).valid_mask() >> child & 1 != 0) {
+                assert!(other.descriptor(b).valid_mask() >> child & 1 != 0, "the same voxels");
+                let (na, nb) = (blocks.normal(a, child).unwrap(), other.normal(b, child).unwrap());
+                angles += na.angle_between(nb).to_degrees();
+                let off = |(a, b): (f32, f32)| (a - b).abs();
+                let (ca, cb) = (blocks.color(a, child).unwrap(), other.color(b, child).unwrap());
+                assert!(ca.into_iter().zip(cb).map(off).fold(0.0, f32::max) < 0.05, "{ca:?} {cb:?}");
+                contours += usize::from(blocks.contour(a, child) == other.contour(b, child));
+                count += 1;
+                stack.extend(blocks.child(a, child).zip(other.child(b, child)));
+            }
+        }
+        let mean = angles / count as f32;
+        println!("{name}: {count} voxels, normals {mean:.2} degrees apart, {contours} contours equal");
+        assert!(mean < allowed, "{mean} degrees");
+    }
+}
+
+#[test]
+fn damaged_files_are_refused_or_read_and_nothing_else() {
+    for (name, ..) in &FILES[2..4] {
+        let Some(path) = file(name) else { continue };
+        let refused = damage(&std::fs::read(path).unwrap(), 7, 200);
+        assert!(refused > 50, "{refused} of 250");
+    }
+}
