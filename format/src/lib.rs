@@ -34,6 +34,8 @@ mod codec;
 mod color;
 mod contour;
 mod descriptor;
+pub mod diff;
+pub mod dump;
 mod error;
 pub mod file;
 mod io;

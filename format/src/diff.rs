@@ -1,0 +1,151 @@
+//! Whether two octrees are the same: what they hold, not how it is laid out.
+
+use std::fmt;
+
+use serde::Serialize;
+
+use crate::{FormatError, Octree};
+
+/// A place where two octrees differ.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Difference {
+    /// Index of the object.
+    pub object: usize,
+    /// Child slots from the root to the voxel, a digit each; empty for the root and for the object itself.
+    pub path: String,
+    /// What differs.
+    pub what: &'static str,
+    /// That in the first octree.
+    pub first: String,
+    /// That in the second.
+    pub second: String,
+}
+
+impl fmt::Display for Difference {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let path = if self.path.is_empty() { "/" } else { &self.path };
+        write!(
+            f,
+            "object {}, {path}: {} {} in the first, {} in the second",
+            self.object, self.what, self.first, self.second
+        )
+    }
+}
+
+/// How two octrees differ.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Differences {
+    /// The first of them, in depth-first order.
+    pub list: Vec<Difference>,
+    /// All of them. What is below a voxel that only one of the octrees divides is not counted.
+    pub total: u64,
+}
+
+impl Differences {
+    /// Whether the octrees are the same.
+    pub fn is_empty(&self) -> bool {
+        self.total == 0
+    }
+}
+
+/// Compares what two octrees hold: objects in their order, transforms, levels, topology, contours to the bit, and
+/// colours and normals as they are decoded. Blocks, pointers, the order of anything in a file, attachments of vendors,
+/// unknown sections and metadata do not count. At most `limit` differences are listed; time is linear in the octrees.
+///
+/// # Errors
+/// An octree that is not sound.
+pub fn diff(a: &Octree, b: &Octree, limit: usize) -> Result<Differences, FormatError> {
+    a.sound()?;
+    b.sound()?;
+    let mut compare = Compare { a, b, limit, found: Differences::default(), object: 0 };
+    let counts = (a.objects().len(), b.objects().len());
+    compare.equal(&[], "number of objects", counts.0, counts.1);
+    for object in 0..counts.0.min(counts.1) {
+        compare.object = object;
+        let (first, second) = (&a.objects()[object], &b.objects()[object]);
+        if first.octree_to_mesh != second.octree_to_mesh {
+            let text = |m: &[f64; 16]| format!("{m:?}");
+            compare.add(&[], "transform", text(&first.octree_to_mesh), text(&second.octree_to_mesh));
+        }
+        compare.equal(&[], "levels", first.levels, second.levels);
+        compare.nodes(first.root_slot as u32, second.root_slot as u32);
+    }
+    Ok(compare.found)
+}
+
+struct Compare<'a> {
+    a: &'a Octree,
+    b: &'a Octree,
+    limit: usize,
+    found: Differences,
+    object: usize,
+}
+
+impl Compare<'_> {
+    #[cold]
+    fn add(&mut self, path: &[u8], what: &'static str, first: String, second: String) {
+        self.found.total += 1;
+        if self.found.list.len() < self.limit {
+            let path = path.iter().map(|slot| char::from(b'0' + slot)).collect();
+            self.found.list.push(Difference { object: self.object, path, what, first, second });
+        }
+    }
+
+    fn equal<T: PartialEq + fmt::Debug>(&mut self, path: &[u8], what: &'static str, first: T, second: T) {
+        if first != second {
+            self.add(path, what, format!("{first:?}"), format!("{second:?}"));
+        }
+    }
+
+    /// Walks both octrees side by side. Sound octrees are trees of at most 23 levels: this ends.
+    fn nodes(&mut self, first: u32, second: u32) {
+        // Slots of the descriptors, level of their voxel, its slot in its parent.
+        let mut stack = vec![(first, second, 0usize, 0u8)];
+        let mut path: Vec<u8> = Vec::with_capacity(24);
+        while let Some((first, second, level, slot)) = stack.pop() {
+            path.truncate(level.saturating_sub(1));
+            if level > 0 {
+                path.push(slot);
+            }
+            let (a, b) = (self.a.descriptor(first), self.b.descriptor(second));
+            for child in 0..8u8 {
+                path.push(child);
+                self.voxel(
+                    &path,
+                    (first, a.valid_mask(), a.leaf_mask()),
+                    (second, b.valid_mask(), b.leaf_mask()),
+                    child,
+                );
+                path.pop();
+            }
+            for child in (0..8u8).rev() {
+                if let (Some(a), Some(b)) = (self.a.child(first, child), self.b.child(second, child)) {
+                    stack.push((a, b, level + 1, child));
+                }
+            }
+        }
+    }
+
+    /// Slot, valid and leaf mask of the descriptor in either octree.
+    fn voxel(&mut self, path: &[u8], first: (u32, u8, u8), second: (u32, u8, u8), child: u8) {
+        let kind = |(_, valid, leaf): (u32, u8, u8)| match (valid >> child & 1, leaf >> child & 1) {
+            (0, _) => "nothing",
+            (_, 0) => "a divided voxel",
+            _ => "a leaf",
+        };
+        if kind(first) != kind(second) {
+            self.add(path, "is", kind(first).into(), kind(second).into());
+        }
+        if (first.1 & second.1) >> child & 1 == 0 {
+            return;
+        }
+        let contours = (self.a.contour(first.0, child), self.b.contour(second.0, child));
+        if contours.0 != contours.1 {
+            let text = |c: Option<crate::Contour>| c.map_or("none".into(), |c| format!("{:08x}", c.0));
+            self.add(path, "contour", text(contours.0), text(contours.1));
+        }
+        self.equal(path, "colour", self.a.color(first.0, child), self.b.color(second.0, child));
+        let normal = |octree: &Octree, slot| octree.normal(slot, child).map(|n| n.to_array());
+        self.equal(path, "normal", normal(self.a, first.0), normal(self.b, second.0));
+    }
+}
