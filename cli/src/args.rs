@@ -27,6 +27,8 @@ pub(crate) struct Arguments {
 pub(crate) enum Command {
     Build(Build),
     Info(Info),
+    Dump(Dump),
+    Diff(Diff),
     Validate(Validate),
     Render(Render),
     Bench(Bench),
@@ -79,6 +81,52 @@ pub(crate) struct Build {
 pub(crate) struct Info {
     /// The file
     pub(crate) file: PathBuf,
+    /// As JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// Show what lies where in a file: its tables, a block slot by slot, or a voxel.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  esvo dump sibenik.esvo                     the object and block tables
+  esvo dump sibenik.esvo --block 0           every slot of a block and what it is
+  esvo dump sibenik.esvo --path 0/3/7        the voxels of the descriptor at child slots 0, 3, 7 from the root
+  esvo dump sibenik.esvo --path / --json     those of the root, as JSON")]
+pub(crate) struct Dump {
+    /// The file
+    pub(crate) file: PathBuf,
+    /// A block, by its index in the block table
+    #[arg(long, value_name = "N", conflicts_with = "path")]
+    pub(crate) block: Option<usize>,
+    /// A descriptor or a leaf voxel, by child slots from the root
+    #[arg(long, value_name = "SLOTS")]
+    pub(crate) path: Option<String>,
+    /// The object that the path begins in
+    #[arg(long, value_name = "N", default_value_t = 0, requires = "path")]
+    pub(crate) object: usize,
+    /// As JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// Compare what two files hold, however it is laid out.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Objects, transforms, topology, contours, colours and normals are compared; blocks, pointers, compression, metadata and
+unknown sections are not. Exit code 0: the same octree. 1: not, and the first differences are listed.
+
+Example:
+  esvo diff before.esvo after.esvo")]
+pub(crate) struct Diff {
+    /// A file
+    pub(crate) first: PathBuf,
+    /// Another
+    pub(crate) second: PathBuf,
+    /// List at most so many differences
+    #[arg(long, value_name = "N", default_value_t = 20)]
+    pub(crate) limit: usize,
     /// As JSON
     #[arg(long)]
     pub(crate) json: bool,

@@ -1,0 +1,40 @@
+//! `esvo diff`.
+
+use std::fmt::Write;
+use std::path::Path;
+
+use esvo_format::{Octree, diff};
+
+use crate::args::Diff;
+use crate::fail::{Failure, name_file, print};
+
+pub(crate) fn run(arguments: &Diff) -> Result<(), Failure> {
+    let open = |path: &Path| -> Result<Octree, Failure> {
+        let octree = Octree::open(path).map_err(|e| name_file(path, e))?;
+        octree.sound().map_err(|e| name_file(path, e))?;
+        Ok(octree)
+    };
+    let (first, second) = (open(&arguments.first)?, open(&arguments.second)?);
+    let differences = diff::diff(&first, &second, arguments.limit)?;
+    let text = if arguments.json {
+        serde_json::to_string_pretty(&differences)? + "\n"
+    } else if differences.is_empty() {
+        "the same octree\n".into()
+    } else {
+        let mut text = String::new();
+        for difference in &differences.list {
+            let _ = writeln!(text, "{difference}");
+        }
+        let more = differences.total - differences.list.len() as u64;
+        if more > 0 {
+            let _ = writeln!(text, "and {more} more");
+        }
+        text
+    };
+    let printed = print(&text);
+    if !differences.is_empty() {
+        let names = (arguments.first.display(), arguments.second.display());
+        return Err(format!("{} and {} differ in {} places", names.0, names.1, differences.total).into());
+    }
+    printed
+}
