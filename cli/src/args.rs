@@ -30,6 +30,7 @@ pub(crate) enum Command {
     Dump(Dump),
     Diff(Diff),
     Validate(Validate),
+    Convert(Convert),
     Render(Render),
     Bench(Bench),
 }
@@ -145,6 +146,27 @@ pub(crate) struct Validate {
     /// As JSON
     #[arg(long)]
     pub(crate) json: bool,
+}
+
+/// Convert between .esvo and the paper authors' .oct, or rewrite an .esvo.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+What a file is, its extension says. Contours, and colours and normals in blocks, are carried over bit for bit; what the other
+kind of file cannot hold is listed.
+
+Examples:
+  esvo convert sibenik.oct -o sibenik.esvo
+  esvo convert sibenik.esvo -o sibenik.oct
+  esvo convert sibenik.esvo -o small.esvo --compress")]
+pub(crate) struct Convert {
+    /// The file to read: .esvo or .oct
+    pub(crate) input: PathBuf,
+    /// The file to write: .esvo or .oct
+    #[arg(short, long, value_name = "FILE")]
+    pub(crate) output: PathBuf,
+    /// Compress the blocks of an .esvo with Zstandard, at this level, 1 to 22
+    #[arg(long, value_name = "LEVEL", num_args = 0..=1, default_missing_value = "3", value_parser = clap::value_parser!(i32).range(1..=22))]
+    pub(crate) compress: Option<i32>,
 }
 
 /// Render a picture of an octree.

@@ -3,6 +3,7 @@
 mod args;
 mod bench;
 mod build;
+mod convert;
 mod diff;
 mod dump;
 mod fail;
@@ -24,6 +25,7 @@ fn main() -> ExitCode {
         Command::Dump(arguments) => dump::run(&arguments),
         Command::Diff(arguments) => diff::run(&arguments),
         Command::Validate(arguments) => validate::run(&arguments),
+        Command::Convert(arguments) => convert::run(&arguments),
         Command::Render(arguments) => render::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
     };
