@@ -74,7 +74,10 @@ impl<R: Read + Seek> Clusters<R> {
         }
         let table_words = u64::from(chunk_count) * CHUNK_WORDS + u64::from(clusters);
         let master = (HEADER_WORDS + table_words) * 4;
-        if cluster_bytes == 0 || u64::from(clusters) * u64::from(cluster_bytes) > length || master > length {
+        if !(64..=1 << 30).contains(&cluster_bytes) {
+            return Err(fault("start", format!("clusters of {cluster_bytes} bytes")));
+        }
+        if u64::from(clusters) * u64::from(cluster_bytes) > length || master > length {
             return Err(short(&format!("{chunk_count} chunks in {clusters} clusters of {cluster_bytes} bytes")));
         }
         let mut table = vec![0; table_words as usize * 4];

@@ -36,3 +36,68 @@ pub(super) fn merge(mut octrees: Vec<Octree>) -> Result<Octree, FormatError> {
     }
     Octree::from_parts(objects, blocks, image)
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::{DMat4, DVec3};
+
+    use super::*;
+    use crate::{AssembleOptions, Contour, RawNormal, Tree, Voxel, assemble, oct, validate};
+
+    /// A chain of nodes with two leaves beside each, in as many blocks as it takes.
+    fn chain(nodes: u8, colors: bool) -> Octree {
+        let mut tree = Tree::default();
+        let voxel = |k: u8, leaf| Voxel {
+            color: colors.then_some([k, 255 - k, 7]),
+            normal: colors.then_some(RawNormal(u32::from(k) << 14)),
+            contour: (k % 3 == 0).then_some(Contour(0x1234_5678 + u32::from(k))),
+            leaf,
+        };
+        let opened: Vec<usize> = (0..nodes)
+            .map(|k| {
+                let mut children = [None; 8];
+                children[usize::from(k % 8)] = Some(voxel(k, true));
+                children[usize::from((k + 5) % 8)] = Some(voxel(k + 200, true));
+                if k + 1 < nodes {
+                    children[usize::from((k + 3) % 8)] = Some(voxel(k + 100, false));
+                }
+                tree.open(&children)
+            })
+            .collect();
+        opened.into_iter().rev().for_each(|index| tree.close(index));
+        let transform = DMat4::from_translation(DVec3::splat(f64::from(nodes)));
+        assemble(&tree, transform, &AssembleOptions { block_slots: 64, near_limit: 1 }).expect("a well-formed tree")
+    }
+
+    /// Everything that can be told of the voxels of an object.
+    fn contents(octree: &Octree, object: usize) -> Vec<String> {
+        let mut stack = vec![octree.objects()[object].root_slot as u32];
+        let mut found = vec![format!("{}", octree.octree_to_mesh(object))];
+        while let Some(slot) = stack.pop() {
+            for child in (0..8).filter(|child| octree.descriptor(slot).valid_mask() >> child & 1 != 0) {
+                let (contour, below) = (octree.contour(slot, child), octree.child(slot, child));
+                let (color, normal) = (octree.color(slot, child), octree.normal(slot, child));
+                found.push(format!("{child} {} {contour:?} {color:?} {normal:?}", below.is_some()));
+                stack.extend(below);
+            }
+        }
+        found
+    }
+
+    #[test]
+    fn objects_stay_what_they_are() {
+        let octrees = || vec![chain(20, true), chain(1, false), chain(23, true)];
+        let merged = merge(octrees()).expect("three octrees");
+        assert!(merged.blocks().len() > 4, "more blocks than objects");
+        assert!(validate(&merged).is_ok(), "{:?}", validate(&merged).findings);
+        let mut bytes = Vec::new();
+        let lost = oct::write_to(&merged, &mut bytes).expect("a sound octree");
+        assert!(lost.is_empty(), "{lost:?}");
+        let back = oct::from_bytes(&bytes).expect("our own file");
+        assert!(back.lost.is_empty(), "{:?}", back.lost);
+        for (index, octree) in octrees().iter().enumerate() {
+            assert_eq!(contents(&merged, index), contents(octree, 0), "merged object {index}");
+            assert_eq!(contents(&back.octree, index), contents(octree, 0), "object {index}, there and back");
+        }
+    }
+}

@@ -26,7 +26,7 @@ mod slice;
 mod values;
 
 use std::fs::File;
-use std::io::{BufReader, Cursor, Write};
+use std::io::{Cursor, Write};
 use std::path::Path;
 
 use crate::{FormatError, Octree};
@@ -52,7 +52,7 @@ pub fn open(path: &Path) -> Result<Imported, FormatError> {
         return Err(FormatError::io(path, std::io::Error::other("not a regular file")));
     }
     let file = File::open(path).map_err(|e| FormatError::io(path, e))?;
-    import::import(clusters::Clusters::open(BufReader::new(file), path)?)
+    import::import(clusters::Clusters::open(file, path)?)
 }
 
 /// Reads an `.oct` file that is in memory.
