@@ -50,7 +50,7 @@ mod tests {
         let voxel = |k: u8, leaf| Voxel {
             color: colors.then_some([k, 255 - k, 7]),
             normal: colors.then_some(RawNormal(u32::from(k) << 14)),
-            contour: (k % 3 == 0).then_some(Contour(0x1234_5678 + u32::from(k))),
+            contour: k.is_multiple_of(3).then_some(Contour(0x1234_5678 + u32::from(k))),
             leaf,
         };
         let opened: Vec<usize> = (0..nodes)
