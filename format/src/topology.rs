@@ -4,6 +4,7 @@
 use std::ops::ControlFlow;
 
 use crate::file::{BlockEntry, FIRST_SLOT, NO_PARENT, ObjectEntry, PAGE_SLOTS};
+use crate::octree::BlockParts;
 use crate::{Broken, ChildDescriptor, Octree, ids};
 
 /// A descriptor on the way.
@@ -56,6 +57,26 @@ impl Bits {
         *word |= bit;
         free
     }
+
+    /// Adds `count` consecutive elements, at most 64. If one was in already, adds none and returns the first such.
+    pub(crate) fn insert_run(&mut self, first: usize, count: u32) -> Option<usize> {
+        let (word, shift) = (first / 64, first as u32 % 64);
+        let mask = u64::MAX.checked_shr(64 - count).unwrap_or(0);
+        let (low, high) = (mask << shift, if shift + count > 64 { mask >> (64 - shift) } else { 0 });
+        let taken = self.0[word] & low;
+        if taken != 0 {
+            return Some(word * 64 + taken.trailing_zeros() as usize);
+        }
+        if high != 0 {
+            let taken = self.0[word + 1] & high;
+            if taken != 0 {
+                return Some((word + 1) * 64 + taken.trailing_zeros() as usize);
+            }
+            self.0[word + 1] |= high;
+        }
+        self.0[word] |= low;
+        None
+    }
 }
 
 /// What a walk leaves behind.
@@ -71,7 +92,8 @@ pub(crate) struct Walked {
 /// Time is linear in the number of descriptors and memory is a bit per slot: no slot is entered twice, and no path is
 /// longer than 23 levels.
 pub(crate) fn walk(octree: &Octree, visitor: &mut impl Visitor) -> Walked {
-    let mut walk = Walk { octree, visitor, claimed: Bits::new(octree.slots().len()), complete: true };
+    let (slots, parts) = (octree.slots(), octree.parts());
+    let mut walk = Walk { octree, slots, parts, visitor, claimed: Bits::new(slots.len()), complete: true };
     for (index, object) in octree.objects().iter().enumerate() {
         if walk.object(index, object).is_break() {
             walk.complete = false;
@@ -83,6 +105,9 @@ pub(crate) fn walk(octree: &Octree, visitor: &mut impl Visitor) -> Walked {
 
 struct Walk<'a, V> {
     octree: &'a Octree,
+    /// Those of the octree, at hand.
+    slots: &'a [u64],
+    parts: &'a [BlockParts],
     visitor: &'a mut V,
     claimed: Bits,
     complete: bool,
@@ -110,7 +135,7 @@ impl<V: Visitor> Walk<'_, V> {
         };
         if self.octree.blocks().get(object.root_block as usize).filter(is_root).is_none() {
             let what = format!("is not the first descriptor of block {}, root of object {index}", object.root_block);
-            return self.fail(ids::OBJECT_ROOT, object.root_slot.min(self.octree.slots().len() as u64), what);
+            return self.fail(ids::OBJECT_ROOT, object.root_slot.min(self.slots.len() as u64), what);
         }
         let root = Step { slot: object.root_slot as u32, block: object.root_block, level: 1, position: [0; 3] };
         if !self.claim(root.slot, 1, root.block)? {
@@ -120,14 +145,15 @@ impl<V: Visitor> Walk<'_, V> {
         while let Some(step) = stack.pop() {
             let Some((first, block)) = self.step(index, object, &step)? else { continue };
             let size = 1 << (23 - step.level);
-            let mut slot = first;
-            for child in 0..8 {
-                if self.octree.descriptor(step.slot).nonleaf_mask() >> child & 1 != 0 {
-                    let half = |axis: usize| if child >> axis & 1 != 0 { size } else { 0 };
-                    let position = std::array::from_fn(|axis| step.position[axis] + half(axis));
-                    stack.push(Step { slot, block, level: step.level + 1, position });
-                    slot += 1;
-                }
+            let mut left = ChildDescriptor(self.slots[step.slot as usize]).nonleaf_mask();
+            let mut slot = first + left.count_ones();
+            // The last goes on the stack first: the first is looked at next, and what is below it lies behind it.
+            while left != 0 {
+                let child = left.ilog2();
+                left ^= 1 << child;
+                slot -= 1;
+                let position = std::array::from_fn(|axis| step.position[axis] + (child >> axis & 1) * size);
+                stack.push(Step { slot, block, level: step.level + 1, position });
             }
         }
         ControlFlow::Continue(())
@@ -137,7 +163,7 @@ impl<V: Visitor> Walk<'_, V> {
     fn step(&mut self, index: usize, object: &ObjectEntry, step: &Step) -> ControlFlow<(), Option<(u32, u32)>> {
         let none = ControlFlow::Continue(None);
         let at = u64::from(step.slot);
-        let descriptor = self.octree.descriptor(step.slot);
+        let descriptor = ChildDescriptor(self.slots[step.slot as usize]);
         let (valid, leaf, contours) = (descriptor.valid_mask(), descriptor.leaf_mask(), descriptor.contour_mask());
         if leaf & !valid != 0 || valid == 0 {
             self.fail(ids::CHILD_LEAF_MASK, at, format!("valid mask {valid:08b}, leaf mask {leaf:08b}"))?;
@@ -151,7 +177,7 @@ impl<V: Visitor> Walk<'_, V> {
         if contours & !valid != 0 {
             self.fail(ids::CONTOUR_MASK, at, format!("valid mask {valid:08b}, contour mask {contours:08b}"))?;
         } else if contours != 0 {
-            let parts = &self.octree.parts()[step.block as usize];
+            let parts = &self.parts[step.block as usize];
             let first = step.slot as usize * 2 + descriptor.contour_ptr() as usize;
             let end = first + contours.count_ones() as usize;
             if first < parts.contour_words || end > parts.contour_words + parts.contour_count as usize {
@@ -171,7 +197,7 @@ impl<V: Visitor> Walk<'_, V> {
             return none;
         }
         let Some((first, block)) = self.first_child(step, descriptor)? else { return none };
-        let parts = &self.octree.parts()[block as usize];
+        let parts = &self.parts[block as usize];
         if u64::from(first) + u64::from(count) > u64::from(parts.start + parts.array_slots) {
             self.fail(ids::CHILD_RANGE, at, format!("{count} children at slot {first} leave the descriptor array"))?;
             return none;
@@ -192,7 +218,7 @@ impl<V: Visitor> Walk<'_, V> {
     fn first_child(&mut self, step: &Step, descriptor: ChildDescriptor) -> ControlFlow<(), Option<(u32, u32)>> {
         let none = ControlFlow::Continue(None);
         let at = u64::from(step.slot);
-        let parts = &self.octree.parts()[step.block as usize];
+        let parts = &self.parts[step.block as usize];
         let array_end = u64::from(parts.start + parts.array_slots);
         let near = at + u64::from(descriptor.child_ptr());
         if descriptor.child_ptr() == 0 || near >= array_end {
@@ -206,7 +232,7 @@ impl<V: Visitor> Walk<'_, V> {
         if !self.claim(near as u32, 1, step.block)? {
             return none;
         }
-        let distance = self.octree.slots()[near as usize];
+        let distance = self.slots[near as usize];
         if distance == 0 || distance > u64::from(u32::MAX) {
             self.fail(ids::CHILD_FAR, near, format!("far pointer {distance:#x}"))?;
             return none;
@@ -218,7 +244,7 @@ impl<V: Visitor> Walk<'_, V> {
         }
         let blocks = self.octree.blocks();
         let found = blocks.partition_point(|b| b.image_offset / 8 <= target).wrapping_sub(1);
-        if found == step.block as usize || target >= self.octree.slots().len() as u64 {
+        if found == step.block as usize || target >= self.slots.len() as u64 {
             self.fail(ids::CHILD_RANGE, near, format!("leads to slot {target}, in no descriptor array"))?;
             return none;
         }
@@ -240,16 +266,14 @@ impl<V: Visitor> Walk<'_, V> {
             return ControlFlow::Continue(false);
         }
         let page = first - in_page;
-        let header = self.octree.slots()[page as usize];
-        let parts = &self.octree.parts()[block as usize];
+        let header = self.slots[page as usize];
+        let parts = &self.parts[block as usize];
         if header != u64::from(parts.start + parts.array_slots - page) {
             self.note(ids::PAGE_HEADER, page.into(), format!("page header {header:#x}"))?;
         }
-        for slot in first..first + count {
-            if !self.claimed.insert(slot as usize) {
-                self.fail(ids::CHILD_ONCE, slot.into(), "is referred to twice".into())?;
-                return ControlFlow::Continue(false);
-            }
+        if let Some(slot) = self.claimed.insert_run(first as usize, count) {
+            self.fail(ids::CHILD_ONCE, slot as u64, "is referred to twice".into())?;
+            return ControlFlow::Continue(false);
         }
         ControlFlow::Continue(true)
     }

@@ -146,13 +146,13 @@ fn check(octree: &Octree, report: &mut Report) {
     check_table_order(octree, report);
     let mut walker = Walker::new(octree, std::mem::take(report));
     let walked = walk(octree, &mut walker);
-    let Walker { report: found, tallies, reached, descriptors, contours, .. } = walker;
+    let Walker { report: found, tallies, reached, far_pointers, contours, .. } = walker;
     *report = found;
     if walked.complete {
         check_tallies(octree, &tallies, report);
     }
     for (index, parts) in octree.parts().iter().enumerate() {
-        let blocks = BlockCheck { octree, index, parts, walked: &walked, descriptors: &descriptors };
+        let blocks = BlockCheck { octree, index, parts, walked: &walked, far_pointers: &far_pointers };
         blocks.page_headers(report);
         blocks.contour_values(&contours, reached.has(index), report);
         blocks.attachments(reached.has(index), report);
@@ -221,8 +221,10 @@ struct Walker<'a> {
     object: usize,
     /// Blocks that were entered, and root blocks.
     reached: Bits,
-    /// Slots that hold a descriptor.
-    descriptors: Bits,
+    /// The block of the last descriptor.
+    block: u32,
+    /// Slots that hold a far pointer.
+    far_pointers: Bits,
     /// Words of the image that hold a contour of some voxel.
     contours: Bits,
 }
@@ -235,7 +237,8 @@ impl<'a> Walker<'a> {
             tallies: vec![Tally::default(); octree.objects().len()],
             object: 0,
             reached: Bits::new(octree.blocks().len()),
-            descriptors: Bits::new(octree.slots().len()),
+            block: NO_PARENT,
+            far_pointers: Bits::new(octree.slots().len()),
             contours: Bits::new(octree.words().len()),
         }
     }
@@ -249,9 +252,10 @@ impl Visitor for Walker<'_> {
 
     fn descriptor(&mut self, object: u32, step: &Step, descriptor: ChildDescriptor) {
         self.object = object as usize;
-        self.descriptors.insert(step.slot as usize);
-        // Marks root blocks; the others have been entered.
-        self.reached.insert(step.block as usize);
+        if self.block != step.block {
+            self.reached.insert(step.block as usize);
+            self.block = step.block;
+        }
         let tally = &mut self.tallies[self.object];
         tally.levels = tally.levels.max(step.level);
         tally.descriptors += 1;
@@ -260,16 +264,15 @@ impl Visitor for Walker<'_> {
     }
 
     fn contours(&mut self, step: &Step, first: usize, count: u32) -> ControlFlow<()> {
-        for word in first..first + count as usize {
-            if !self.contours.insert(word) {
-                let what = format!("the contour is one of descriptor {} and of another", step.slot);
-                self.report.add(Broken::new(ids::CONTOUR_ONCE, self.octree.offset(word as u64 * 4), what));
-            }
+        if let Some(word) = self.contours.insert_run(first, count) {
+            let what = format!("the contour is one of descriptor {} and of another", step.slot);
+            self.report.add(Broken::new(ids::CONTOUR_ONCE, self.octree.offset(word as u64 * 4), what));
         }
         ControlFlow::Continue(())
     }
 
-    fn far_pointer(&mut self, _slot: u32) {
+    fn far_pointer(&mut self, slot: u32) {
+        self.far_pointers.insert(slot as usize);
         self.tallies[self.object].far_pointers += 1;
     }
 
@@ -316,7 +319,7 @@ struct BlockCheck<'a> {
     index: usize,
     parts: &'a BlockParts,
     walked: &'a Walked,
-    descriptors: &'a Bits,
+    far_pointers: &'a Bits,
 }
 
 impl BlockCheck<'_> {
@@ -344,9 +347,10 @@ impl BlockCheck<'_> {
     }
 
     fn unused_slots(&self, report: &mut Report) {
-        for slot in self.array() {
-            let used = slot % PAGE_SLOTS == 0 || self.walked.claimed.has(slot as usize);
-            if !used && self.octree.slots()[slot as usize] != 0 {
+        let array = self.array();
+        let values = &self.octree.slots()[array.start as usize..array.end as usize];
+        for (slot, value) in array.zip(values) {
+            if *value != 0 && slot % PAGE_SLOTS != 0 && !self.walked.claimed.has(slot as usize) {
                 let what = format!("slot {slot} is in no use, but not zero");
                 self.add(report, ids::INFO_RESERVED, u64::from(slot) * 8, &what);
             }
@@ -355,9 +359,10 @@ impl BlockCheck<'_> {
 
     fn contour_values(&self, used: &Bits, reached: bool, report: &mut Report) {
         let pool = self.parts.contour_words..self.parts.contour_words + self.parts.contour_count as usize;
-        for word in pool {
+        let values = &self.octree.words()[pool.clone()];
+        for (word, value) in pool.zip(values) {
             // The fields of the normal are the low 18 bits.
-            if self.octree.words()[word] << 14 == 0 {
+            if value << 14 == 0 {
                 self.add(report, ids::CONTOUR_NORMAL, word as u64 * 4, "a contour has no normal");
             }
             if self.walked.complete && reached && !used.has(word) {
@@ -394,7 +399,8 @@ impl BlockCheck<'_> {
         let words = &self.octree.words()[(at / 4) as usize..];
         let array = self.array();
         for (pair, words) in array.clone().step_by(2).zip(words.chunks_exact(words_per_pair)) {
-            let used = (pair..array.end).take(2).any(|slot| self.descriptors.has(slot as usize));
+            let descriptor = |slot: usize| self.walked.claimed.has(slot) && !self.far_pointers.has(slot);
+            let used = (pair..array.end).take(2).any(|slot| descriptor(slot as usize));
             if !used && words.iter().any(|w| *w != 0) {
                 let at = at + u64::from(pair - array.start) / 2 * words_per_pair as u64 * 4;
                 let what = format!("attachment {kind} has values for the pair at slot {pair}, which has no descriptor");
