@@ -18,7 +18,18 @@ use clap::Parser;
 use args::{Arguments, Command};
 use fail::{Failure, complain};
 
+/// Keeps Mesa's device-select layer from asking a window system that is not there: it complains on standard error, in
+/// words that read as if they were ours. Whoever uses the layer to choose a device keeps it.
+fn quiet_device_selection() {
+    let is_set = |name| std::env::var_os(name).is_some();
+    if !is_set("XDG_RUNTIME_DIR") && !is_set("MESA_VK_DEVICE_SELECT") {
+        // SAFETY: nothing but `main` runs yet, so no other thread reads the environment.
+        unsafe { std::env::set_var("NODEVICE_SELECT", "1") };
+    }
+}
+
 fn main() -> ExitCode {
+    quiet_device_selection();
     let result = match Arguments::parse().command {
         Command::Build(arguments) => build::run(&arguments),
         Command::Info(arguments) => info::run(&arguments),
