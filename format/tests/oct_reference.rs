@@ -3,6 +3,7 @@
 
 mod common;
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use common::oct::{contents, damage, same};
@@ -89,22 +90,68 @@ fn what_is_exported_is_what_was_imported() {
     }
 }
 
-/// An independent reader of one thing: the words of the blocks of a slice, found by the header alone.
-fn words(path: &PathBuf, slice: u32, kind: u32) -> Vec<u32> {
-    let bytes = std::fs::read(path).unwrap();
-    let file: Vec<u32> = bytes.as_chunks().0.iter().map(|w| u32::from_le_bytes(*w)).collect();
-    let entry = (0..file[5] as usize).map(|k| &file[7 + 6 * k..][..6]).find(|e| e[..2] == [2, slice]).unwrap();
-    let start = (entry[2] * file[4] / 4) as usize;
-    let chunk = &file[start..][..(entry[5] / 4) as usize];
-    let list = &chunk[chunk[10] as usize..][..3 * chunk[9] as usize];
-    let found = list.chunks(3).find(|a| a[0] == kind).unwrap();
-    chunk[found[1] as usize..][..found[2] as usize].to_vec()
+/// A slice as it stands in a file, but for gaps.
+#[derive(Debug, PartialEq)]
+struct Parts {
+    place: Vec<u32>,
+    entries: Vec<u32>,
+    split: Vec<bool>,
+    masks: Vec<u8>,
+    /// By type.
+    attachments: BTreeMap<u32, Vec<u32>>,
+}
+
+/// A second reader, which shares nothing with the first.
+fn slices(bytes: &[u8]) -> BTreeMap<u32, Parts> {
+    let words = |bytes: &[u8]| -> Vec<u32> { bytes.as_chunks().0.iter().map(|w| u32::from_le_bytes(*w)).collect() };
+    let file = words(bytes);
+    let (clusters, cluster_bytes, chunks) = (file[3] as usize, file[4] as usize, file[5] as usize);
+    let next = &file[7 + 6 * chunks..][..clusters];
+    let mut slices = BTreeMap::new();
+    for entry in file[7..].chunks(6).take(chunks).filter(|entry| entry[0] == 2) {
+        let mut chunk = Vec::new();
+        let mut cluster = entry[2] as usize;
+        while cluster != 0x7fff_ffff {
+            chunk.extend_from_slice(&bytes[cluster * cluster_bytes..][..cluster_bytes]);
+            cluster = next[cluster] as usize;
+        }
+        let w = words(&chunk);
+        let part = |count: usize, offset: usize| &w[w[offset] as usize..][..count];
+        let (voxels, nodes) = (w[11] as usize, w[13] as usize);
+        let split = part(voxels.div_ceil(32), 12);
+        let attachments = part(3 * w[9] as usize, 10).chunks(3);
+        let slice = Parts {
+            place: w[..7].to_vec(),
+            entries: part(w[7] as usize, 8).to_vec(),
+            split: (0..voxels).map(|voxel| split[voxel / 32] >> (voxel % 32) & 1 != 0).collect(),
+            masks: chunk[4 * w[14] as usize..][..nodes].to_vec(),
+            attachments: attachments.map(|a| (a[0], w[a[1] as usize..][..a[2] as usize].to_vec())).collect(),
+        };
+        slices.insert(entry[1], slice);
+    }
+    slices
+}
+
+/// What their builder wrote, our writer writes again: every slice with every word in it.
+#[test]
+fn files_come_back_slice_by_slice() {
+    for (name, ..) in &FILES[..2] {
+        let Some(path) = file(name) else { continue };
+        let mut bytes = Vec::new();
+        oct::write_to(&oct::open(&path).unwrap().octree, &mut bytes).unwrap();
+        let (theirs, ours) = (slices(&std::fs::read(path).unwrap()), slices(&bytes));
+        assert_eq!(theirs.len(), ours.len());
+        for (id, slice) in &theirs {
+            assert_eq!(Some(slice), ours.get(id), "{name}, slice {id}");
+        }
+    }
 }
 
 #[test]
 fn blocks_and_contours_are_carried_over_bit_by_bit() {
     let Some(path) = file("sibenik_L7_contours_dxt") else { return };
     let octree = oct::open(&path).unwrap().octree;
+    let slice = slices(&std::fs::read(&path).unwrap());
     let root = octree.objects()[0].root_slot as u32;
     let parts = &octree.parts()[0];
     let attachment = |kind: u32| (parts.attachments.iter().find(|a| a.0 == kind).unwrap().1 / 4) as usize;
@@ -114,13 +161,13 @@ fn blocks_and_contours_are_carried_over_bit_by_bit() {
         [color, &octree.words()[attachment(2) + 4 * pair..][..4]].concat()
     };
     // Slice 0 is the root, slice 1 its eight children; none of these is a leaf.
-    assert_eq!(words(&path, 0, 1), block(root));
+    assert_eq!(slice[&0].attachments[&1], block(root));
     let pairs: Vec<u32> = (0..8).step_by(2).flat_map(|k| block(octree.child(root, k).unwrap())).collect();
-    assert_eq!(words(&path, 1, 1), pairs);
+    assert_eq!(slice[&1].attachments[&1], pairs);
     let contours: Vec<u32> = (0..8).map(|k| octree.contour(root, k).unwrap().0).collect();
-    assert_eq!(words(&path, 0, 6)[1..], contours);
+    assert_eq!(slice[&0].attachments[&6][1..], contours);
     let second = octree.child(root, 1).unwrap();
-    let table = words(&path, 1, 6);
+    let table = &slice[&1].attachments[&6];
     let first = octree.contour(second, octree.descriptor(second).contour_mask().trailing_zeros() as u8).unwrap();
     assert_eq!(table[(table[1] >> 8) as usize], first.0);
 }

@@ -11,10 +11,10 @@ use super::slice::{COMPLETE, NewSlice, Place, entry};
 use crate::file::attachment;
 use crate::{BlockParts, ColorBlock, FormatError, NormalBlock, Octree};
 
-/// A slice of more voxels is divided.
-const SLICE_VOXELS: usize = 49152;
-/// So is one whose voxels, those above them and those that may come below might not fit a block in the authors' memory,
-/// where contour pointers have 24 bits and a voxel takes up to 17 words.
+/// Voxels that the authors' builder wants in a slice on average.
+const SLICE_VOXELS: f64 = 49152.0;
+/// A cube is divided if its voxels, those above them and those that may come below might not fit a block in the authors'
+/// memory, where contour pointers have 24 bits and a voxel takes up to 17 words.
 const BLOCK_VOXELS: usize = (1 << 24) / 17;
 /// Cubes of lower levels are always divided, as the authors' builder does.
 const DIVIDED_LEVELS: usize = 2;
@@ -162,8 +162,14 @@ impl Exporter<'_> {
             Some(layer) if layer.slots[voxels(level + 1)].iter().any(|slot| *slot != LEAF) => voxels(level + 1).len(),
             _ => return entries.push(entry::NONE),
         };
+        // As the authors' builder decides, so that a file of theirs comes back in the same slices. Any choice is valid.
         let all = || (cube.level..=level + 1).map(|at| voxels(at).len()).sum::<usize>() + 8 * next;
-        let large = cube.level < DIVIDED_LEVELS || next > SLICE_VOXELS || all() > BLOCK_VOXELS;
+        let uneven = || {
+            let octants = voxels(cube.level + 1).filter(|v| !range(layers, cube.level + 1, *v, level + 1).is_empty());
+            let n = octants.count() as f64;
+            n < 2.0 || 4.0 * next as f64 > SLICE_VOXELS * n * n.ln() / (n - 1.0)
+        };
+        let large = cube.level < DIVIDED_LEVELS || all() > BLOCK_VOXELS || uneven();
         if level - cube.level <= 1 || !large {
             let place = Place { voxel_scale: 22 - level as u32, ..cube.place };
             entries.push(self.slices as i32);

@@ -118,9 +118,9 @@ fn import_object<R: Read + Seek>(
         if source == Some(kind::CORNERS) {
             lose("colours and normals at corners became those in the middles of voxels".into());
         }
-        let (color, angle) = block_error(&tree, &octree);
+        let (color, angle, mean) = block_error(&tree, &octree);
         lose(format!(
-            "a colour and a normal for every voxel became blocks: channels are up to {color:.1} steps of 255 off, normals up to {angle:.1} degrees"
+            "a colour and a normal for every voxel became blocks: channels are up to {color:.1} steps of 255 off, normals up to {angle:.1} degrees and {mean:.2} on average"
         ));
         let opaque = |color: &u32| color >> 24 == 255 || source == Some(kind::CORNERS) && color >> 24 == 0;
         if !layers.values.iter().step_by(2).all(opaque) {

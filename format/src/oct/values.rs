@@ -82,9 +82,10 @@ fn channels(color: u32) -> [u8; 3] {
 }
 
 /// How far the blocks of an octree are from the values in the tree that it was made from: the largest difference of a
-/// colour channel in steps of 1/255, and the largest angle between normals in degrees.
-pub(super) fn block_error(tree: &Tree, octree: &Octree) -> (f32, f32) {
+/// colour channel in steps of 1/255, the largest angle between normals in degrees, and the mean of these angles.
+pub(super) fn block_error(tree: &Tree, octree: &Octree) -> (f32, f32, f64) {
     let mut worst = (0.0f32, 0.0f32);
+    let mut sum = 0.0;
     let mut stack = vec![(0, octree.objects()[0].root_slot as u32)];
     while let Some((index, slot)) = stack.pop() {
         let node = &tree.nodes[index];
@@ -96,10 +97,12 @@ pub(super) fn block_error(tree: &Tree, octree: &Octree) -> (f32, f32) {
                 }
             }
             if let (Some(exact), Some(found)) = (tree.normals.get(voxel), octree.normal(slot, child)) {
-                worst.1 = worst.1.max(exact.decode().angle_between(found).to_degrees());
+                let angle = exact.decode().angle_between(found).to_degrees();
+                worst.1 = worst.1.max(angle);
+                sum += f64::from(angle);
             }
         }
         stack.extend(tree.children(index).filter_map(|(child, index)| Some((index, octree.child(slot, child)?))));
     }
-    worst
+    (worst.0, worst.1, sum / tree.voxels() as f64)
 }
