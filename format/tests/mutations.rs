@@ -133,7 +133,7 @@ fn mutate_once(seeds: &[(String, Vec<u8>)], rng: &mut Rng) -> bool {
     // Most mutations should get past the checksums.
     if rng.chance(200) {
         let mut file = File(bytes);
-        seal(&mut file);
+        file.seal_whatever_is_there();
         bytes = file.0;
     }
     survive_in_time(&bytes, &|| format!("{name} from state {state:#x}"))
@@ -184,47 +184,4 @@ fn mutate(bytes: &mut Vec<u8>, seeds: &[(String, Vec<u8>)], rng: &mut Rng) {
 fn put(bytes: &mut [u8], at: usize, new: &[u8]) {
     let end = (at + new.len()).min(bytes.len());
     bytes[at..end].copy_from_slice(&new[..end - at]);
-}
-
-/// Puts right every checksum that can be found, wherever the tables may lead.
-fn seal(file: &mut File) {
-    let length = file.0.len();
-    if length < 64 {
-        return;
-    }
-    file.set_u64(32, length as u64);
-    let (directory, count) = (file.u64(40) as usize, file.sections().min(1024));
-    let inside = |at: usize, size: usize| at.checked_add(size).is_some_and(|end| end <= length);
-    if inside(directory, 32 * count) {
-        let entries: Vec<usize> = (0..count).map(|i| directory + 32 * i).collect();
-        let range = |file: &File, at: usize| (file.u64(at + 8) as usize, file.u64(at + 16) as usize);
-        let tables = entries.iter().filter(|at| &file.0[**at..**at + 4] == b"BLKT");
-        for (start, bytes) in tables.map(|at| range(file, *at)).collect::<Vec<_>>() {
-            if inside(start, bytes) {
-                seal_blocks(file, start, bytes / 72);
-            }
-        }
-        for at in entries {
-            let (start, bytes) = range(file, at);
-            if inside(start, bytes) {
-                let own = file.u32(at + 4) & 2 != 0;
-                let crc = if own { 0 } else { crc32fast::hash(&file.0[start..start + bytes]) };
-                file.set_u32(at + 24, crc);
-            }
-        }
-        let crc = crc32fast::hash(&file.0[directory..directory + 32 * count]);
-        file.set_u32(52, crc);
-    }
-    let crc = crc32fast::hash(&file.0[..60]);
-    file.set_u32(60, crc);
-}
-
-fn seal_blocks(file: &mut File, table: usize, count: usize) {
-    for at in (0..count.min(64)).map(|i| table + 72 * i) {
-        let (start, bytes) = (file.u64(at + 40) as usize, file.u64(at + 48) as usize);
-        if let Some(stored) = start.checked_add(bytes).and_then(|end| file.0.get(start..end)) {
-            let crc = crc32fast::hash(stored);
-            file.set_u32(at + 60, crc);
-        }
-    }
 }

@@ -86,12 +86,7 @@ impl File {
 
     pub(crate) fn seal_blocks(&mut self) {
         for index in 0..self.blocks() {
-            let at = self.block(index);
-            let (start, length) = (self.u64(at + 40) as usize, self.u64(at + 48) as usize);
-            if let Some(bytes) = start.checked_add(length).and_then(|end| self.0.get(start..end)) {
-                let crc = crc32fast::hash(bytes);
-                self.set_u32(at + 60, crc);
-            }
+            self.seal_block(self.block(index));
         }
     }
 
@@ -113,5 +108,46 @@ impl File {
         }
         let crc = crc32fast::hash(&self.0[..60]);
         self.set_u32(60, crc);
+    }
+
+    /// Puts right every checksum that can be found, wherever the tables of a damaged file may lead.
+    pub(crate) fn seal_whatever_is_there(&mut self) {
+        let length = self.0.len();
+        if length < 64 {
+            return;
+        }
+        self.set_u64(32, length as u64);
+        let (directory, count) = (self.u64(40) as usize, self.sections().min(1024));
+        let inside = |at: usize, size: usize| at.checked_add(size).is_some_and(|end| end <= length);
+        if inside(directory, ENTRY * count) {
+            let entries: Vec<usize> = (0..count).map(|i| directory + ENTRY * i).collect();
+            for &at in &entries {
+                let (start, bytes) = (self.u64(at + 8) as usize, self.u64(at + 16) as usize);
+                if &self.0[at..at + 4] == b"BLKT" && inside(start, bytes) {
+                    (0..bytes / 72).take(64).for_each(|i| self.seal_block(start + 72 * i));
+                }
+            }
+            for at in entries {
+                let (start, bytes) = (self.u64(at + 8) as usize, self.u64(at + 16) as usize);
+                if inside(start, bytes) {
+                    let own = self.u32(at + 4) & 2 != 0;
+                    let crc = if own { 0 } else { crc32fast::hash(&self.0[start..start + bytes]) };
+                    self.set_u32(at + 24, crc);
+                }
+            }
+            let crc = crc32fast::hash(&self.0[directory..directory + ENTRY * count]);
+            self.set_u32(52, crc);
+        }
+        let crc = crc32fast::hash(&self.0[..60]);
+        self.set_u32(60, crc);
+    }
+
+    /// Puts right the checksum of the block whose entry is at `at`.
+    fn seal_block(&mut self, at: usize) {
+        let (start, length) = (self.u64(at + 40) as usize, self.u64(at + 48) as usize);
+        if let Some(bytes) = start.checked_add(length).and_then(|end| self.0.get(start..end)) {
+            let crc = crc32fast::hash(bytes);
+            self.set_u32(at + 60, crc);
+        }
     }
 }
