@@ -230,9 +230,12 @@ impl View {
 
     /// Where the rays of a pixel may start: the least value of the 4 x 4 corners around its block.
     ///
-    /// One ring more than the block's own corners is needed. A voxel that a pixel sees contains a disc (on the picture)
-    /// at least as wide as the diagonal of a block, within twice a block's edge from the pixel, but not always between
-    /// the block's own corners: see `docs` of the coarse pass in DESIGN.
+    /// The paper takes the block's own four corners; that misses a voxel which reaches between them with a corner of its
+    /// own. Let a ray of the pixel at `p` hit something in a voxel at which a coarse ray would end: its edge is at least
+    /// the diagonal of a block, 1.41 blocks. Its picture holds the picture of its inscribed sphere and, being convex,
+    /// every disc between that and `p`: at a distance `x` from `p` one of radius `x / √3`. A disc of radius 0.71 blocks
+    /// holds a corner of the grid wherever it lies; it is found at `x` = 1.22 blocks and ends 1.93 blocks from `p`. So
+    /// some corner less than two blocks from `p` sees the voxel, and the 4 x 4 corners hold all of these.
     pub fn beam_start(&self, coarse: &[f32], x: u32, y: u32) -> f32 {
         let (i, j) = (x / BEAM_BLOCK, y / BEAM_BLOCK);
         let columns = self.coarse_size().0;
