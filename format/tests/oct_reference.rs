@@ -206,7 +206,7 @@ fn blocks_palettes_and_corners_mean_the_same() {
 fn damaged_files_are_refused_or_read_and_nothing_else() {
     for (name, ..) in &FILES[2..4] {
         let Some(path) = file(name) else { continue };
-        let refused = damage(&std::fs::read(path).unwrap(), 7, 200);
-        assert!(refused > 50, "{refused} of 250");
+        let refused = damage(&std::fs::read(path).unwrap(), 7, 80);
+        assert!(refused > 20, "{refused} of 100");
     }
 }

@@ -3,7 +3,7 @@
 //! Their files hold the same octrees in another order: a container of numbered chunks (`clusters`), in it a list of
 //! objects and the *slices* of each (`slice`), a slice being the voxels of one level in one cube. Contours, colour
 //! blocks and normal blocks have the same bits in both formats and are carried over as they are. What one side cannot
-//! hold is listed, a sentence each, in [`Imported::lost`] and in what [`write`] returns.
+//! hold is listed, a sentence each, in [`Imported::lost`] and in what [`write()`] returns.
 //!
 //! ```no_run
 //! use std::path::Path;
@@ -76,10 +76,10 @@ pub fn write(octree: &Octree, path: &Path) -> Result<Vec<String>, FormatError> {
     Ok(exported.lost)
 }
 
-/// Like [`write`], to anything that takes bytes.
+/// Like [`write()`], to anything that takes bytes.
 ///
 /// # Errors
-/// As [`write`]; those of `out` come as [`FormatError::Io`] without a path.
+/// As [`write()`]; those of `out` come as [`FormatError::Io`] without a path.
 pub fn write_to(octree: &Octree, out: &mut dyn Write) -> Result<Vec<String>, FormatError> {
     let exported = export::export(octree)?;
     exported.file.write_to(out).map_err(|e| FormatError::io(Path::new("output"), e))?;
