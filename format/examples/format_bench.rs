@@ -1,11 +1,11 @@
 //! Measures the format on one core: opening a large file and reading one block of it, validating, compressing.
 //!
 //! ```text
-//! cargo run --release -p esvo-format --example format_bench -- FILE.esvo [MEGABYTES] > format-benchmark.md
+//! cargo run --release -p esvo-format --example format_bench -- FILE.esvo [MEGABYTES [FILE.esvo...]] > format-benchmark.md
 //! ```
 //!
-//! The large file, of a thousand megabytes if nothing is said, is made of copies of the given one as objects, in a
-//! temporary folder (`$TMPDIR`).
+//! The large file, of a thousand megabytes if nothing is said, is made of copies of the first as objects, in a
+//! temporary folder (`$TMPDIR`). The other files are validated only.
 
 use std::fs::File;
 use std::path::Path;
@@ -17,15 +17,16 @@ use esvo_format::{FormatError, Octree, Region, StreamReader, WriteOptions, stats
 type Failure = Box<dyn std::error::Error + Send + Sync>;
 
 fn main() -> Result<(), Failure> {
-    let mut arguments = std::env::args().skip(1);
-    let Some(path) = arguments.next() else {
-        return Err("usage: format_bench FILE.esvo [MEGABYTES]".into());
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let Some(path) = arguments.first() else {
+        return Err("usage: format_bench FILE.esvo [MEGABYTES [FILE.esvo...]]".into());
     };
-    let megabytes: u64 = arguments.next().map_or(Ok(1000), |text| text.parse())?;
-    let octree = Octree::open(Path::new(&path))?;
+    let megabytes: u64 = arguments.get(1).map_or(Ok(1000), |text| text.parse())?;
+    let octree = Octree::open(Path::new(path))?;
     let folder = tempfile::tempdir()?;
     println!("# The format, measured on one core\n");
-    println!("`cargo run --release -p esvo-format --example format_bench -- {path} {megabytes}`\n");
+    println!("`cargo run --release -p esvo-format --example format_bench -- {}`\n", arguments.join(" "));
+    println!("{}.\n", processor());
     println!(
         "Everything is in the page cache. The machine is shared: best runs say what the code can do, medians what it did.\n"
     );
@@ -34,7 +35,9 @@ fn main() -> Result<(), Failure> {
         compression(&octree)?;
         let large = folder.path().join("large.esvo");
         copies(&octree, megabytes * 1_000_000)?.write(&large)?;
-        validation(&[("the file", Path::new(&path)), ("the large file", &large)])?;
+        let mut files = vec![(path.as_str(), Path::new(path)), ("the large file", &large)];
+        files.extend(arguments.iter().skip(2).map(|path| (path.as_str(), Path::new(path))));
+        validation(&files)?;
         streaming(&large)
     })
 }
@@ -84,6 +87,13 @@ fn time<T>(mut run: impl FnMut() -> Result<T, FormatError>) -> Result<(f64, f64,
     }
 }
 
+/// What the system calls the processor, if it tells.
+fn processor() -> String {
+    let text = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let name = text.lines().find(|line| line.starts_with("model name")).and_then(|line| line.split(": ").nth(1));
+    name.unwrap_or("A processor without a name").into()
+}
+
 fn megabytes(bytes: u64) -> f64 {
     bytes as f64 / 1e6
 }
@@ -93,6 +103,9 @@ fn compression(octree: &Octree) -> Result<(), Failure> {
     let counted = stats(octree);
     println!("## Compression\n");
     println!("{} levels, {} voxels, {} blocks.\n", counted.levels, counted.voxels, counted.blocks);
+    if !octree.meta().is_empty() {
+        println!("Metadata: `{}`\n", octree.meta());
+    }
     println!("| stored | MB | bytes per voxel | of raw | writing MB/s | reading MB/s |");
     println!("|---|---|---|---|---|---|");
     for (name, compress) in [("raw", None), ("zstd 1", Some(1)), ("zstd 3", Some(3)), ("zstd 9", Some(9))] {
