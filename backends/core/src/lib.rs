@@ -2,6 +2,7 @@
 
 mod caster;
 pub mod compare;
+pub mod conformance;
 pub mod exact;
 mod frame;
 mod hit;
@@ -10,6 +11,7 @@ pub mod reference;
 pub mod resident;
 pub mod sample;
 pub mod shading;
+pub mod speed;
 
 pub use caster::{CastError, Caster, Device, DeviceKind, FrameTime};
 pub use frame::{BEAM_BLOCK, COARSE_VOXEL_PIXELS, Camera, CastOptions, FLAG_BEAM, FLAG_CONTOURS, Ray, View};

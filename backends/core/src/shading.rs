@@ -187,7 +187,7 @@ pub fn shade_triangles(
     })
 }
 
-/// Iterations of every ray as [heat](heat), `most` and more being the hottest.
+/// Iterations of every ray as [heat], `most` and more being the hottest.
 ///
 /// # Panics
 /// There are fewer hits than pixels.
