@@ -1,0 +1,23 @@
+#!/usr/bin/env bash
+# Fuzzes every target for some seconds each, from the test vectors: ./run.sh [SECONDS] [TARGET...]
+#
+# Needs a nightly compiler and cargo-fuzz (cargo install cargo-fuzz). Exit code 1 as soon as something is found; the
+# input that did it is in artifacts/.
+set -euo pipefail
+cd "$(dirname "$0")"
+seconds=${1:-60}
+shift || true
+targets=("$@")
+[ ${#targets[@]} -gt 0 ] || targets=(open sealed values oct split)
+for target in "${targets[@]}"; do
+    mkdir -p "corpus/$target"
+    case $target in
+        oct) seeds=(seeds/oct) ;;
+        values) seeds=() ;;
+        *) seeds=(../spec/v1/vectors/valid ../spec/v1/vectors/invalid) ;;
+    esac
+    length=40000
+    [ "$target" = values ] && length=80
+    cargo +nightly fuzz run "$target" "corpus/$target" "${seeds[@]}" -- \
+        -max_total_time="$seconds" -max_len="$length" -len_control=0 -timeout=10 -rss_limit_mb=1024 -print_final_stats=1
+done
