@@ -103,7 +103,7 @@ fn project_contour(parent: u32, descriptor: vec2<u32>, child: u32, direction: ve
     let c = f32(bitcast<i32>(word << 26u)) * direction.z;
     let inverse = 1.0 / away_from_zero(a + b + c);
     let position = f32(bitcast<i32>(word << 7u)) * size * 1.5;
-    let middle = mad(t_centre.x, a, mad(t_centre.y, b, mad(t_centre.z, c, position))) * inverse;
+    let middle = (t_centre.x * a + t_centre.y * b + t_centre.z * c + position) * inverse;
     let half = abs(f32(word) * size * 0.75 * inverse);
     return vec2<f32>(middle - half, middle + half);
 }

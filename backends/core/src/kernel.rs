@@ -6,7 +6,9 @@
 
 use std::fmt::Write as _;
 
-use crate::{CastError, View};
+use esvo_format::{Needs, Octree};
+
+use crate::{CastError, Hit, View};
 
 /// The kernel without its prelude.
 pub const CAST_WGSL: &str = include_str!("../kernels/cast.wgsl");
@@ -26,6 +28,38 @@ pub const BINDING_COARSE: u32 = 1;
 pub const BINDING_OUT: u32 = 2;
 /// Group of the octree: bindings from 0, one for each part.
 pub const GROUP_OCTREE: u32 = 1;
+
+/// Pixels of a workgroup of the casters here, width and height.
+pub const WORKGROUP: (u32, u32) = (8, 8);
+/// Storage buffers that are not octree data: the coarse values and the output.
+const OTHER_STORAGE_BUFFERS: u32 = 2;
+
+/// What a dispatch computes.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub enum Pass {
+    /// Where the rays of a block of pixels may start.
+    Coarse,
+    /// The hits.
+    Cast,
+    /// One `f32` per pixel, not to be read: what [`Caster::time`](crate::Caster::time) measures.
+    Time,
+}
+
+impl Pass {
+    /// Entry point in the kernel.
+    pub fn entry(self) -> &'static str {
+        match self {
+            Self::Coarse => ENTRY_COARSE,
+            Self::Cast => ENTRY_CAST,
+            Self::Time => ENTRY_TIME,
+        }
+    }
+
+    /// Bytes that it writes per pixel, or per corner of a block.
+    pub fn bytes_per_pixel(self) -> u64 {
+        if self == Self::Cast { size_of::<Hit>() as u64 } else { 4 }
+    }
+}
 
 /// What a kernel takes care of. What it leaves out costs nothing.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
@@ -106,6 +140,55 @@ pub fn split(slots: usize, max_bytes: u64, max_parts: u32) -> Option<(u32, u32)>
     (parts <= max_parts).then_some((parts, shift))
 }
 
+/// How the [resident](crate::resident::Resident) image of an octree lies in bindings.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Placement {
+    /// Bytes of the image.
+    pub bytes: u64,
+    /// Number of bindings, see [`split`].
+    pub parts: u32,
+    needs: Needs,
+    part_shift: u32,
+}
+
+impl Placement {
+    /// Splits the `slots` of the octree's resident image over bindings of at most `max_bytes`, where a shader may have
+    /// `max_storage_buffers`.
+    ///
+    /// # Errors
+    /// What to do about an octree that does not fit, for the caster to put the device's name in front.
+    pub fn new(octree: &Octree, slots: &[u64], max_bytes: u64, max_storage_buffers: u32) -> Result<Self, String> {
+        let max_parts = max_storage_buffers.saturating_sub(OTHER_STORAGE_BUFFERS).min(32);
+        let bytes = size_of_val(slots) as u64;
+        let (parts, part_shift) = split(slots.len(), max_bytes, max_parts).ok_or_else(|| {
+            format!(
+                "the octree takes {bytes} bytes without attachments, more than {max_parts} bindings of {max_bytes} bytes: \
+                 build it with fewer levels, or cast it on the processor"
+            )
+        })?;
+        Ok(Self { bytes, parts, needs: octree.needs(), part_shift })
+    }
+
+    /// The slots of each binding, in order.
+    pub fn parts<'a>(&self, slots: &'a [u64]) -> impl Iterator<Item = &'a [u64]> {
+        slots.chunks(if self.parts == 1 { slots.len().max(1) } else { 1 << self.part_shift })
+    }
+
+    /// The main pass's kernel for a view.
+    pub fn variant(&self, view: &View) -> Variant {
+        Variant {
+            contours: view.contours() && self.needs.contours,
+            far_pointers: self.needs.far_pointers,
+            lod: view.max_voxel_pixels > 0.0,
+            beam: view.beam(),
+            levels: self.needs.levels,
+            parts: self.parts,
+            part_shift: self.part_shift,
+            workgroup: WORKGROUP,
+        }
+    }
+}
+
 /// Which GPU a caster takes and how. The default is what a person wants; the rest is for tests and experiments.
 #[derive(Clone, Debug, Default)]
 pub struct GpuOptions {
@@ -159,6 +242,39 @@ pub fn band_rows(
     Ok(most)
 }
 
+/// A picture in bands of rows, each of one dispatch, and the buffers for it.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Bands {
+    /// Bytes of the coarse values; a few without a coarse pass, since a binding cannot be empty.
+    pub coarse_bytes: u64,
+    /// Bytes of what the pass writes for one band.
+    pub out_bytes: u64,
+    rows: u32,
+    height: u32,
+}
+
+impl Bands {
+    /// The bands of a view for a pass on a device with these limits: bytes of a buffer, workgroups per dimension.
+    ///
+    /// # Errors
+    /// As [`band_rows`].
+    pub fn new(view: &View, pass: Pass, max_bytes: u64, max_groups: u32) -> Result<Self, CastError> {
+        let rows = band_rows(view, pass.bytes_per_pixel(), max_bytes, max_groups, WORKGROUP)?;
+        let (columns, corners) = view.coarse_size();
+        Ok(Self {
+            coarse_bytes: if view.beam() { u64::from(columns) * u64::from(corners) * 4 } else { 4 },
+            out_bytes: u64::from(rows) * u64::from(view.width) * pass.bytes_per_pixel(),
+            rows,
+            height: view.height,
+        })
+    }
+
+    /// First row and number of rows of each band, the first on top.
+    pub fn rows(self) -> impl Iterator<Item = (u32, u32)> {
+        (0..self.height).step_by(self.rows as usize).map(move |first| (first, self.rows.min(self.height - first)))
+    }
+}
+
 /// The uniform buffer for rows `first_row..` of the picture, with the octree's root at slot `root` of the
 /// [resident](crate::resident::Resident) image.
 pub fn band_view(view: &View, root: u32, first_row: u32) -> View {
@@ -202,6 +318,10 @@ mod tests {
         assert_eq!(rows(&view(2, 65535 * 8 + 1, false), 1 << 27), Some(65535 * 8));
         assert_eq!(rows(&view(2, 65535 * 8 + 1, true), 1 << 27), Some(65535 * 8));
         assert_eq!(rows(&view(64, 1, true), 300), None);
+
+        let bands = Bands::new(&view(100, 50, false), Pass::Time, 4 * 100 * 20, 65535).expect("fits");
+        assert_eq!((bands.coarse_bytes, bands.out_bytes), (4, 4 * 100 * 16));
+        assert_eq!(bands.rows().collect::<Vec<_>>(), [(0, 16), (16, 16), (32, 16), (48, 2)]);
     }
 
     #[test]

@@ -172,7 +172,8 @@ fn project_contour(
     let b = field(20) * direction.y;
     let c = field(26) * direction.z;
     let inverse = 1.0 / away_from_zero(a + b + c);
-    let middle = mad(t_centre.x, a, mad(t_centre.y, b, mad(t_centre.z, c, field(7) * size * 1.5))) * inverse;
+    // From left to right, as the authors' own caster adds it up: hits equal theirs bit for bit.
+    let middle = (t_centre.x * a + t_centre.y * b + t_centre.z * c + field(7) * size * 1.5) * inverse;
     let half = (word as f32 * size * 0.75 * inverse).abs();
     (middle - half, middle + half)
 }

@@ -192,7 +192,7 @@ fn cast<const CONTOURS: bool, const LOD: bool>(scene: &Scene, ray: &Ray) -> Hit 
                 let (a, b, c) = (field(14) * d[0], field(20) * d[1], field(26) * d[2]);
                 let inverse = 1.0 / away_from_zero(a + b + c);
                 let offset = field(7) * size * 1.5;
-                let middle = (centre[0] * a + (centre[1] * b + (centre[2] * c + offset))) * inverse;
+                let middle = (centre[0] * a + centre[1] * b + centre[2] * c + offset) * inverse;
                 let reach = (word as f32 * size * 0.75 * inverse).abs();
                 tv_min = tv_min.max(middle - reach);
                 tv_max = tv_max.min(middle + reach);

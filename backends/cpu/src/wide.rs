@@ -299,10 +299,9 @@ fn cast<const CONTOURS: bool, const LOD: bool>(scene: &Scene, packet: &Packet) -
                     let inverse = _mm512_div_ps(_mm512_set1_ps(1.0), away_from_zero(sum));
                     let position = _mm512_cvtepi32_ps(_mm512_slli_epi32::<7>(word));
                     let offset = _mm512_mul_ps(_mm512_mul_ps(position, size), _mm512_set1_ps(1.5));
-                    let middle = _mm512_add_ps(_mm512_mul_ps(centre[2], c), offset);
-                    let middle = _mm512_add_ps(_mm512_mul_ps(centre[1], b), middle);
-                    let middle = _mm512_add_ps(_mm512_mul_ps(centre[0], a), middle);
-                    let middle = _mm512_mul_ps(middle, inverse);
+                    let middle = _mm512_add_ps(_mm512_mul_ps(centre[0], a), _mm512_mul_ps(centre[1], b));
+                    let middle = _mm512_add_ps(middle, _mm512_mul_ps(centre[2], c));
+                    let middle = _mm512_mul_ps(_mm512_add_ps(middle, offset), inverse);
                     let thickness = _mm512_mul_ps(_mm512_cvtepu32_ps(word), size);
                     let reach = _mm512_mul_ps(_mm512_mul_ps(thickness, _mm512_set1_ps(0.75)), inverse);
                     let reach = _mm512_abs_ps(reach);
