@@ -6,22 +6,17 @@ use std::time::{Duration, Instant};
 
 use ash::vk;
 use ash::vk::{BufferUsageFlags as Usage, DescriptorType};
-use esvo_core::kernel::{self, GpuOptions, Variant};
+use esvo_core::kernel::{self, Bands, GpuOptions, Pass, Placement, Variant, WORKGROUP};
 use esvo_core::resident::{Resident, SlotMap};
 use esvo_core::{CastError, Caster, Device, FrameTime, Hit, View};
-use esvo_format::{Needs, Octree};
+use esvo_format::Octree;
 
 use crate::buffers::{Buffer, upload};
 use crate::gpu::{Gpu, TIMESTAMPS};
 use crate::pipeline::{BufferSet, Pipeline};
 
-/// Pixels of a workgroup.
-const WORKGROUP: (u32, u32) = (8, 8);
 /// Octree data is copied in pieces of this many bytes.
 const STAGING_BYTES: u64 = 64 << 20;
-/// Storage buffers that are not octree data: the coarse values and the output.
-const OTHER_STORAGE_BUFFERS: u32 = 2;
-
 /// Casts by the kernel as SPIR-V through Vulkan.
 pub struct AshCaster {
     // Fields are dropped in this order; each holds the device, so that it goes last.
@@ -37,17 +32,7 @@ struct Loaded {
     set: BufferSet,
     _parts: Vec<Buffer>,
     map: SlotMap,
-    needs: Needs,
-    bytes: u64,
-    parts: u32,
-    part_shift: u32,
-}
-
-#[derive(Clone, Copy, PartialEq, Eq, Hash)]
-enum Pass {
-    Coarse,
-    Cast,
-    Time,
+    placement: Placement,
 }
 
 /// What depends on the size of the picture.
@@ -70,17 +55,14 @@ impl AshCaster {
         Ok(Self { frame: None, loaded: None, options: options.clone(), gpu: Arc::new(Gpu::open(options)?) })
     }
 
-    /// Compiles what a frame needs and makes its buffers. Returns the rows of a band.
-    fn prepare(&mut self, view: &View, pass: Pass) -> Result<u32, CastError> {
+    /// Compiles what a frame needs and makes its buffers. Returns the bands.
+    fn prepare(&mut self, view: &View, pass: Pass) -> Result<Bands, CastError> {
         let loaded = self.loaded.as_mut().ok_or(CastError::NotLoaded)?;
         let limits = &self.gpu.adapter.limits;
         let max_bytes = u64::from(limits.max_storage_buffer_range).min(self.gpu.adapter.max_allocation);
         let max_groups = limits.max_compute_work_group_count[0].min(limits.max_compute_work_group_count[1]);
-        let pixel = pass.bytes_per_pixel();
-        let rows = kernel::band_rows(view, pixel, max_bytes, max_groups, WORKGROUP)?;
-        let (columns, corners) = view.coarse_size();
-        let coarse_bytes = if view.beam() { u64::from(columns) * u64::from(corners) * 4 } else { 4 };
-        let out_bytes = u64::from(rows) * u64::from(view.width) * pixel;
+        let bands = Bands::new(view, pass, max_bytes, max_groups)?;
+        let Bands { coarse_bytes, out_bytes, .. } = bands;
         let fits = |frame: &FrameBuffers| frame.coarse.bytes >= coarse_bytes && frame.out.bytes >= out_bytes;
         if !self.frame.as_ref().is_some_and(fits) {
             let before = self.frame.take().map_or((0, 0), |frame| (frame.coarse.bytes, frame.out.bytes));
@@ -91,13 +73,13 @@ impl AshCaster {
             frame.staging = None;
             frame.staging = Some(Buffer::on_host(&self.gpu, out_bytes, Usage::TRANSFER_DST)?);
         }
-        let variant = loaded.variant(view);
+        let variant = loaded.placement.variant(view);
         if view.beam() {
             let layout = frame.coarse_set.layout;
             loaded.compile(&self.gpu, &self.options, Pass::Coarse, variant.of_coarse_pass(), layout)?;
         }
         loaded.compile(&self.gpu, &self.options, pass, variant, frame.main_set.layout)?;
-        Ok(rows)
+        Ok(bands)
     }
 
     /// Casts the rows of one band and waits; the coarse pass goes before the first. With `Pass::Cast`, the hits are in
@@ -107,7 +89,7 @@ impl AshCaster {
         let band = kernel::band_view(view, loaded.map.to_resident(view.root), first_row);
         frame.view.contents()[..size_of::<View>()].copy_from_slice(bytemuck::bytes_of(&band));
         let frame = &*frame;
-        let variant = loaded.variant(view);
+        let variant = loaded.placement.variant(view);
         let main = &loaded.pipelines[&(pass, variant)];
         let coarse =
             (view.beam() && first_row == 0).then(|| &loaded.pipelines[&(Pass::Coarse, variant.of_coarse_pass())]);
@@ -183,11 +165,10 @@ impl Caster for AshCaster {
     }
 
     fn cast(&mut self, view: &View, hits: &mut Vec<Hit>) -> Result<(), CastError> {
-        let rows = self.prepare(view, Pass::Cast)?;
+        let bands = self.prepare(view, Pass::Cast)?;
         hits.clear();
         hits.resize(view.pixels(), Hit::miss(0));
-        for first in (0..view.height).step_by(rows as usize) {
-            let rows = rows.min(view.height - first);
+        for (first, rows) in bands.rows() {
             self.band(view, Pass::Cast, (first, rows))?;
             let at = first as usize * view.width as usize;
             let band: &mut [u8] = bytemuck::cast_slice_mut(&mut hits[at..at + rows as usize * view.width as usize]);
@@ -199,10 +180,9 @@ impl Caster for AshCaster {
     }
 
     fn time(&mut self, view: &View) -> Result<FrameTime, CastError> {
-        let rows = self.prepare(view, Pass::Time)?;
+        let bands = self.prepare(view, Pass::Time)?;
         let mut time = FrameTime { total: Duration::ZERO, coarse: Duration::ZERO };
-        for first in (0..view.height).step_by(rows as usize) {
-            let rows = rows.min(view.height - first);
+        for (first, rows) in bands.rows() {
             let start = Instant::now();
             self.band(view, Pass::Time, (first, rows))?;
             let wall = start.elapsed();
@@ -219,21 +199,7 @@ impl Caster for AshCaster {
     }
 
     fn resident_bytes(&self) -> u64 {
-        self.loaded.as_ref().map_or(0, |loaded| loaded.bytes)
-    }
-}
-
-impl Pass {
-    fn entry(self) -> &'static str {
-        match self {
-            Self::Coarse => kernel::ENTRY_COARSE,
-            Self::Cast => kernel::ENTRY_CAST,
-            Self::Time => kernel::ENTRY_TIME,
-        }
-    }
-
-    fn bytes_per_pixel(self) -> u64 {
-        if self == Self::Cast { size_of::<Hit>() as u64 } else { 4 }
+        self.loaded.as_ref().map_or(0, |loaded| loaded.placement.bytes)
     }
 }
 
@@ -243,41 +209,18 @@ impl Loaded {
         let slots = resident.slots();
         let limits = &gpu.adapter.limits;
         let bindings = limits.max_per_stage_descriptor_storage_buffers.min(limits.max_descriptor_set_storage_buffers);
-        let max_parts = bindings.saturating_sub(OTHER_STORAGE_BUFFERS).min(32);
         let max_bytes = u64::from(limits.max_storage_buffer_range).min(gpu.adapter.max_allocation);
         let max_bytes = options.max_part_bytes.unwrap_or(u64::MAX).min(max_bytes);
-        let bytes = size_of_val(slots) as u64;
-        let Some((parts, part_shift)) = kernel::split(slots.len(), max_bytes, max_parts) else {
-            return Err(gpu.error(&format!(
-                "the octree takes {bytes} bytes without attachments, more than {max_parts} bindings of {max_bytes} bytes: \
-                 build it with fewer levels, or cast it on the processor"
-            )));
-        };
-        let part_slots = if parts == 1 { slots.len().max(1) } else { 1 << part_shift };
-        let mut staging = Buffer::on_host(gpu, STAGING_BYTES.min(bytes), Usage::TRANSFER_SRC)?;
-        let buffers: Vec<Buffer> = slots
-            .chunks(part_slots)
+        let placement = Placement::new(octree, slots, max_bytes, bindings).map_err(|error| gpu.error(&error))?;
+        let mut staging = Buffer::on_host(gpu, STAGING_BYTES.min(placement.bytes), Usage::TRANSFER_SRC)?;
+        let buffers: Vec<Buffer> = placement
+            .parts(slots)
             .map(|part| upload(gpu, part, Usage::STORAGE_BUFFER, &mut staging))
             .collect::<Result<_, _>>()?;
         let bindings: Vec<_> = buffers.iter().map(|buffer| (DescriptorType::STORAGE_BUFFER, buffer)).collect();
         let set = BufferSet::new(gpu, &bindings)?;
         gpu.check()?;
-        let (map, needs) = (resident.into_map(), octree.needs());
-        Ok(Self { pipelines: HashMap::new(), set, _parts: buffers, map, needs, bytes, parts, part_shift })
-    }
-
-    /// The main pass's kernel for a view.
-    fn variant(&self, view: &View) -> Variant {
-        Variant {
-            contours: view.contours() && self.needs.contours,
-            far_pointers: self.needs.far_pointers,
-            lod: view.max_voxel_pixels > 0.0,
-            beam: view.beam(),
-            levels: self.needs.levels,
-            parts: self.parts,
-            part_shift: self.part_shift,
-            workgroup: WORKGROUP,
-        }
+        Ok(Self { pipelines: HashMap::new(), set, _parts: buffers, map: resident.into_map(), placement })
     }
 
     /// Makes the pipeline of a pass unless it is there.

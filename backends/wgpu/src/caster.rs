@@ -4,21 +4,16 @@ use std::collections::HashMap;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use esvo_core::kernel::{self, GpuOptions, Variant};
+use esvo_core::kernel::{self, Bands, GpuOptions, Pass, Placement, Variant, WORKGROUP};
 use esvo_core::resident::{Resident, SlotMap};
 use esvo_core::{CastError, Caster, Device, FrameTime, Hit, View};
-use esvo_format::{Needs, Octree};
+use esvo_format::Octree;
 use wgpu::BufferUsages as Usage;
 
 use crate::gpu::Gpu;
 
-/// Pixels of a workgroup.
-const WORKGROUP: (u32, u32) = (8, 8);
 /// Octree data is copied in pieces of this many slots, so that staging memory stays small.
 const UPLOAD_SLOTS: usize = 8 << 20;
-/// Storage buffers that are not octree data: the coarse values and the output.
-const OTHER_STORAGE_BUFFERS: u32 = 2;
-
 /// Casts by the WGSL kernel through wgpu.
 pub struct WgpuCaster {
     gpu: Gpu,
@@ -31,20 +26,10 @@ pub struct WgpuCaster {
 /// An octree on the device.
 struct Loaded {
     map: SlotMap,
-    needs: Needs,
-    bytes: u64,
-    parts: u32,
-    part_shift: u32,
+    placement: Placement,
     layout: wgpu::BindGroupLayout,
     group: wgpu::BindGroup,
     pipelines: HashMap<(Pass, Variant), wgpu::ComputePipeline>,
-}
-
-#[derive(Clone, Copy, PartialEq, Eq, Hash)]
-enum Pass {
-    Coarse,
-    Cast,
-    Time,
 }
 
 /// What depends on the size of the picture.
@@ -78,24 +63,10 @@ impl WgpuCaster {
         Ok(Self { gpu: Gpu::open(options)?, options: options.clone(), loaded: None, frame: None })
     }
 
-    /// The main pass's kernel for a view.
-    fn variant(loaded: &Loaded, view: &View) -> Variant {
-        Variant {
-            contours: view.contours() && loaded.needs.contours,
-            far_pointers: loaded.needs.far_pointers,
-            lod: view.max_voxel_pixels > 0.0,
-            beam: view.beam(),
-            levels: loaded.needs.levels,
-            parts: loaded.parts,
-            part_shift: loaded.part_shift,
-            workgroup: WORKGROUP,
-        }
-    }
-
-    /// Compiles what a frame needs and makes its buffers. Returns the rows of a band.
-    fn prepare(&mut self, view: &View, pass: Pass) -> Result<u32, CastError> {
+    /// Compiles what a frame needs and makes its buffers. Returns the bands.
+    fn prepare(&mut self, view: &View, pass: Pass) -> Result<Bands, CastError> {
         let loaded = self.loaded.as_mut().ok_or(CastError::NotLoaded)?;
-        let variant = Self::variant(loaded, view);
+        let variant = loaded.placement.variant(view);
         if view.beam() {
             loaded.compile(&self.gpu, &self.options, Pass::Coarse, variant.of_coarse_pass())?;
         }
@@ -103,17 +74,14 @@ impl WgpuCaster {
         let limits = &self.gpu.limits;
         let max_bytes = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
         let max_groups = limits.max_compute_workgroups_per_dimension;
-        let pixel = pass.bytes_per_pixel();
-        let rows = kernel::band_rows(view, pixel, max_bytes, max_groups, WORKGROUP)?;
-        let (columns, corners) = view.coarse_size();
-        let coarse_bytes = if view.beam() { u64::from(columns) * u64::from(corners) * 4 } else { 4 };
-        let out_bytes = u64::from(rows) * u64::from(view.width) * pixel;
+        let bands = Bands::new(view, pass, max_bytes, max_groups)?;
+        let Bands { coarse_bytes, out_bytes, .. } = bands;
         let fits = |frame: &FrameBuffers| frame.coarse_bytes >= coarse_bytes && frame.out_bytes >= out_bytes;
         if !self.frame.as_ref().is_some_and(fits) {
             let before = self.frame.take().map_or((0, 0), |frame| (frame.coarse_bytes, frame.out_bytes));
             self.frame = Some(FrameBuffers::new(&self.gpu, coarse_bytes.max(before.0), out_bytes.max(before.1))?);
         }
-        Ok(rows)
+        Ok(bands)
     }
 
     /// Casts the rows of one band; the coarse pass goes before the first. `finish` may add commands.
@@ -128,7 +96,7 @@ impl WgpuCaster {
         let band = kernel::band_view(view, loaded.map.to_resident(view.root), first_row);
         self.gpu.queue.write_buffer(&frame.view, 0, bytemuck::bytes_of(&band));
         let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-        let variant = Self::variant(loaded, view);
+        let variant = loaded.placement.variant(view);
         let mut dispatch = |pass: Pass, variant, group: &wgpu::BindGroup, (width, height): (u32, u32)| {
             let first = if pass == Pass::Coarse { 0 } else { 2 };
             let timestamp_writes = frame.timing.as_ref().map(|timing| wgpu::ComputePassTimestampWrites {
@@ -205,11 +173,10 @@ impl Caster for WgpuCaster {
     }
 
     fn cast(&mut self, view: &View, hits: &mut Vec<Hit>) -> Result<(), CastError> {
-        let rows = self.prepare(view, Pass::Cast)?;
+        let bands = self.prepare(view, Pass::Cast)?;
         hits.clear();
         hits.resize(view.pixels(), Hit::miss(0));
-        for first in (0..view.height).step_by(rows as usize) {
-            let rows = rows.min(view.height - first);
+        for (first, rows) in bands.rows() {
             let count = rows as usize * view.width as usize;
             let bytes = (count * size_of::<Hit>()) as u64;
             self.submit(view, Pass::Cast, (first, rows), |encoder, frame| {
@@ -225,12 +192,11 @@ impl Caster for WgpuCaster {
     }
 
     fn time(&mut self, view: &View) -> Result<FrameTime, CastError> {
-        let rows = self.prepare(view, Pass::Time)?;
+        let bands = self.prepare(view, Pass::Time)?;
         // Nothing that was asked for earlier belongs to this frame.
         self.gpu.wait()?;
         let mut time = FrameTime { total: Duration::ZERO, coarse: Duration::ZERO };
-        for first in (0..view.height).step_by(rows as usize) {
-            let rows = rows.min(view.height - first);
+        for (first, rows) in bands.rows() {
             let start = Instant::now();
             self.submit(view, Pass::Time, (first, rows), |encoder, frame| {
                 if let Some(timing) = &frame.timing {
@@ -253,21 +219,7 @@ impl Caster for WgpuCaster {
     }
 
     fn resident_bytes(&self) -> u64 {
-        self.loaded.as_ref().map_or(0, |loaded| loaded.bytes)
-    }
-}
-
-impl Pass {
-    fn entry(self) -> &'static str {
-        match self {
-            Self::Coarse => kernel::ENTRY_COARSE,
-            Self::Cast => kernel::ENTRY_CAST,
-            Self::Time => kernel::ENTRY_TIME,
-        }
-    }
-
-    fn bytes_per_pixel(self) -> u64 {
-        if self == Self::Cast { size_of::<Hit>() as u64 } else { 4 }
+        self.loaded.as_ref().map_or(0, |loaded| loaded.placement.bytes)
     }
 }
 
@@ -276,21 +228,14 @@ impl Loaded {
         let resident = Resident::new(octree);
         let slots = resident.slots();
         let limits = &gpu.limits;
-        let max_parts = limits.max_storage_buffers_per_shader_stage.saturating_sub(OTHER_STORAGE_BUFFERS).min(32);
         let max_bytes = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
         let max_bytes = options.max_part_bytes.unwrap_or(u64::MAX).min(max_bytes);
-        let bytes = size_of_val(slots) as u64;
-        let Some((parts, part_shift)) = kernel::split(slots.len(), max_bytes, max_parts) else {
-            return Err(gpu.error(&format!(
-                "the octree takes {bytes} bytes without attachments, more than {max_parts} bindings of {max_bytes} bytes: \
-                 build it with fewer levels, or cast it on the processor"
-            )));
-        };
-        let part_slots = if parts == 1 { slots.len().max(1) } else { 1 << part_shift };
+        let placement = Placement::new(octree, slots, max_bytes, limits.max_storage_buffers_per_shader_stage)
+            .map_err(|error| gpu.error(&error))?;
         let entry = |binding| binding_entry(binding, wgpu::BufferBindingType::Storage { read_only: true });
-        let layout = bind_group_layout(gpu, "octree", &(0..parts).map(entry).collect::<Vec<_>>());
+        let layout = bind_group_layout(gpu, "octree", &(0..placement.parts).map(entry).collect::<Vec<_>>());
         let mut buffers = Vec::new();
-        for part in slots.chunks(part_slots) {
+        for part in placement.parts(slots) {
             let buffer = gpu.buffer("octree", size_of_val(part) as u64, Usage::STORAGE | Usage::COPY_DST)?;
             for (piece, at) in part.chunks(UPLOAD_SLOTS).zip((0..).step_by(UPLOAD_SLOTS * 8)) {
                 gpu.queue.write_buffer(&buffer, at, bytemuck::cast_slice(piece));
@@ -302,7 +247,7 @@ impl Loaded {
         let group = bind_group(gpu, &layout, &buffers.iter().collect::<Vec<_>>());
         gpu.check()?;
         let pipelines = HashMap::new();
-        Ok(Self { map: resident.into_map(), needs: octree.needs(), bytes, parts, part_shift, layout, group, pipelines })
+        Ok(Self { map: resident.into_map(), placement, layout, group, pipelines })
     }
 
     /// Makes the pipeline of a pass unless it is there.
