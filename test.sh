@@ -67,6 +67,11 @@ else
     cargo test --workspace --all-targets --locked
 fi
 
+if command -v node >/dev/null 2>&1 && command -v npm >/dev/null 2>&1 && command -v python3 >/dev/null 2>&1; then
+    step "second reader, in Python, on every test vector"
+    bash spec/v1/python/check.sh
+fi
+
 step "documentation tests"
 cargo test --workspace --doc --locked
 

@@ -62,10 +62,17 @@ pub fn settings(entry: &SceneEntry) -> BuildSettings {
 ///
 /// # Errors
 /// A mesh that is there but cannot be read.
-pub fn cameras(entry: &SceneEntry, scenes_dir: Option<&Path>, stand_in: bool) -> Result<Vec<NamedView>, BenchError> {
+pub fn cameras(
+    entry: &SceneEntry,
+    scenes_dir: Option<&Path>,
+    stand_in: bool,
+) -> Result<(SceneVariant, Vec<NamedView>), BenchError> {
     let found = if stand_in { None } else { locate(entry, scenes_dir)? };
-    let specs = found.map_or(entry.cameras(SceneVariant::StandIn), |f| &f.mesh.cameras);
-    Ok(specs.iter().map(named_view).collect())
+    let (variant, specs) = match &found {
+        Some(found) => (SceneVariant::Real, &found.mesh.cameras[..]),
+        None => (SceneVariant::StandIn, entry.cameras(SceneVariant::StandIn)),
+    };
+    Ok((variant, specs.iter().map(named_view).collect()))
 }
 
 fn locate<'a>(entry: &'a SceneEntry, scenes_dir: Option<&Path>) -> Result<Option<FoundScene<'a>>, BenchError> {

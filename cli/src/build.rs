@@ -6,12 +6,13 @@ use esvo_bench::Progress;
 use esvo_builder::BuildSettings;
 
 use crate::args::Build;
-use crate::fail::{Failure, check_output, complain, print};
+use crate::fail::{Failure, check_not_input, check_output, complain, print};
 
 pub(crate) fn run(arguments: &Build) -> Result<(), Failure> {
     let settings = settings(arguments)?;
     settings.check()?;
     check_output(&arguments.output)?;
+    check_not_input(&arguments.output, &arguments.mesh)?;
     let progress = Progress::terminal();
     progress.say(format!("reading {}", arguments.mesh.display()));
     let mesh = esvo_builder::import::load_mesh(&arguments.mesh)?;

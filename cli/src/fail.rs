@@ -56,5 +56,18 @@ pub(crate) fn check_output(path: &Path) -> Result<(), Failure> {
             format!("{}: is not a regular file; output is written to a file and renamed", path.display()).into()
         );
     }
+    if std::fs::metadata(path).is_ok_and(|m| m.permissions().readonly()) {
+        return Err(format!("{}: is read-only; give another name or make it writable", path.display()).into());
+    }
     Ok(())
+}
+
+/// Refuses to write over the file that is read, whatever the two are called.
+pub(crate) fn check_not_input(output: &Path, input: &Path) -> Result<(), Failure> {
+    match (output.canonicalize(), input.canonicalize()) {
+        (Ok(a), Ok(b)) if a == b => {
+            Err(format!("{}: is the input; give the output another name", output.display()).into())
+        }
+        _ => Ok(()),
+    }
 }

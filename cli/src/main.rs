@@ -30,6 +30,14 @@ fn quiet_device_selection() {
 
 fn main() -> ExitCode {
     quiet_device_selection();
+    // Interrupted while writing: leave nothing half-written behind.
+    let interrupted = ctrlc::set_handler(|| {
+        esvo_format::remove_temporaries();
+        std::process::exit(130);
+    });
+    if let Err(error) = interrupted {
+        complain("warning", &format!("an interrupt will leave temporary files behind: {error}"));
+    }
     let result = match Arguments::parse().command {
         Command::Build(arguments) => build::run(&arguments),
         Command::Info(arguments) => info::run(&arguments),

@@ -6,15 +6,17 @@ use esvo_bench::picture::write_png;
 use esvo_bench::{Backend, Progress, scene, viewpoint};
 use esvo_core::{Camera, CastOptions, View, shading};
 use esvo_format::Octree;
+use esvo_scenes::SceneVariant;
 
 use crate::args::{Render, ViewMode};
-use crate::fail::{Failure, check_output, name_file, print};
+use crate::fail::{Failure, check_not_input, check_output, complain, name_file, print};
 
 /// Iterations that `--view-mode iterations` shows as white: about what grazing rays take at 12 levels.
 const MOST_ITERATIONS: u32 = 100;
 
 pub(crate) fn run(arguments: &Render) -> Result<(), Failure> {
     check_output(&arguments.output)?;
+    check_not_input(&arguments.output, &arguments.file)?;
     let octree = Arc::new(Octree::open(&arguments.file).map_err(|e| name_file(&arguments.file, e))?);
     octree.sound().map_err(|e| name_file(&arguments.file, e))?;
     let camera = camera(arguments, &octree)?;
@@ -74,10 +76,15 @@ fn camera(arguments: &Render, octree: &Octree) -> Result<Camera, Failure> {
         return Ok(viewpoint::overview(octree, up, fov));
     };
     let manifest = esvo_scenes::SceneManifest::builtin()?;
-    let views = scene::cameras(scene::entry(&manifest, name)?, arguments.scenes_dir.as_deref(), arguments.stand_in)?;
+    let entry = scene::entry(&manifest, name)?;
+    let (variant, views) = scene::cameras(entry, arguments.scenes_dir.as_deref(), arguments.stand_in)?;
     let index = arguments.view.wrapping_sub(1);
     let view =
         views.get(index).ok_or_else(|| format!("--view {}: {name} has views 1 to {}", arguments.view, views.len()))?;
+    if variant == SceneVariant::StandIn && !arguments.stand_in {
+        let what = "its mesh is not here, so this is a viewpoint of its stand-in; --scenes-dir says where the mesh is";
+        complain("warning", &format!("--scene {name}: {what}"));
+    }
     let mut camera = view.camera;
     camera.fov_degrees = arguments.fov.unwrap_or(camera.fov_degrees);
     Ok(camera)

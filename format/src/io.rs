@@ -283,6 +283,8 @@ pub(crate) fn read_header(bytes: &[u8], length: Option<u64>) -> Result<Header, F
     if !bytes.starts_with(&IDENTIFIER) {
         let what = if bytes.starts_with(b"\xABESVO") {
             "the identifier is damaged: the file went through a text-mode transfer, or is of another major version"
+        } else if bytes.starts_with(b"Clusters") {
+            "not an esvo file but one of ESVO 1.4 (.oct); `esvo convert` makes one of it"
         } else {
             "not an esvo file: the identifier is missing"
         };

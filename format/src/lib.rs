@@ -70,4 +70,4 @@ pub use stream::{Block, Region, StreamReader};
 pub use stream_source::{RangeRead, SeekSource};
 pub use tree::{Tree, TreeNode, Voxel};
 pub use validate::{Finding, Report, validate, validate_bytes, validate_bytes_with, validate_file, validate_file_with};
-pub use write::{WriteOptions, write_atomically};
+pub use write::{WriteOptions, remove_temporaries, write_atomically};

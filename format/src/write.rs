@@ -1,8 +1,9 @@
 //! Writing files: the same octree, the same bytes; to a temporary that is renamed (spec sections 2 and 11).
 
 use std::borrow::Cow;
-use std::io::{BufWriter, Write};
-use std::path::Path;
+use std::io::{BufWriter, Error, ErrorKind, Write};
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
 use rayon::prelude::*;
 
@@ -142,11 +143,23 @@ impl Octree {
 
 /// Runs `write` on a temporary file beside `path`, syncs it, and renames it to `path`.
 ///
+/// Where `path` is a symbolic link, the file that it leads to is replaced, not the link. A process that is told to stop
+/// meanwhile can call [`remove_temporaries`].
+///
 /// # Errors
-/// The system's; `path` exists and is not a regular file (a device or a directory is never replaced).
+/// The system's; `path` exists and is not a regular file (a device or a directory is never replaced) or is read-only; a
+/// link that leads nowhere.
 pub fn write_atomically(path: &Path, write: impl FnOnce(&mut dyn Write) -> std::io::Result<()>) -> std::io::Result<()> {
-    if std::fs::metadata(path).is_ok_and(|m| !m.is_file()) {
-        return Err(std::io::Error::other("exists and is not a regular file"));
+    let is_link = std::fs::symlink_metadata(path).is_ok_and(|m| m.is_symlink());
+    let resolved = if is_link { path.canonicalize()? } else { path.to_owned() };
+    let path = &*resolved;
+    if let Ok(metadata) = std::fs::metadata(path) {
+        if !metadata.is_file() {
+            return Err(Error::other("exists and is not a regular file"));
+        }
+        if metadata.permissions().readonly() {
+            return Err(Error::new(ErrorKind::PermissionDenied, "exists and is read-only"));
+        }
     }
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let mut builder = tempfile::Builder::new();
@@ -157,10 +170,38 @@ pub fn write_atomically(path: &Path, write: impl FnOnce(&mut dyn Write) -> std::
         builder.permissions(std::fs::Permissions::from_mode(0o666));
     }
     let temporary = builder.prefix(".esvo-").suffix(".tmp").tempfile_in(folder)?;
+    let _listed = Listed::new(temporary.path());
     let mut out = BufWriter::with_capacity(1 << 20, temporary);
     write(&mut out)?;
     let temporary = out.into_inner().map_err(|e| e.into_error())?;
     temporary.as_file().sync_all()?;
     temporary.persist(path).map_err(|e| e.error)?;
     Ok(())
+}
+
+/// Temporaries that are being written now.
+static TEMPORARIES: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
+
+/// Keeps a temporary in the list while it is written.
+struct Listed(PathBuf);
+
+impl Listed {
+    fn new(path: &Path) -> Self {
+        TEMPORARIES.lock().unwrap_or_else(PoisonError::into_inner).push(path.to_owned());
+        Self(path.to_owned())
+    }
+}
+
+impl Drop for Listed {
+    fn drop(&mut self) {
+        TEMPORARIES.lock().unwrap_or_else(PoisonError::into_inner).retain(|path| *path != self.0);
+    }
+}
+
+/// Removes what [`write_atomically`] has begun and not finished. For a program that was told to stop and will exit.
+pub fn remove_temporaries() {
+    for path in TEMPORARIES.lock().unwrap_or_else(PoisonError::into_inner).drain(..) {
+        // Nothing can be done for one that will not go.
+        let _ = std::fs::remove_file(path);
+    }
 }

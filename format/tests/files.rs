@@ -168,3 +168,27 @@ fn later_minor_versions_and_optional_features_are_accepted() {
     assert!(!octree.needs().normals && octree.needs().colors);
     assert_eq!(octree.normal(2, 0), None);
 }
+
+#[cfg(unix)]
+#[test]
+fn links_are_followed_and_read_only_files_are_kept() {
+    use std::os::unix::fs::{PermissionsExt, symlink};
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let write = |path: &std::path::Path| esvo_format::write_atomically(path, |out| out.write_all(b"new"));
+    std::fs::write(at("target"), "old").unwrap();
+    symlink(at("target"), at("link")).unwrap();
+    write(&at("link")).unwrap();
+    assert!(std::fs::symlink_metadata(at("link")).unwrap().is_symlink());
+    assert_eq!(std::fs::read(at("target")).unwrap(), b"new");
+
+    symlink(at("loop"), at("loop")).unwrap();
+    write(&at("loop")).unwrap_err();
+    symlink("/dev/null", at("null")).unwrap();
+    write(&at("null")).unwrap_err();
+
+    std::fs::write(at("kept"), "old").unwrap();
+    std::fs::set_permissions(at("kept"), PermissionsExt::from_mode(0o444)).unwrap();
+    assert_eq!(write(&at("kept")).unwrap_err().to_string(), "exists and is read-only");
+    assert_eq!(std::fs::read(at("kept")).unwrap(), b"old");
+}
