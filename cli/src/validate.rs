@@ -26,7 +26,8 @@ pub(crate) fn run(arguments: &Validate) -> Result<(), Failure> {
     };
     let printed = print(&text);
     if !report.is_ok() {
-        return Err(format!("{name}: breaks the specification in {} places", report.errors).into());
+        let places = if report.errors == 1 { "place" } else { "places" };
+        return Err(format!("{name}: breaks the specification in {} {places}", report.errors).into());
     }
     printed
 }
