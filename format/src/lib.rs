@@ -39,6 +39,8 @@ pub mod dump;
 mod error;
 pub mod file;
 mod io;
+mod layout;
+mod layout_attributes;
 mod needs;
 mod normal;
 pub mod oct;
