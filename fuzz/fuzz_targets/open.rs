@@ -1,4 +1,4 @@
-//! Any bytes: open, validate, count, walk.
+//! See `esvo_fuzz::open`.
 #![no_main]
 
-libfuzzer_sys::fuzz_target!(|data: &[u8]| esvo_fuzz::survive(data));
+libfuzzer_sys::fuzz_target!(|data: &[u8]| esvo_fuzz::open::run(data));

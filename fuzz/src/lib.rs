@@ -1,4 +1,4 @@
-//! What the fuzz targets share with the tests of the format.
+//! The bodies of the fuzz targets, one module each, which the tests of the format run on the committed inputs as well.
 
 #[allow(dead_code, reason = "the tests take more of it")]
 #[path = "../../format/tests/common/patch.rs"]
@@ -6,21 +6,19 @@ mod patch;
 #[path = "../../format/tests/common/survive.rs"]
 mod survive;
 
-use esvo_format::Octree;
+pub mod oct;
+pub mod open;
+pub mod sealed;
+pub mod split;
+pub mod values;
 
-/// Does everything with the bytes that a program might do before it trusts them.
-pub fn survive(bytes: &[u8]) {
-    survive::survive(bytes);
-}
+/// Name and body of every target.
+pub const TARGETS: [(&str, fn(&[u8])); 5] =
+    [("open", open::run), ("sealed", sealed::run), ("values", values::run), ("oct", oct::run), ("split", split::run)];
 
 /// The bytes with every checksum put right that can be found, so that what is behind the checksums is reached.
-pub fn sealed(bytes: &[u8]) -> Vec<u8> {
+fn right_checksums(bytes: &[u8]) -> Vec<u8> {
     let mut file = patch::File(bytes.to_vec());
     file.seal_whatever_is_there();
     file.0
-}
-
-/// Looks at every voxel of a sound octree.
-pub fn visit(octree: &Octree) {
-    survive::visit(octree);
 }
