@@ -1,17 +1,40 @@
 //! Triangles cut to cubes: which child cubes a piece of surface meets, and what of it lies in each.
 //!
 //! A triangle meets a closed cube exactly if clipping it to the cube leaves something, be it a point. The pieces are cut
-//! from the parent's pieces by the three middle planes, so the cost follows what is there. A vertex that is within
-//! [`TOLERANCE`] of a plane counts as lying on it, and so on both sides: rounding (below 2^-47 after 23 levels, see
-//! there) never loses a voxel, and an extra one holds geometry at most that far away.
+//! from the parent's pieces by the three middle planes, so the cost follows what is there. Each cut leaves both sides
+//! [`MARGIN`] too much: more than rounding can take away, so that no voxel is ever lost; an extra voxel holds surface at
+//! most twice that far outside of it, 2^-45 of the root cube.
+//!
+//! # Why no voxel is lost
+//!
+//! Let `u = 2^-53`, the unit be the root cube's edge, and distances be the largest difference of a coordinate. Beside each
+//! computed piece, with vertices `v_i`, think of a convex polygon `P` with vertices `V_i` in the true triangle, such that
+//! (1) each `v_i` is within `e` of `V_i`, and (2) `P` contains all of the triangle that is in the closed cube.
+//!
+//! * At first `P` is the triangle and `v_i = (V_i - origin) * scale`: three roundings of numbers of at most 1, so
+//!   `e = 3 u`. `origin` and `1 / scale` are the octree's stored transform, hence exact by definition.
+//! * A cut at `x = c` keeps for the lower side the `v_i` with `x <= c + m`, where `m` is [`MARGIN`], and adds a point
+//!   `w = v_i + (v_j - v_i) * t`, `t = d0 / (d0 - d1)`, for each edge that crosses `x = c + m`. `c + m` has 46 bits and is
+//!   exact, so `d0` and `d1` are off by factors within `1 ± u`; their signs differ, so nothing cancels and `t` is off by a
+//!   factor within `1 ± 4 u`. With the roundings of the difference and of the product the step along the edge is off
+//!   by at most `6 u |v_j - v_i|`, and the sum by `u` more: by `r = (6 * 2^-k + 1) u` in a cube of level `k`.
+//! * The new `P` has the `V_i` of what was kept and `W = V_i + (V_j - V_i) * t` on the edges. It is convex again, its
+//!   vertices being points in order around the old one; and (1) holds with `e + r` for `e`.
+//! * What `P` lost is the hull of some `V_i` whose `v_i` have `x > c + m`, and of the `W` next to them, whose `w` have
+//!   `x = c + m`. So it has `x >= c + m - e - r`, which is above `c`: (2) holds as well.
+//! * A piece that goes to one side whole has all its `v_i` more than `m` from the other, and `P` more than `m - e`.
+//!
+//! Three cuts on each level add up to `e <= 3 u + 3 (6 * 2 + 23) u = 108 u` down to level 23, and `m = 128 u`. Conversely
+//! the `v_i` are within `m` of the cube and within `e` of the triangle: the cube of an extra voxel is at most
+//! `2 m = 2^-45` from the triangle.
+//!
+//! Cutting at the planes themselves would not do, however far vertices near a plane count as on it: where a triangle is
+//! all but parallel to the plane, an error of `e` in one coordinate moves the cut by `e / slope` in another.
 
 use glam::DVec3;
 
-/// Distance from a plane, in units of the root cube, within which a vertex belongs to both sides.
-///
-/// A cut vertex is one linear interpolation between two others: its error is theirs plus at most two rounding errors of
-/// 2^-53. After three cuts on each of 23 levels that is below 138 * 2^-53 < 2^-45.
-pub const TOLERANCE: f64 = 1.0 / (1u64 << 45) as f64;
+/// How far beyond a cube its pieces are cut off, in units of the root cube: more than the sum of all rounding errors.
+const MARGIN: f64 = 1.0 / (1u64 << 46) as f64;
 
 /// A piece of one triangle: a convex polygon in `Pieces::vertices`, or the whole triangle where it was never cut.
 #[derive(Clone, Copy, Debug)]
@@ -48,7 +71,7 @@ struct Scratch {
 }
 
 /// A triangle cut by the six planes of a cube has at most nine vertices, and each of three middle planes adds at most one.
-/// What the tolerance adds to that, doubled vertices, has room too.
+/// Where rounding dents an outline it may need more; what finds no room is not cut.
 const MAX_VERTICES: usize = 16;
 
 /// A polygon on the stack.
@@ -65,12 +88,12 @@ impl Default for Polygon {
 }
 
 impl Polygon {
+    /// Counts on when it is full.
     fn push(&mut self, p: DVec3) {
-        debug_assert!(self.n < MAX_VERTICES);
-        if self.n < MAX_VERTICES {
-            self.v[self.n] = p;
-            self.n += 1;
+        if let Some(v) = self.v.get_mut(self.n) {
+            *v = p;
         }
+        self.n += 1;
     }
 
     fn vertices(&self) -> &[DVec3] {
@@ -121,7 +144,7 @@ impl Arena {
         }
         // Per axis: 1 = meets the lower half, 2 = the upper, 3 = both.
         let sides: [u8; 3] = std::array::from_fn(|axis| {
-            u8::from(lo[axis] <= centre[axis] + TOLERANCE) | u8::from(hi[axis] >= centre[axis] - TOLERANCE) << 1
+            u8::from(lo[axis] <= centre[axis] + MARGIN) | u8::from(hi[axis] >= centre[axis] - MARGIN) << 1
         });
         if sides.iter().all(|s| *s != 3) {
             let slot = (0..3).map(|axis| usize::from(sides[axis] >> 1) << axis).sum();
@@ -169,30 +192,43 @@ fn halves<'a>(
     found.into_iter().enumerate().filter_map(|(side, part)| Some((side, part.filter(|p| p.n > 0)?)))
 }
 
-/// Cuts by one plane, closed on both sides.
+/// Cuts by one plane; each side gets [`MARGIN`] of the other.
 fn cut(polygon: &Polygon, axis: usize, at: f64, parts: &mut [Polygon; 2]) {
     let [low, high] = parts;
     (low.n, high.n) = (0, 0);
+    let (end_of_low, end_of_high) = (at + MARGIN, at - MARGIN);
     let vertices = polygon.vertices();
     let mut previous = vertices[vertices.len() - 1];
-    let mut d0 = previous[axis] - at;
+    // Distances into what is cut off.
+    let (mut low0, mut high0) = (previous[axis] - end_of_low, end_of_high - previous[axis]);
     for &current in vertices {
-        let d1 = current[axis] - at;
-        // Strictly on opposite sides, and neither counts as on the plane.
-        if (d0 > TOLERANCE && d1 < -TOLERANCE) || (d0 < -TOLERANCE && d1 > TOLERANCE) {
-            let mut p = previous + (current - previous) * (d0 / (d0 - d1));
-            p[axis] = at;
-            low.push(p);
-            high.push(p);
+        let (low1, high1) = (current[axis] - end_of_low, end_of_high - current[axis]);
+        if low0 * low1 < 0.0 {
+            low.push(crossing(previous, current, low0 / (low0 - low1), axis, end_of_low));
         }
-        if d1 <= TOLERANCE {
+        if high0 * high1 < 0.0 {
+            high.push(crossing(previous, current, high0 / (high0 - high1), axis, end_of_high));
+        }
+        if low1 <= 0.0 {
             low.push(current);
         }
-        if d1 >= -TOLERANCE {
+        if high1 <= 0.0 {
             high.push(current);
         }
-        (previous, d0) = (current, d1);
+        (previous, low0, high0) = (current, low1, high1);
     }
+    for part in [low, high] {
+        if part.n > MAX_VERTICES {
+            *part = *polygon;
+        }
+    }
+}
+
+#[inline(always)]
+fn crossing(from: DVec3, to: DVec3, t: f64, axis: usize, at: f64) -> DVec3 {
+    let mut p = from + (to - from) * t;
+    p[axis] = at;
+    p
 }
 
 /// Twice the vector area of a polygon, and its centroid weighted by area (the mean of the vertices without any).
