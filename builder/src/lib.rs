@@ -21,6 +21,7 @@ mod build;
 mod clip;
 mod error;
 pub mod import;
+pub mod maps;
 pub mod mesh;
 mod polyhedron;
 mod range;
@@ -30,5 +31,6 @@ mod surface;
 
 pub use build::{BuildStats, Built, Progress, build};
 pub use error::BuildError;
+pub use maps::{HeightMap, LinearMip, LinearTexture, NormalMap, UvTransform, mapped_normal};
 pub use mesh::{Material, Mesh, MipLevel, Texture};
 pub use settings::BuildSettings;

@@ -5,7 +5,7 @@ use std::path::Path;
 use glam::{DMat4, DVec3};
 
 use super::{ImportError, MAX_ELEMENTS};
-use crate::mesh::{Mesh, mirrors, normal_matrix, transform_normal};
+use crate::mesh::{Mesh, mirrors, normal_matrix, transform_normal, transform_tangent};
 
 /// Triangles of one material with vertices of their own. Empty attribute arrays: the part has none.
 #[derive(Debug, Default)]
@@ -14,6 +14,8 @@ pub(super) struct Part {
     pub(super) normals: Vec<[f32; 3]>,
     pub(super) uvs: Vec<[f32; 2]>,
     pub(super) colors: Vec<[f32; 3]>,
+    /// Only where there are normals.
+    pub(super) tangents: Vec<[f32; 4]>,
     pub(super) triangles: Vec<[u32; 3]>,
     /// Index into the materials of the mesh.
     pub(super) material: u32,
@@ -59,6 +61,11 @@ impl Assembly {
             None => normals.to_vec(),
         };
         append_attribute(&mut mesh.normals, &moved(&part.normals), first, part.positions.len(), [0.0; 3]);
+        let turned: Vec<[f32; 4]> = match transform {
+            Some(matrix) => part.tangents.iter().map(|&t| transform_tangent(matrix, t)).collect(),
+            None => part.tangents.clone(),
+        };
+        append_attribute(&mut mesh.tangents, &turned, first, part.positions.len(), [0.0; 4]);
         append_attribute(&mut mesh.uvs, &part.uvs, first, part.positions.len(), [0.0; 2]);
         append_attribute(&mut mesh.colors, &part.colors, first, part.positions.len(), [1.0; 3]);
         match transform {
@@ -144,6 +151,10 @@ fn fill_missing_normals(mesh: &mut Mesh) {
                 }
                 if let Some(&color) = mesh.colors.get(v) {
                     mesh.colors.push(color);
+                }
+                if !mesh.tangents.is_empty() {
+                    // Of no use with a normal that is made up.
+                    mesh.tangents.push([0.0; 4]);
                 }
             }
         }

@@ -143,7 +143,7 @@ impl Materials {
             Checked::Valid(_) => None,
             Checked::Invalid => return Err(source.malformed(format!("material {index} has an unknown alphaMode"))),
         };
-        Ok(Material { name, base_color, texture, alpha_cutoff })
+        Ok(Material { name, base_color, texture, alpha_cutoff, ..Material::default() })
     }
 
     /// The image of a texture; `None` with a warning if its file is missing or it has no image that can be read.

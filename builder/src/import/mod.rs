@@ -11,7 +11,7 @@ mod image;
 mod mtl;
 mod obj;
 mod ply;
-mod texture;
+pub(crate) mod texture;
 
 use std::fs;
 use std::io;

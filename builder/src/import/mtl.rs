@@ -128,6 +128,7 @@ pub(super) fn convert(
         texture,
         // Relative to the opacity of the whole material, so that thin glass is not one large hole.
         alpha_cutoff: holes.then_some(0.5 * opacity as f32),
+        ..Material::default()
     })
 }
 

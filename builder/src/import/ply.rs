@@ -112,7 +112,13 @@ fn material_of(path: &Path, header: &Header, assembly: &mut Assembly) -> Result<
         return Ok(plain);
     };
     let alpha_cutoff = mtl::has_holes(&texture).then_some(0.5);
-    Ok(Material { name: name.into(), base_color: [1.0; 4], texture: Some(texture), alpha_cutoff })
+    Ok(Material {
+        name: name.into(),
+        base_color: [1.0; 4],
+        texture: Some(texture),
+        alpha_cutoff,
+        ..Material::default()
+    })
 }
 
 /// Names under which texture coordinates are found.

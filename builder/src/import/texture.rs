@@ -158,7 +158,7 @@ impl MipLevel {
 }
 
 /// The two texels around `u` (in 0..=1) on an axis of `size` texels, and how far it is from the first to the second.
-fn neighbours(u: f32, size: u32) -> (usize, usize, f32) {
+pub(crate) fn neighbours(u: f32, size: u32) -> (usize, usize, f32) {
     let x = u * size as f32 - 0.5;
     let floor = x.floor();
     let last = size as usize - 1;
@@ -197,7 +197,7 @@ fn mix(a: [f32; 4], b: [f32; 4], t: f32) -> [f32; 4] {
     average(&[(1.0 - t, a), (t, b)])
 }
 
-fn half(size: u32) -> u32 {
+pub(crate) fn half(size: u32) -> u32 {
     (size / 2).max(1)
 }
 
@@ -223,20 +223,20 @@ fn halve(width: usize, height: usize, fetch: impl Fn(usize) -> [f32; 4] + Sync) 
 }
 
 /// The texels of one axis that a texel of the next level covers, and the share of each.
-struct Taps {
-    first: usize,
+pub(crate) struct Taps {
+    pub(crate) first: usize,
     count: usize,
     shares: [f32; 3],
 }
 
 impl Taps {
-    fn weights(&self) -> &[f32] {
+    pub(crate) fn weights(&self) -> &[f32] {
         &self.shares[..self.count]
     }
 }
 
 /// Even sizes halve exactly. An odd size 2n + 1 spreads over n texels, each covering 2 + 1/n of the old ones.
-fn taps(size: usize) -> Vec<Taps> {
+pub(crate) fn taps(size: usize) -> Vec<Taps> {
     let halved = (size / 2).max(1);
     (0..halved)
         .map(|i| {

@@ -1,0 +1,344 @@
+//! Maps of surface detail: normals in tangent space, and heights.
+//!
+//! # Tangent space
+//! As in glTF. At a point of a surface, `N` is the unit shading normal, `T` the unit tangent perpendicular to it, and
+//! `B = w (N x T)`, where `w` is 1 or -1. `T` points where `u` of the map grows, `B` where `v` shrinks, that is, upwards in
+//! the image (`v` grows downwards from the first row); `w` is -1 where the image lies mirrored on the surface. A texel whose
+//! red, green and blue are `r`, `g`, `b` (0..=1, linear, not sRGB) stands for the normal
+//! `(2r - 1) scale T + (2g - 1) scale B + (2b - 1) N`, brought to unit length.
+//!
+//! `T` and `w` of a vertex are [`Mesh::tangents`](crate::Mesh::tangents). Where a mesh has none they are constant over a
+//! triangle and follow from its texture coordinates: see [`Mesh::corner_tangents`](crate::Mesh::corner_tangents).
+
+use std::sync::Arc;
+
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
+
+use crate::import::texture::{half, neighbours, taps};
+use crate::import::{MAX_TEXTURE_SIDE, TextureError};
+
+/// An image of `N` linear channels with all its mip levels, 16 bits each: 0 stands for 0, 65535 for 1.
+#[derive(Clone, Debug)]
+pub struct LinearTexture<const N: usize> {
+    /// Mip levels, the full image first, each half the size of the one before (rounded down, at least 1).
+    pub mips: Vec<LinearMip<N>>,
+}
+
+/// One mip level of a [`LinearTexture`]: row-major, first row on top.
+#[derive(Clone, Debug)]
+pub struct LinearMip<const N: usize> {
+    /// Width in texels, at least 1.
+    pub width: u32,
+    /// Height in texels, at least 1.
+    pub height: u32,
+    /// `width * height` texels.
+    pub texels: Vec<[u16; N]>,
+}
+
+/// One in the channels of a [`LinearTexture`].
+const ONE: f32 = 65535.0;
+
+impl<const N: usize> LinearTexture<N> {
+    /// Makes a texture with all its mip levels from row-major texels, first row on top. Each level is the mean of the one
+    /// before over the area of its texels.
+    ///
+    /// # Errors
+    /// See [`TextureError`].
+    pub fn new(width: u32, height: u32, texels: Vec<[u16; N]>) -> Result<Self, TextureError> {
+        if width == 0 || height == 0 || width > MAX_TEXTURE_SIDE || height > MAX_TEXTURE_SIDE {
+            return Err(TextureError::Size { width, height });
+        }
+        let expected = width as usize * height as usize;
+        if texels.len() != expected {
+            let bytes = |texels: usize| texels * N * 2;
+            return Err(TextureError::Length { width, height, found: bytes(texels.len()), expected: bytes(expected) });
+        }
+        let mut mips = vec![LinearMip { width, height, texels }];
+        while let Some(last) = mips.last()
+            && (last.width > 1 || last.height > 1)
+        {
+            mips.push(last.halved());
+        }
+        Ok(Self { mips })
+    }
+
+    /// The channels at `uv` (wrapping; `v` downwards from the first row), 0..=1.
+    ///
+    /// `footprint_texels` is the width of the area to average, in texels of the full image: 1 or less reads the full image
+    /// with bilinear filtering, more blends the two mip levels whose texels are nearest in size. Coordinates or footprints
+    /// that are not finite are taken as 0.
+    #[must_use]
+    pub fn sample(&self, uv: [f32; 2], footprint_texels: f32) -> [f32; N] {
+        let uv = uv.map(|x| if x.is_finite() { x - x.floor() } else { 0.0 });
+        let deepest = self.mips.len() - 1;
+        let level = if footprint_texels > 1.0 { footprint_texels.log2().min(deepest as f32) } else { 0.0 };
+        let fine = level as usize;
+        let blend = level - fine as f32;
+        let near = self.mips[fine].bilinear(uv);
+        if blend <= 0.0 || fine == deepest {
+            return near;
+        }
+        let far = self.mips[fine + 1].bilinear(uv);
+        std::array::from_fn(|c| near[c] + (far[c] - near[c]) * blend)
+    }
+}
+
+impl<const N: usize> LinearMip<N> {
+    /// Bilinear interpolation at `uv` in 0..=1, wrapping at the edges.
+    fn bilinear(&self, [u, v]: [f32; 2]) -> [f32; N] {
+        let (x0, x1, fx) = neighbours(u, self.width);
+        let (y0, y1, fy) = neighbours(v, self.height);
+        let texel = |x: usize, y: usize| self.texels[y * self.width as usize + x].map(f32::from);
+        let [a, b, c, d] = [texel(x0, y0), texel(x1, y0), texel(x0, y1), texel(x1, y1)];
+        std::array::from_fn(|i| {
+            let (top, bottom) = (a[i] + (b[i] - a[i]) * fx, c[i] + (d[i] - c[i]) * fx);
+            (top + (bottom - top) * fy) * (1.0 / ONE)
+        })
+    }
+
+    /// The next mip level.
+    fn halved(&self) -> Self {
+        let (columns, rows) = (taps(self.width as usize), taps(self.height as usize));
+        let mut texels = vec![[0; N]; columns.len() * rows.len()];
+        texels.par_chunks_mut(columns.len()).zip(&rows).for_each(|(line, row)| {
+            for (texel, column) in line.iter_mut().zip(&columns) {
+                let mut sum = [0.0f32; N];
+                for (j, &wy) in row.weights().iter().enumerate() {
+                    for (i, &wx) in column.weights().iter().enumerate() {
+                        let part = self.texels[(row.first + j) * self.width as usize + column.first + i];
+                        for c in 0..N {
+                            sum[c] += wx * wy * f32::from(part[c]);
+                        }
+                    }
+                }
+                *texel = sum.map(|x| (x + 0.5) as u16);
+            }
+        });
+        Self { width: half(self.width), height: half(self.height), texels }
+    }
+}
+
+/// An affine map of texture coordinates: row `i` times `[u, v, 1]` gives coordinate `i`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct UvTransform {
+    /// Finite numbers.
+    pub rows: [[f32; 3]; 2],
+}
+
+impl UvTransform {
+    /// Leaves coordinates as they are.
+    pub const IDENTITY: Self = Self { rows: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]] };
+
+    /// The coordinates that `uv` is taken to.
+    #[must_use]
+    pub fn apply(&self, [u, v]: [f32; 2]) -> [f32; 2] {
+        self.rows.map(|[a, b, c]| a * u + b * v + c)
+    }
+
+    /// A difference of coordinates, which does not feel the offset.
+    #[must_use]
+    pub fn apply_to_difference(&self, [u, v]: [f32; 2]) -> [f32; 2] {
+        self.rows.map(|[a, b, _]| a * u + b * v)
+    }
+
+    /// What undoes `first` and then does `self`, or `None` if `first` flattens the plane.
+    #[must_use]
+    pub fn after_undoing(&self, first: &Self) -> Option<Self> {
+        if self == first {
+            return Some(Self::IDENTITY);
+        }
+        let [[a, b, c], [d, e, f]] = first.rows.map(|row| row.map(f64::from));
+        let determinant = a * e - b * d;
+        if determinant == 0.0 || !determinant.is_finite() {
+            return None;
+        }
+        let inverse = [
+            [e / determinant, -b / determinant, (b * f - c * e) / determinant],
+            [-d / determinant, a / determinant, (c * d - a * f) / determinant],
+        ];
+        let rows = self.rows.map(|row| {
+            let [p, q, r] = row.map(f64::from);
+            std::array::from_fn(|k| {
+                let moved = if k == 2 { r } else { 0.0 };
+                (p * inverse[0][k] + q * inverse[1][k] + moved) as f32
+            })
+        });
+        rows.as_flattened().iter().all(|x| x.is_finite()).then_some(Self { rows })
+    }
+}
+
+impl Default for UvTransform {
+    fn default() -> Self {
+        Self::IDENTITY
+    }
+}
+
+/// Normals in tangent space (see the [module](self)).
+#[derive(Clone, Debug)]
+pub struct NormalMap {
+    /// Red, green and blue stand for components from -1 to 1 along the tangent, the bitangent and the normal.
+    pub texture: Arc<LinearTexture<3>>,
+    /// Factor of the first two components; finite.
+    pub scale: f32,
+    /// From the coordinates of the mesh to those of this texture.
+    pub uv_transform: UvTransform,
+}
+
+impl NormalMap {
+    /// The mean normal in tangent space around `uv` (coordinates of the mesh) over `footprint_texels` (see
+    /// [`LinearTexture::sample`]), `scale` applied, *not* of unit length: the more the normals differ, the shorter it is.
+    #[must_use]
+    pub fn sample(&self, uv: [f32; 2], footprint_texels: f32) -> [f32; 3] {
+        let [x, y, z] = self.texture.sample(self.uv_transform.apply(uv), footprint_texels).map(|c| 2.0 * c - 1.0);
+        [x * self.scale, y * self.scale, z]
+    }
+}
+
+/// The unit normal that a map shows: `sample` (of any length, as from [`NormalMap::sample`]) in the tangent space of the
+/// unit `normal` and of `tangent` with its handedness, which need neither be of unit length nor perpendicular to `normal`.
+/// Without a usable tangent, or with a sample of no length, it is `normal` itself.
+#[must_use]
+pub fn mapped_normal(normal: [f32; 3], tangent: [f32; 4], sample: [f32; 3]) -> [f32; 3] {
+    let n = Vec3::from(normal);
+    let given = Vec3::new(tangent[0], tangent[1], tangent[2]);
+    let Some(t) = (given - n * n.dot(given)).try_normalize() else { return normal };
+    let b = n.cross(t) * if tangent[3] < 0.0 { -1.0 } else { 1.0 };
+    (t * sample[0] + b * sample[1] + n * sample[2]).try_normalize().unwrap_or(n).to_array()
+}
+
+/// Tangent and handedness from the corners of a triangle and its (map) texture coordinates, or `None` if these, or the
+/// triangle, have no area.
+pub(crate) fn derived_tangent(corners: [glam::DVec3; 3], uvs: [[f32; 2]; 3]) -> Option<[f32; 4]> {
+    let [a, b, c] = corners;
+    let (e1, e2) = (b - a, c - a);
+    let [ua, ub, uc] = uvs.map(|uv| Vec2::from(uv).as_dvec2());
+    let (d1, d2) = (ub - ua, uc - ua);
+    let determinant = d1.perp_dot(d2);
+    if determinant == 0.0 || !determinant.is_finite() {
+        return None;
+    }
+    // Positive multiples of the derivatives by u and v: only their directions count.
+    let sign = determinant.signum();
+    let (along_u, along_v) = ((e1 * d2.y - e2 * d1.y) * sign, (e2 * d1.x - e1 * d2.x) * sign);
+    let largest = along_u.abs().max_element();
+    if largest == 0.0 || !largest.is_finite() {
+        return None;
+    }
+    let tangent = (along_u / largest).normalize();
+    // v grows downwards, the bitangent points up.
+    let mirrored = e1.cross(e2).cross(along_u).dot(along_v) > 0.0;
+    let t = tangent.as_vec3();
+    Some([t.x, t.y, t.z, if mirrored { -1.0 } else { 1.0 }])
+}
+
+/// Heights above the surface, by which [`displace`](crate::displace) moves it along its normal.
+#[derive(Clone, Debug)]
+pub struct HeightMap {
+    /// One channel: the height of a texel as a fraction, 0..=1.
+    pub texture: Arc<LinearTexture<1>>,
+    /// What a height of 1 stands for, in mesh units; finite. Importers set what the file says, which for formats that name
+    /// no unit is a factor of 1.
+    pub amplitude: f32,
+    /// What a height of 0 stands for, in mesh units; finite.
+    pub bias: f32,
+    /// From the coordinates of the mesh to those of this texture.
+    pub uv_transform: UvTransform,
+}
+
+impl HeightMap {
+    /// The mean displacement around `uv` (coordinates of the mesh) over `footprint_texels` (see
+    /// [`LinearTexture::sample`]): `bias + amplitude * height`, in mesh units.
+    #[must_use]
+    pub fn sample(&self, uv: [f32; 2], footprint_texels: f32) -> f32 {
+        let [height] = self.texture.sample(self.uv_transform.apply(uv), footprint_texels);
+        self.bias + self.amplitude * height
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+
+    fn grey(width: u32, height: u32, texels: &[u16]) -> LinearTexture<1> {
+        LinearTexture::new(width, height, texels.iter().map(|&x| [x]).collect()).unwrap()
+    }
+
+    #[test]
+    fn samples_are_linear() {
+        let t = grey(2, 1, &[0, 65535]);
+        assert_eq!(t.mips.len(), 2);
+        for (u, expected) in [(0.25, 0.0), (0.75, 1.0), (0.5, 0.5), (0.0, 0.5), (-0.25, 1.0), (f32::NAN, 0.5)] {
+            assert!((t.sample([u, 0.5], 1.0)[0] - expected).abs() < 1e-6, "{u}");
+        }
+        assert!((t.sample([0.25, 0.5], 2.0)[0] - 0.5).abs() < 1e-4);
+        assert!((t.sample([0.25, 0.5], 2f32.sqrt())[0] - 0.25).abs() < 1e-4);
+        assert!((t.sample([0.25, 0.5], f32::INFINITY)[0] - 0.5).abs() < 1e-4);
+    }
+
+    #[test]
+    fn odd_sizes_keep_the_mean() {
+        for spot in 0..15 {
+            let mut texels = [0; 15];
+            texels[spot] = 65535;
+            let t = grey(5, 3, &texels);
+            assert!((t.sample([0.3, 0.3], 100.0)[0] - 1.0 / 15.0).abs() < 1e-4, "{spot}");
+        }
+    }
+
+    #[test]
+    fn bad_sizes_are_refused() {
+        assert!(matches!(LinearTexture::<1>::new(0, 1, vec![]), Err(TextureError::Size { .. })));
+        let short = LinearTexture::<3>::new(2, 2, vec![[0; 3]; 3]).unwrap_err();
+        assert_eq!(short, TextureError::Length { width: 2, height: 2, found: 18, expected: 24 });
+    }
+
+    #[test]
+    fn transforms_undo_each_other() {
+        let a = UvTransform { rows: [[2.0, 0.5, 0.25], [-0.5, 1.0, -3.0]] };
+        let b = UvTransform { rows: [[0.0, 1.0, 0.5], [3.0, 0.0, 0.125]] };
+        let both = b.after_undoing(&a).unwrap();
+        for uv in [[0.0, 0.0], [1.0, 0.25], [-2.0, 0.75]] {
+            let (found, expected) = (both.apply(a.apply(uv)), b.apply(uv));
+            assert!((0..2).all(|i| (found[i] - expected[i]).abs() < 1e-5), "{uv:?}: {found:?} {expected:?}");
+        }
+        let flat = UvTransform { rows: [[1.0, 2.0, 0.0], [2.0, 4.0, 0.0]] };
+        assert_eq!(b.after_undoing(&flat), None);
+        assert_eq!(flat.after_undoing(&flat), Some(UvTransform::IDENTITY));
+    }
+
+    #[test]
+    fn derived_tangents_follow_the_image() {
+        // Seen from +z the image stands upright: u to the right, v down.
+        let corners = [DVec3::ZERO, DVec3::X, DVec3::Y];
+        let tangent = derived_tangent(corners, [[0.0, 1.0], [1.0, 1.0], [0.0, 0.0]]).unwrap();
+        assert_eq!(tangent, [1.0, 0.0, 0.0, 1.0]);
+        let up = mapped_normal([0.0, 0.0, 1.0], tangent, [0.0, 1.0, 0.0]);
+        assert_eq!(up, [0.0, 1.0, 0.0]);
+        // Mirrored: u to the left. Up stays up.
+        let tangent = derived_tangent(corners, [[1.0, 1.0], [0.0, 1.0], [1.0, 0.0]]).unwrap();
+        assert_eq!(tangent, [-1.0, 0.0, 0.0, -1.0]);
+        assert_eq!(mapped_normal([0.0, 0.0, 1.0], tangent, [0.0, 1.0, 0.0]), [0.0, 1.0, 0.0]);
+        assert_eq!(mapped_normal([0.0, 0.0, 1.0], tangent, [1.0, 0.0, 0.0]), [-1.0, 0.0, 0.0]);
+        // A quarter turn: u grows upwards, so that the top of the image is on the left.
+        let tangent = derived_tangent(corners, [[0.0, 0.0], [0.0, 1.0], [1.0, 0.0]]).unwrap();
+        assert_eq!(tangent, [0.0, 1.0, 0.0, 1.0]);
+        assert_eq!(mapped_normal([0.0, 0.0, 1.0], tangent, [0.0, 1.0, 0.0]), [-1.0, 0.0, 0.0]);
+        for flat in [[[0.5; 2]; 3], [[0.0, 0.0], [0.5, 0.5], [1.0, 1.0]]] {
+            assert_eq!(derived_tangent(corners, flat), None);
+        }
+        assert_eq!(derived_tangent([DVec3::X; 3], [[0.0, 1.0], [1.0, 1.0], [0.0, 0.0]]), None);
+    }
+
+    #[test]
+    fn a_flat_map_leaves_normals_alone() {
+        let n = Vec3::new(0.6, 0.0, 0.8).to_array();
+        assert_eq!(mapped_normal(n, [1.0, 0.0, 0.0, 1.0], [0.0, 0.0, 0.7]), n);
+        // No direction to turn towards: along the normal, none, or a sample of no length.
+        assert_eq!(mapped_normal(n, [0.6, 0.0, 0.8, 1.0], [0.5, 0.5, 0.5]), n);
+        assert_eq!(mapped_normal(n, [0.0; 4], [0.5, 0.5, 0.5]), n);
+        assert_eq!(mapped_normal(n, [1.0, 0.0, 0.0, 1.0], [0.0; 3]), n);
+    }
+}
