@@ -49,7 +49,7 @@ impl Differences {
 }
 
 /// Compares what two octrees hold: objects in their order, transforms, levels, topology, contours to the bit, and
-/// colours and normals as they are decoded. Blocks, pointers, the order of anything in a file, attachments of vendors,
+/// colours, normals and ambient light as they are decoded. Blocks, pointers, the order of anything in a file, attachments of vendors,
 /// unknown sections and metadata do not count. At most `limit` differences are listed; time is linear in the octrees.
 ///
 /// # Errors
@@ -145,6 +145,7 @@ impl Compare<'_> {
             self.add(path, "contour", text(contours.0), text(contours.1));
         }
         self.equal(path, "colour", self.a.color(first.0, child), self.b.color(second.0, child));
+        self.equal(path, "ambient light", self.a.ambient(first.0, child), self.b.ambient(second.0, child));
         let normal = |octree: &Octree, slot| octree.normal(slot, child).map(|n| n.to_array());
         self.equal(path, "normal", normal(self.a, first.0), normal(self.b, second.0));
     }

@@ -208,6 +208,9 @@ pub struct VoxelDump {
     /// Its normal.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub normal: Option<[f32; 3]>,
+    /// Ambient light, 0 (none) to 1.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ambient: Option<f32>,
 }
 
 /// The object and block tables of an octree.
@@ -392,6 +395,7 @@ fn voxel(octree: &Octree, slot: u32, child: u8) -> VoxelDump {
         contour: octree.contour(slot, child).map(ContourDump::from),
         color: octree.color(slot, child),
         normal: octree.normal(slot, child).map(|n| n.to_array()),
+        ambient: octree.ambient(slot, child),
     }
 }
 
@@ -445,6 +449,7 @@ impl fmt::Display for BlockHead {
                 1 => "colour blocks",
                 2 => "normal blocks",
                 3 => "constant colour",
+                4 => "ambient occlusion blocks",
                 0x8000..=0xffff => "of a vendor",
                 _ => "unknown",
             };
@@ -533,6 +538,9 @@ impl fmt::Display for NodeDump {
             }
             if let Some([x, y, z]) = voxel.normal {
                 write!(f, "; normal {x:.5} {y:.5} {z:.5}")?;
+            }
+            if let Some(ambient) = voxel.ambient {
+                write!(f, "; ambient {ambient:.4}")?;
             }
             writeln!(f)?;
         }

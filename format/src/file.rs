@@ -212,6 +212,8 @@ pub mod attachment {
     pub const NORMAL_BLOCKS: u32 = 2;
     /// One colour for every voxel of the block: four bytes R, G, B, 0 (sRGB-encoded) and four zero bytes.
     pub const COLOR_CONSTANT: u32 = 3;
+    /// One [`AmbientBlock`](crate::AmbientBlock) per pair of slots of the descriptor array.
+    pub const AMBIENT_BLOCKS: u32 = 4;
     /// First vendor type.
     pub const VENDOR_FIRST: u32 = 0x8000;
     /// Last vendor type.

@@ -2,8 +2,8 @@
 
 use crate::assemble::{Plan, upper_bound};
 use crate::descriptor::MAX_NEAR_POINTER;
-use crate::file::{ATTACHMENT_BYTES, BlockEntry, FIRST_SLOT, INFO_BYTES, PAGE_SLOTS};
-use crate::layout_attributes::Color;
+use crate::file::{ATTACHMENT_BYTES, FIRST_SLOT, INFO_BYTES, PAGE_SLOTS};
+use crate::layout_attributes::{Attached, Content, place};
 use crate::{ChildDescriptor, FormatError, Tree};
 
 /// Where a descriptor's children are.
@@ -28,8 +28,6 @@ pub(crate) struct Placed {
 pub(crate) struct Parts {
     pub(crate) info: u64,
     pub(crate) contours: u64,
-    pub(crate) color: u64,
-    pub(crate) normals: u64,
     pub(crate) total_bytes: u64,
 }
 
@@ -39,8 +37,7 @@ pub(crate) struct Layout {
     pub(crate) array_slots: u32,
     pub(crate) contour_count: u32,
     pub(crate) far_pointers: u64,
-    pub(crate) color: Color,
-    pub(crate) normals: bool,
+    pub(crate) attachments: Vec<Attached>,
     pub(crate) parts: Parts,
 }
 
@@ -119,22 +116,12 @@ impl Layout {
         placer.place(plan.blocks[block].above)?;
         let Placer { placed, cursor: array_slots, far_pointers, .. } = placer;
         let contour_count = placed.iter().map(|p| tree.nodes[p.node].contours.count_ones()).sum();
-        let color = Self::color_kind(tree, &placed);
-        let normals = !(tree.normals.is_empty() && tree.normal_blocks.is_empty());
-        let attachments = u64::from(color != Color::None) + u64::from(normals);
-        let pairs = u64::from(array_slots / 2);
+        let contents = Content::of_block(tree, &placed, array_slots);
         let info = u64::from(array_slots) * 8;
-        let contours = info + INFO_BYTES + ATTACHMENT_BYTES * attachments;
-        let color_start = (contours + u64::from(contour_count) * 4).next_multiple_of(8);
-        let color_bytes = match color {
-            Color::None => 0,
-            Color::Constant(_) => 8,
-            Color::Blocks => pairs * 8,
-        };
-        let normals_start = color_start + color_bytes;
-        let total_bytes = normals_start + if normals { pairs * 16 } else { 0 };
-        let parts = Parts { info, contours, color: color_start, normals: normals_start, total_bytes };
-        Ok(Self { placed, array_slots, contour_count, far_pointers, color, normals, parts })
+        let contours = info + INFO_BYTES + ATTACHMENT_BYTES * contents.len() as u64;
+        let (attachments, total_bytes) = place(contents, contours + u64::from(contour_count) * 4);
+        let parts = Parts { info, contours, total_bytes };
+        Ok(Self { placed, array_slots, contour_count, far_pointers, attachments, parts })
     }
 
     pub(crate) fn encode(&self, tree: &Tree, blocks: &[BlockEntry], index: usize, image: &mut [u64]) {

@@ -2,93 +2,144 @@
 
 use crate::file::{AttachmentEntry, FIRST_SLOT, InfoSection, attachment, to_bytes};
 use crate::layout::{Layout, Placed};
-use crate::{ColorBlock, NormalBlock, Tree};
+use crate::{AmbientBlock, ColorBlock, NormalBlock, Tree};
 
+/// What an attachment of a block is made of.
 #[derive(Clone, Copy, PartialEq)]
-pub(crate) enum Color {
-    None,
-    Constant([u8; 3]),
-    Blocks,
+pub(crate) enum Content {
+    /// The colour of every voxel.
+    ConstantColor([u8; 3]),
+    /// A colour block for every pair of slots.
+    ColorBlocks,
+    /// A normal block for every pair of slots.
+    NormalBlocks,
+    /// An ambient occlusion block for every pair of slots.
+    AmbientBlocks,
 }
 
-impl Layout {
-    pub(crate) fn color_kind(tree: &Tree, placed: &[Placed]) -> Color {
-        let colors = |p: &Placed| {
-            let node = &tree.nodes[p.node];
-            &tree.colors[node.first_voxel as usize..][..node.valid.count_ones() as usize]
-        };
-        if tree.colors.is_empty() {
-            return if tree.color_blocks.is_empty() { Color::None } else { Color::Blocks };
-        }
-        let first = colors(&placed[0])[0];
-        if placed.iter().all(|p| colors(p).iter().all(|c| *c == first)) {
-            Color::Constant(first)
-        } else {
-            Color::Blocks
+/// An attachment of a block that is being laid out.
+pub(crate) struct Attached {
+    content: Content,
+    /// Its first byte, from the start of the block.
+    start: u64,
+    size: u64,
+}
+
+impl Content {
+    fn kind(self) -> u32 {
+        match self {
+            Self::ConstantColor(_) => attachment::COLOR_CONSTANT,
+            Self::ColorBlocks => attachment::COLOR_BLOCKS,
+            Self::NormalBlocks => attachment::NORMAL_BLOCKS,
+            Self::AmbientBlocks => attachment::AMBIENT_BLOCKS,
         }
     }
 
-    pub(crate) fn encode_info(&self, index: usize, words: &mut [u32]) {
+    /// The attachments of a block with these descriptors and an array of so many slots, and their sizes in bytes.
+    pub(crate) fn of_block(tree: &Tree, placed: &[Placed], array_slots: u32) -> Vec<(Self, u64)> {
+        let pairs = u64::from(array_slots / 2);
+        let mut list = Vec::new();
+        match one_color(tree, placed) {
+            Some(color) => list.push((Self::ConstantColor(color), 8)),
+            None if tree.colors.is_empty() && tree.color_blocks.is_empty() => {}
+            None => list.push((Self::ColorBlocks, pairs * 8)),
+        }
+        if !(tree.normals.is_empty() && tree.normal_blocks.is_empty()) {
+            list.push((Self::NormalBlocks, pairs * 16));
+        }
+        if !(tree.ambient.is_empty() && tree.ambient_blocks.is_empty()) {
+            list.push((Self::AmbientBlocks, pairs * 8));
+        }
+        list
+    }
+}
+
+/// Places attachments one after the other, the first from byte `start` of the block on. Returns the end of the last too.
+pub(crate) fn place(contents: Vec<(Content, u64)>, start: u64) -> (Vec<Attached>, u64) {
+    let mut end = start;
+    let place = |(content, size): (Content, u64)| {
+        let start = end.next_multiple_of(8);
+        end = start + size;
+        Attached { content, start, size }
+    };
+    let attached = contents.into_iter().map(place).collect();
+    (attached, end)
+}
+
+/// The colour of all voxels of these descriptors, if they have the same.
+fn one_color(tree: &Tree, placed: &[Placed]) -> Option<[u8; 3]> {
+    let colors = |p: &Placed| {
+        let node = &tree.nodes[p.node];
+        tree.colors.get(node.first_voxel as usize..)?.get(..node.valid.count_ones() as usize)
+    };
+    let first = *colors(placed.first()?)?.first()?;
+    placed.iter().all(|p| colors(p).is_some_and(|c| c.iter().all(|c| *c == first))).then_some(first)
+}
+
+impl Layout {
+    pub(crate) fn encode_info(&self, index: u32, words: &mut [u32]) {
         let relative = |offset: u64| (offset - self.parts.info) as u32;
-        let pairs = u64::from(self.array_slots / 2);
-        let mut directory = Vec::new();
-        match self.color {
-            Color::None => {}
-            Color::Constant(_) => directory.push((attachment::COLOR_CONSTANT, self.parts.color, 8)),
-            Color::Blocks => directory.push((attachment::COLOR_BLOCKS, self.parts.color, pairs * 8)),
-        }
-        if self.normals {
-            directory.push((attachment::NORMAL_BLOCKS, self.parts.normals, pairs * 16));
-        }
         let mut bytes = to_bytes(&InfoSection {
-            block: index as u32,
+            block: index,
             array_slots: self.array_slots,
             first_descriptor: self.array_slots - FIRST_SLOT,
             contour_offset: relative(self.parts.contours) / 4,
             contour_count: self.contour_count,
-            attachment_count: directory.len() as u32,
+            attachment_count: self.attachments.len() as u32,
             reserved: 0,
         });
-        for (kind, offset, size) in directory {
-            bytes.extend(to_bytes(&AttachmentEntry { kind, offset: relative(offset), size }));
+        for &Attached { content, start, size } in &self.attachments {
+            bytes.extend(to_bytes(&AttachmentEntry { kind: content.kind(), offset: relative(start), size }));
         }
         bytemuck::cast_slice_mut::<u32, u8>(words)[..bytes.len()].copy_from_slice(&bytes);
     }
 
     pub(crate) fn encode_attributes(&self, tree: &Tree, words: &mut [u32]) {
-        let word = |offset: u64| ((offset - self.parts.info) / 4) as usize;
-        if let Color::Constant([r, g, b]) = self.color {
-            words[word(self.parts.color)] = u32::from_le_bytes([r, g, b, 0]);
-        }
-        // Consecutive slots 2k, 2k + 1 share block k; siblings are consecutive, so a pair never mixes parents.
-        let mut rest = &self.placed[..];
-        while let Some(first) = rest.first() {
-            let pair = first.slot / 2;
-            let count = rest.iter().take(2).filter(|p| p.slot / 2 == pair).count();
-            let (members, tail) = rest.split_at(count);
-            rest = tail;
-            let mut colors = [None; 16];
-            let mut normals = [None; 16];
-            for member in members {
-                let node = &tree.nodes[member.node];
-                let base = 8 * (member.slot % 2) as usize;
-                let slots = (0..8).filter(|slot| node.valid >> slot & 1 != 0);
-                for (voxel, slot) in (node.first_voxel as usize..).zip(slots) {
-                    colors[base + slot] = tree.colors.get(voxel).copied();
-                    normals[base + slot] = tree.normals.get(voxel).map(|n| n.decode());
-                }
-            }
-            let first = members[0].node;
-            if self.color == Color::Blocks {
-                let block = tree.color_blocks.get(first).copied().unwrap_or_else(|| ColorBlock::encode(&colors));
-                let at = word(self.parts.color) + pair as usize * 2;
-                words[at..at + 2].copy_from_slice(bytemuck::cast_slice(&[block]));
-            }
-            if self.normals {
-                let block = tree.normal_blocks.get(first).copied().unwrap_or_else(|| NormalBlock::encode(&normals));
-                let at = word(self.parts.normals) + pair as usize * 4;
-                words[at..at + 4].copy_from_slice(bytemuck::cast_slice(&[block]));
+        for &Attached { content, start, size } in &self.attachments {
+            let words = &mut words[((start - self.parts.info) / 4) as usize..][..(size / 4) as usize];
+            match content {
+                Content::ConstantColor([r, g, b]) => words[0] = u32::from_le_bytes([r, g, b, 0]),
+                Content::ColorBlocks => self.encode_pairs(words, |members| {
+                    tree.color_blocks.get(members[0].node).copied().unwrap_or_else(|| {
+                        ColorBlock::encode(&texels(tree, members, |voxel| tree.colors.get(voxel).copied()))
+                    })
+                }),
+                Content::NormalBlocks => self.encode_pairs(words, |members| {
+                    tree.normal_blocks.get(members[0].node).copied().unwrap_or_else(|| {
+                        NormalBlock::encode(&texels(tree, members, |voxel| Some(tree.normals.get(voxel)?.decode())))
+                    })
+                }),
+                Content::AmbientBlocks => self.encode_pairs(words, |members| {
+                    tree.ambient_blocks.get(members[0].node).copied().unwrap_or_else(|| {
+                        AmbientBlock::encode(&texels(tree, members, |voxel| tree.ambient.get(voxel).copied()))
+                    })
+                }),
             }
         }
     }
+
+    /// Writes a block for every pair of slots with descriptors: slots 2k, 2k + 1 share block k. Siblings are consecutive,
+    /// so a pair never mixes parents.
+    fn encode_pairs<T: bytemuck::NoUninit>(&self, words: &mut [u32], block: impl Fn(&[Placed]) -> T) {
+        let size = size_of::<T>() / 4;
+        for members in self.placed.chunk_by(|a, b| a.slot / 2 == b.slot / 2) {
+            let block = block(members);
+            let words = &mut words[members[0].slot as usize / 2 * size..][..size];
+            bytemuck::cast_slice_mut::<u32, u8>(words).copy_from_slice(bytemuck::bytes_of(&block));
+        }
+    }
+}
+
+/// What the voxels of one or two descriptors have, each in its place in their block.
+fn texels<T: Copy>(tree: &Tree, members: &[Placed], value: impl Fn(usize) -> Option<T>) -> [Option<T>; 16] {
+    let mut texels = [None; 16];
+    for member in members {
+        let node = &tree.nodes[member.node];
+        let base = 8 * (member.slot % 2) as usize;
+        let slots = (0..8).filter(|slot| node.valid >> slot & 1 != 0);
+        for (voxel, slot) in (node.first_voxel as usize..).zip(slots) {
+            texels[base + slot] = value(voxel);
+        }
+    }
+    texels
 }

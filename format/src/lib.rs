@@ -29,6 +29,7 @@
 #[cfg(target_endian = "big")]
 compile_error!("the image is viewed in place as little-endian words; a big-endian reader would have to swap them");
 
+mod ambient;
 mod assemble;
 mod codec;
 mod color;
@@ -45,6 +46,8 @@ mod needs;
 mod normal;
 pub mod oct;
 mod octree;
+mod pack;
+mod reattach;
 mod stats;
 mod stream;
 mod stream_partial;
@@ -55,6 +58,7 @@ mod tree;
 mod validate;
 mod write;
 
+pub use ambient::AmbientBlock;
 pub use assemble::{AssembleOptions, assemble};
 pub use codec::COMPRESSION_LEVELS;
 pub use color::ColorBlock;

@@ -13,4 +13,6 @@ pub struct Needs {
     pub colors: bool,
     /// Some block has normals.
     pub normals: bool,
+    /// Some block has ambient occlusion.
+    pub ambient: bool,
 }

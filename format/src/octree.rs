@@ -6,7 +6,7 @@ use glam::{DMat4, Vec3};
 use memmap2::Mmap;
 
 use crate::file::{BlockEntry, CODEC_RAW, ObjectEntry, PAGE_SLOTS, attachment};
-use crate::{Broken, ChildDescriptor, ColorBlock, Contour, FormatError, Needs, NormalBlock};
+use crate::{AmbientBlock, Broken, ChildDescriptor, ColorBlock, Contour, FormatError, Needs, NormalBlock};
 
 /// The image: every block, uncompressed, one after the other, in slots of 8 bytes.
 pub(crate) enum Image {
@@ -197,6 +197,7 @@ impl Octree {
             levels: self.objects.iter().map(|o| o.levels).max().unwrap_or(0),
             colors: kind(&[attachment::COLOR_BLOCKS, attachment::COLOR_CONSTANT]),
             normals: kind(&[attachment::NORMAL_BLOCKS]),
+            ambient: kind(&[attachment::AMBIENT_BLOCKS]),
         }
     }
 
@@ -255,6 +256,14 @@ impl Octree {
         let (pair, texel) = pair_of(slot - parts.start, child);
         let words = self.words().get(parts.words(attachment::COLOR_BLOCKS)? + pair * 2..)?;
         Some(ColorBlock { head: words[0], indices: words[1] }.decode(texel))
+    }
+
+    /// Ambient light that reaches child `child` of the descriptor at `slot`: 0 is none, 1 is all of it.
+    pub fn ambient(&self, slot: u32, child: u8) -> Option<f32> {
+        let parts = &self.parts[self.block_of(slot) as usize];
+        let (pair, texel) = pair_of(slot - parts.start, child);
+        let words = self.words().get(parts.words(attachment::AMBIENT_BLOCKS)? + pair * 2..)?;
+        Some(AmbientBlock(u64::from(words[1]) << 32 | u64::from(words[0])).decode(texel))
     }
 
     /// Unit normal of child `child` of the descriptor at `slot`, in mesh orientation.

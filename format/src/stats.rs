@@ -25,6 +25,8 @@ pub struct Bytes {
     pub colors: u64,
     /// Normal blocks.
     pub normals: u64,
+    /// Ambient occlusion blocks.
+    pub ambient: u64,
     /// Attachments of other types.
     pub other_attachments: u64,
     /// Alignment within blocks and up to the next page behind them.
@@ -38,7 +40,7 @@ impl Bytes {
     }
 
     /// Name and number of each kind, in the order of a block.
-    pub fn named(&self) -> [(&'static str, u64); 10] {
+    pub fn named(&self) -> [(&'static str, u64); 11] {
         [
             ("descriptors", self.descriptors),
             ("far pointers", self.far_pointers),
@@ -48,6 +50,7 @@ impl Bytes {
             ("contours", self.contours),
             ("colors", self.colors),
             ("normals", self.normals),
+            ("ambient occlusion", self.ambient),
             ("other attachments", self.other_attachments),
             ("padding", self.padding),
         ]
@@ -141,6 +144,7 @@ fn bytes(octree: &Octree, stats: &Stats) -> Bytes {
             *match kind {
                 attachment::COLOR_BLOCKS | attachment::COLOR_CONSTANT => &mut bytes.colors,
                 attachment::NORMAL_BLOCKS => &mut bytes.normals,
+                attachment::AMBIENT_BLOCKS => &mut bytes.ambient,
                 _ => &mut bytes.other_attachments,
             } += size;
         }
@@ -152,6 +156,7 @@ fn bytes(octree: &Octree, stats: &Stats) -> Bytes {
         - bytes.contours
         - bytes.colors
         - bytes.normals
+        - bytes.ambient
         - bytes.other_attachments;
     bytes
 }

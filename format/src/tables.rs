@@ -233,7 +233,7 @@ fn attachments(bytes: &[u8], info_at: u64, info: &InfoSection) -> Result<Vec<(u3
             return Err((ids::INFO_RANGE, at, "the attachment directory does not fit".into()));
         };
         let expected = match kind {
-            attachment::COLOR_BLOCKS => pairs * 8,
+            attachment::COLOR_BLOCKS | attachment::AMBIENT_BLOCKS => pairs * 8,
             attachment::NORMAL_BLOCKS => pairs * 16,
             attachment::COLOR_CONSTANT => 8,
             // Of a vendor or of a later version: a reader passes over it.

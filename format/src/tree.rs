@@ -1,6 +1,6 @@
 //! An octree in depth-first order, before it has addresses: what a builder makes and [`assemble`](crate::assemble) lays out.
 
-use crate::{ColorBlock, Contour, FormatError, NormalBlock, RawNormal};
+use crate::{AmbientBlock, ColorBlock, Contour, FormatError, NormalBlock, RawNormal};
 
 /// One non-leaf voxel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -46,6 +46,13 @@ pub struct Tree {
     voxels: u32,
 }
 
+    /// Ambient light of every voxel but the root, in the order of the nodes, 0 (none reaches it) to 255 (all of it); or
+    /// empty.
+    pub ambient: Vec<u8>,
+    /// Instead of [`ambient`](Self::ambient), blocks that are encoded already, as with colours.
+    pub ambient_blocks: Vec<AmbientBlock>,
+    /// Of every detached node, in the order of the nodes, what stands for the block that has its children.
+    pub(crate) outside: Vec<u32>,
 /// What is known of a voxel when its parent is pushed.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Voxel {
@@ -114,9 +121,63 @@ impl Tree {
     }
 
     /// Number of voxels, the root not counted.
+        self.ambient.extend_from_slice(&subtree.ambient);
+        self.ambient_blocks.extend_from_slice(&subtree.ambient_blocks);
+        self.outside.extend_from_slice(&subtree.outside);
     pub fn voxels(&self) -> u64 {
         u64::from(self.voxels)
     }
+    /// Takes what is below node `index` out of the tree: a tree of its own, whose root is a copy of the node. The node
+    /// stays, with its attributes and contours. Its subtree must have been closed and be the last of the tree.
+    ///
+    /// Pack the result into a block ([`pack`](crate::pack())), then say which with [`attach`](Self::attach).
+    ///
+    /// # Panics
+    /// If the node's subtree is not the last.
+    pub fn detach(&mut self, index: usize) -> Tree {
+        let top = self.nodes[index];
+        assert_eq!(index + top.subtree as usize, self.nodes.len(), "only the last subtree can be detached");
+        let (voxel, contour) = (top.first_voxel, top.first_contour);
+        let below = self.nodes[index + 1..].iter();
+        let outside = below.clone().filter(|node| node.detached).count();
+        let rebased = |node: &TreeNode| TreeNode {
+            first_voxel: node.first_voxel - voxel,
+            first_contour: node.first_contour - contour,
+            ..*node
+        };
+        let detached = Tree {
+            nodes: std::iter::once(&top).chain(below).map(rebased).collect(),
+            contours: self.contours[contour as usize..].to_vec(),
+            colors: self.colors.get(voxel as usize..).unwrap_or_default().to_vec(),
+            normals: self.normals.get(voxel as usize..).unwrap_or_default().to_vec(),
+            color_blocks: self.color_blocks.get(index..).unwrap_or_default().to_vec(),
+            normal_blocks: self.normal_blocks.get(index..).unwrap_or_default().to_vec(),
+            ambient: self.ambient.get(voxel as usize..).unwrap_or_default().to_vec(),
+            ambient_blocks: self.ambient_blocks.get(index..).unwrap_or_default().to_vec(),
+            outside: self.outside.split_off(self.outside.len() - outside),
+            voxels: self.voxels - voxel,
+        };
+        let own_voxels = voxel + top.valid.count_ones();
+        self.nodes.truncate(index + 1);
+        (self.nodes[index].detached, self.nodes[index].subtree) = (true, 1);
+        self.contours.truncate((contour + top.contours.count_ones()) as usize);
+        self.colors.truncate(own_voxels as usize);
+        self.normals.truncate(own_voxels as usize);
+        self.color_blocks.truncate(index + 1);
+        self.normal_blocks.truncate(index + 1);
+        self.ambient.truncate(own_voxels as usize);
+        self.ambient_blocks.truncate(index + 1);
+        self.ambient.truncate(own_voxels as usize);
+        self.ambient_blocks.truncate(index + 1);
+        self.voxels = own_voxels;
+        detached
+    }
+
+    /// Says which block has the children of the node that was detached last.
+    pub fn attach(&mut self, block: u32) {
+        self.outside.push(block);
+    }
+
 
     /// The non-leaf children of node `index` in slot order: (slot, node index).
     pub fn children(&self, index: usize) -> impl Iterator<Item = (u8, usize)> + '_ {
@@ -152,7 +213,9 @@ impl Tree {
         if self.nodes.is_empty() {
             return Err(FormatError::Limit("an octree needs at least one voxel".into()));
         }
-        for (what, count) in [("colours", self.colors.len()), ("normals", self.normals.len())] {
+        for (what, count) in
+            [("colours", self.colors.len()), ("normals", self.normals.len()), ("ambient values", self.ambient.len())]
+        {
             if count != 0 && count != self.voxels as usize {
                 let what = format!("{count} {what} for {} voxels: give every voxel one, or none", self.voxels);
                 return Err(FormatError::Limit(what));
@@ -165,6 +228,7 @@ impl Tree {
             if blocks != 0 && (blocks != self.nodes.len() || values != 0) {
                 let what = format!("{blocks} {what} blocks for {} nodes: one each and no values", self.nodes.len());
                 return Err(FormatError::Limit(what));
+            ("ambient", self.ambient.len(), self.ambient_blocks.len()),
             }
         }
         if let Some(index) = self.contours.iter().position(|c| c.0 << 14 == 0) {

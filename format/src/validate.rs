@@ -374,7 +374,7 @@ impl BlockCheck<'_> {
     fn attachments(&self, reached: bool, report: &mut Report) {
         for &(kind, at, _) in &self.parts.attachments {
             let words_per_pair = match kind {
-                attachment::COLOR_BLOCKS => 2,
+                attachment::COLOR_BLOCKS | attachment::AMBIENT_BLOCKS => 2,
                 attachment::NORMAL_BLOCKS => 4,
                 attachment::COLOR_CONSTANT => {
                     let words = &self.octree.words()[(at / 4) as usize..][..2];
@@ -431,9 +431,10 @@ impl BlockCheck<'_> {
 }
 
 fn check_uniform(octree: &Octree, report: &mut Report) {
-    let kinds: [(&str, &[u32]); 2] = [
+    let kinds: [(&str, &[u32]); 3] = [
         ("colours", &[attachment::COLOR_BLOCKS, attachment::COLOR_CONSTANT]),
         ("normals", &[attachment::NORMAL_BLOCKS]),
+        ("ambient occlusion", &[attachment::AMBIENT_BLOCKS]),
     ];
     for (name, kinds) in kinds {
         let has = |index: usize| octree.parts()[index].attachments.iter().any(|a| kinds.contains(&a.0));

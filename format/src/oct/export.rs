@@ -9,7 +9,7 @@ use super::kind;
 use super::layers::LEAF;
 use super::slice::{COMPLETE, NewSlice, Place, entry};
 use crate::file::attachment;
-use crate::{BlockParts, ColorBlock, FormatError, NormalBlock, Octree};
+use crate::{AmbientBlock, BlockParts, ColorBlock, FormatError, NormalBlock, Octree};
 
 /// Voxels that the authors' builder wants in a slice on average.
 const SLICE_VOXELS: f64 = 49152.0;
@@ -83,6 +83,7 @@ struct Gaps {
     colors: bool,
     normals: bool,
     constant: Option<f32>,
+    ambient: bool,
 }
 
 impl Exporter<'_> {
@@ -127,6 +128,9 @@ impl Exporter<'_> {
         if gaps.normals {
             lose("some or all voxels have no normal; in the file they face +z");
         }
+        if gaps.ambient {
+            lose("some voxels have no ambient occlusion; in the file all light reaches them");
+        }
         if let Some(error) = gaps.constant.filter(|error| *error > 0.0) {
             lose(&format!("constant colours became blocks: channels are up to {error:.1} steps of 255 off"));
         }
@@ -149,7 +153,10 @@ impl Exporter<'_> {
         if known.iter().any(|kind| found.contains(kind)) {
             kinds.push(kind::BLOCKS);
         }
-        for other in found.iter().filter(|kind| !known.contains(kind)) {
+        if found.contains(&attachment::AMBIENT_BLOCKS) {
+            kinds.push(kind::OCCLUSION);
+        }
+        for other in found.iter().filter(|kind| !known.contains(kind) && **kind != attachment::AMBIENT_BLOCKS) {
             self.lost.push(format!("object {index}: attachments of type {other:#x}"));
         }
         kinds
@@ -208,6 +215,7 @@ impl Exporter<'_> {
         let attachments: Vec<(u32, Vec<u32>)> = (kinds.iter())
             .map(|kind| match *kind {
                 kind::CONTOURS => (*kind, self.contours(&nodes)),
+                kind::OCCLUSION => (*kind, self.ambient(&nodes, gaps)),
                 _ => (*kind, self.blocks(&nodes, gaps)),
             })
             .collect();
@@ -255,6 +263,23 @@ impl Exporter<'_> {
             }
         }
         words
+    }
+
+    /// An ambient occlusion block for every pair of siblings.
+    fn ambient(&self, nodes: &[u32], gaps: &mut Gaps) -> Vec<u32> {
+        let block = |slot: &u32| {
+            let parts = &self.octree.parts()[self.octree.block_of(*slot) as usize];
+            let pair = ((slot - parts.start) / 2) as usize;
+            self.words(parts, attachment::AMBIENT_BLOCKS, pair * 2, 2).map(|words| [words[0], words[1]])
+        };
+        let blocks = nodes.iter().filter(|slot| **slot % 2 == 0).map(|slot| {
+            block(slot).unwrap_or_else(|| {
+                gaps.ambient = true;
+                let AmbientBlock(bits) = AmbientBlock::encode(&[Some(u8::MAX); 16]);
+                [bits as u32, (bits >> 32) as u32]
+            })
+        });
+        blocks.flatten().collect()
     }
 
     /// Words of an attachment of a block.

@@ -93,14 +93,11 @@ fn import_object<R: Read + Seek>(
     let mut lose = |what: String| lost.push(format!("object {index}: {what}"));
     let has = |kind: u32| object.attachments.contains(&kind);
     let source = [kind::BLOCKS, kind::PALETTE, kind::CORNERS].into_iter().find(|kind| has(*kind));
-    for other in object.attachments.iter().filter(|kind| **kind != kind::CONTOURS && Some(**kind) != source) {
-        match *other {
-            0 => {}
-            kind::OCCLUSION => lose("ambient occlusion".into()),
-            other => lose(format!("attachments of type {other}")),
-        }
+    let taken = |kind: &u32| [0, kind::CONTOURS, kind::OCCLUSION].contains(kind) || Some(*kind) == source;
+    for other in object.attachments.iter().filter(|kind| !taken(kind)) {
+        lose(format!("attachments of type {other}"));
     }
-    let layers = Layers::read(file, root, has(kind::CONTOURS), source)?;
+    let layers = Layers::read(file, root, has, source)?;
     if layers.layers[0].nodes.is_empty() {
         return Err(fault(format!("slice {root}"), "the root is not divided: there are no voxels"));
     }
@@ -179,6 +176,9 @@ impl Planter<'_> {
                 axes: words[4],
                 v_indices: words[5],
             });
+        }
+        if layers.with_ambient {
+            self.tree.ambient_blocks.push(layers.ambient[node.ambient as usize]);
         }
         for (next, own) in below.into_iter().flatten() {
             self.plant(level + 1, next, own);

@@ -5,7 +5,7 @@ use std::io::{Read, Seek};
 use super::clusters::{Clusters, SLICES};
 use super::slice::{Place, Slice, entry};
 use super::{fault, kind};
-use crate::FormatError;
+use crate::{AmbientBlock, FormatError};
 
 /// In place of a node: the voxel is a leaf.
 pub(super) const LEAF: u32 = u32::MAX;
@@ -25,6 +25,8 @@ pub(super) struct Node {
     pub(super) mask: u32,
     /// Where its colours and normals begin.
     pub(super) first_value: u32,
+    /// Its ambient occlusion block, which it may share with a sibling.
+    pub(super) ambient: u32,
 }
 
 /// The voxels of one level, in depth-first order.
@@ -45,10 +47,14 @@ pub(super) struct Layers {
     pub(super) contours: Vec<u32>,
     /// Words of the colours and normals of all nodes.
     pub(super) values: Vec<u32>,
+    /// Ambient occlusion blocks.
+    pub(super) ambient: Vec<AmbientBlock>,
     /// Slices that are planned and not built.
     pub(super) unbuilt: u64,
     /// Whether there are contours.
     with_contours: bool,
+    /// Whether there is ambient occlusion.
+    pub(super) with_ambient: bool,
     /// Type of the attachment with colours and normals.
     pub(super) kind: Option<u32>,
 }
@@ -71,14 +77,16 @@ struct Front {
 }
 
 impl Layers {
-    /// Reads the slices from that of the root on.
+    /// Reads the slices from that of the root on. `has` says of what types there are attachments, `kind` which of them
+    /// has the colours and normals.
     pub(super) fn read<R: Read + Seek>(
         file: &mut Clusters<R>,
         root: u32,
-        with_contours: bool,
+        has: impl Fn(u32) -> bool,
         kind: Option<u32>,
     ) -> Result<Self, FormatError> {
-        let mut layers = Self { with_contours, kind, ..Self::default() };
+        let (with_contours, with_ambient) = (has(kind::CONTOURS), has(kind::OCCLUSION));
+        let mut layers = Self { with_contours, with_ambient, kind, ..Self::default() };
         let mut front = Front { positions: vec![[0; 3]], parents: vec![0] };
         let mut tasks = vec![Task { id: root, place: Place::ROOT, first: 0, count: 1 }];
         let mut total = 0;
@@ -128,7 +136,15 @@ impl Layers {
             let valid = slice.mask(node - first_node as u32)?;
             layer.voxels[index] = node;
             let first_child = next.positions.len() as u32;
-            layer.nodes.push(Node { valid, contours: 0, first_child, first_contour: 0, mask: 0, first_value: 0 });
+            layer.nodes.push(Node {
+                valid,
+                contours: 0,
+                first_child,
+                first_contour: 0,
+                mask: 0,
+                first_value: 0,
+                ambient: 0,
+            });
             parents.push(front.parents[index]);
             for slot in (0..8).filter(|slot| valid >> slot & 1 != 0) {
                 let corner = front.positions[index];
@@ -144,6 +160,9 @@ impl Layers {
             None => {}
             Some(kind::BLOCKS) => self.blocks(slice, nodes, &parents)?,
             Some(kind) => self.values(slice, nodes, kind)?,
+        }
+        if self.with_ambient {
+            self.ambient(slice, nodes, &parents)?;
         }
         let place = Place { voxel_scale: task.place.voxel_scale - 1, ..task.place };
         let mut cursor = first_child;
@@ -169,19 +188,22 @@ impl Layers {
         Ok(())
     }
 
-    /// Siblings that are not leaves share a block two by two.
+    /// Colour and normal blocks.
     fn blocks(&mut self, slice: &Slice, nodes: &mut [Node], parents: &[u32]) -> Result<(), FormatError> {
-        let mut pairs = 0;
-        let mut index = 0;
-        while index < nodes.len() {
-            let size = if parents.get(index + 1) == Some(&parents[index]) { 2 } else { 1 };
-            for node in &mut nodes[index..index + size] {
-                node.first_value = (self.values.len() + pairs * BLOCK_WORDS) as u32;
-            }
-            (index, pairs) = (index + size, pairs + 1);
-        }
+        let first = self.values.len();
+        let pairs = pairs(parents, |index, pair| nodes[index].first_value = (first + pair * BLOCK_WORDS) as u32);
         let words = slice.attachment(kind::BLOCKS, pairs * BLOCK_WORDS)?;
         self.values.extend_from_slice(&words[..pairs * BLOCK_WORDS]);
+        Ok(())
+    }
+
+    /// Ambient occlusion blocks.
+    fn ambient(&mut self, slice: &Slice, nodes: &mut [Node], parents: &[u32]) -> Result<(), FormatError> {
+        let first = self.ambient.len();
+        let pairs = pairs(parents, |index, pair| nodes[index].ambient = (first + pair) as u32);
+        let words = slice.attachment(kind::OCCLUSION, pairs * 2)?;
+        let block = |words: &[u32]| AmbientBlock(u64::from(words[1]) << 32 | u64::from(words[0]));
+        self.ambient.extend(words[..pairs * 2].chunks_exact(2).map(block));
         Ok(())
     }
 
@@ -208,6 +230,17 @@ impl Layers {
         }
         Ok(())
     }
+}
+
+/// Siblings that are not leaves share blocks two by two: tells the pair of each node, and returns their number.
+fn pairs(parents: &[u32], mut of: impl FnMut(usize, usize)) -> usize {
+    let (mut pairs, mut index) = (0, 0);
+    while index < parents.len() {
+        let size = if parents.get(index + 1) == Some(&parents[index]) { 2 } else { 1 };
+        (index..index + size).for_each(|index| of(index, pairs));
+        (index, pairs) = (index + size, pairs + 1);
+    }
+    pairs
 }
 
 /// Words of a colour block and a normal block.
