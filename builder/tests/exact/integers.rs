@@ -67,7 +67,3 @@ pub fn cross<T: Integer>(a: &Vector<T>, b: &Vector<T>) -> Vector<T> {
         a[j].clone() * b[k].clone() - a[k].clone() * b[j].clone()
     })
 }
-
-pub fn magnitude<T: Integer>(x: &T) -> T {
-    x.clone().max(-x.clone())
-}

@@ -6,7 +6,7 @@ use std::collections::HashSet;
 use glam::DVec3;
 use num_bigint::BigInt;
 
-use super::integers::{Integer, Vector, cross, dot, exponent_of, integer, magnitude, sub};
+use super::integers::{Integer, Vector, cross, dot, exponent_of, integer, sub};
 
 /// The root cube and the unit that everything is an integer in.
 pub struct Space<T> {
@@ -94,6 +94,7 @@ impl<T: Integer> Axis<T> {
             let d = dot(&direction, p);
             d.clone() + d
         });
+        let magnitude = |x: &T| x.clone().max(-x.clone());
         let reach = (1..3).fold(magnitude(&direction[0]), |sum, i| sum + magnitude(&direction[i]));
         let [a, b, c] = twice;
         let lo = a.clone().min(b.clone()).min(c.clone());
