@@ -49,7 +49,7 @@ impl Differences {
 }
 
 /// Compares what two octrees hold: objects in their order, transforms, levels, topology, contours to the bit, and
-/// colours, normals and ambient light as they are decoded. Blocks, pointers, the order of anything in a file, attachments of vendors,
+/// colours, normals, values at corners and ambient light as they are decoded. Blocks, pointers, the order of anything in a file, attachments of vendors,
 /// unknown sections and metadata do not count. At most `limit` differences are listed; time is linear in the octrees.
 ///
 /// # Errors
@@ -145,6 +145,9 @@ impl Compare<'_> {
             self.add(path, "contour", text(contours.0), text(contours.1));
         }
         self.equal(path, "colour", self.a.color(first.0, child), self.b.color(second.0, child));
+        let alpha = |octree: &Octree, slot| octree.plain_color(slot, child).map_or(u8::MAX, |color| color[3]);
+        self.equal(path, "alpha", alpha(self.a, first.0), alpha(self.b, second.0));
+        self.equal(path, "corners", self.a.corners(first.0, child), self.b.corners(second.0, child));
         self.equal(path, "ambient light", self.a.ambient(first.0, child), self.b.ambient(second.0, child));
         let normal = |octree: &Octree, slot| octree.normal(slot, child).map(|n| n.to_array());
         self.equal(path, "normal", normal(self.a, first.0), normal(self.b, second.0));

@@ -208,6 +208,12 @@ pub struct VoxelDump {
     /// Its normal.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub normal: Option<[f32; 3]>,
+    /// Alpha of a plain colour, 0 to 255.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub alpha: Option<u8>,
+    /// Colours (red, green, blue, alpha) and raw normals at the corners of its cube, or of the cube that it is a part of.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub corners: Option<[([u8; 4], u32); 8]>,
     /// Ambient light, 0 (none) to 1.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ambient: Option<f32>,
@@ -395,6 +401,8 @@ fn voxel(octree: &Octree, slot: u32, child: u8) -> VoxelDump {
         contour: octree.contour(slot, child).map(ContourDump::from),
         color: octree.color(slot, child),
         normal: octree.normal(slot, child).map(|n| n.to_array()),
+        alpha: octree.plain_color(slot, child).map(|color| color[3]).filter(|alpha| *alpha != u8::MAX),
+        corners: octree.corners(slot, child).map(|cell| cell.corners.map(|value| (value.color, value.normal.0))),
         ambient: octree.ambient(slot, child),
     }
 }
@@ -450,6 +458,9 @@ impl fmt::Display for BlockHead {
                 2 => "normal blocks",
                 3 => "constant colour",
                 4 => "ambient occlusion blocks",
+                5 => "plain colours",
+                6 => "plain normals",
+                7 => "corners",
                 0x8000..=0xffff => "of a vendor",
                 _ => "unknown",
             };
@@ -538,6 +549,12 @@ impl fmt::Display for NodeDump {
             }
             if let Some([x, y, z]) = voxel.normal {
                 write!(f, "; normal {x:.5} {y:.5} {z:.5}")?;
+            }
+            if let Some(alpha) = voxel.alpha {
+                write!(f, "; alpha {alpha}")?;
+            }
+            for (corner, ([r, g, b, a], normal)) in voxel.corners.iter().flatten().enumerate() {
+                write!(f, "; corner {corner}: {r:02x}{g:02x}{b:02x}{a:02x} {normal:08x}")?;
             }
             if let Some(ambient) = voxel.ambient {
                 write!(f, "; ambient {ambient:.4}")?;

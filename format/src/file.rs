@@ -214,6 +214,18 @@ pub mod attachment {
     pub const COLOR_CONSTANT: u32 = 3;
     /// One [`AmbientBlock`](crate::AmbientBlock) per pair of slots of the descriptor array.
     pub const AMBIENT_BLOCKS: u32 = 4;
+    /// A colour for every voxel, R, G, B, A: a word for each slot of the descriptor array with value mask and distance in
+    /// words to the first value, then the values.
+    pub const COLORS_PLAIN: u32 = 5;
+    /// A [`RawNormal`](crate::RawNormal) for every voxel, likewise.
+    pub const NORMALS_PLAIN: u32 = 6;
+    /// A colour and a normal for every corner of a voxel: for each slot of the descriptor array a mask and the distance
+    /// in words to the first [`CornerValue`](crate::CornerValue), then the values.
+    pub const CORNERS: u32 = 7;
+    /// All types with colours; a block has one of them at most.
+    pub const COLORS: [u32; 4] = [COLOR_BLOCKS, COLOR_CONSTANT, COLORS_PLAIN, CORNERS];
+    /// All types with normals; a block has one of them at most.
+    pub const NORMALS: [u32; 3] = [NORMAL_BLOCKS, NORMALS_PLAIN, CORNERS];
     /// First vendor type.
     pub const VENDOR_FIRST: u32 = 0x8000;
     /// Last vendor type.

@@ -116,7 +116,7 @@ impl Layout {
         placer.place(plan.blocks[block].above)?;
         let Placer { placed, cursor: array_slots, far_pointers, .. } = placer;
         let contour_count = placed.iter().map(|p| tree.nodes[p.node].contours.count_ones()).sum();
-        let contents = Content::of_block(tree, &placed, array_slots);
+        let contents = Content::of_block(tree, &placed, array_slots)?;
         let info = u64::from(array_slots) * 8;
         let contours = info + INFO_BYTES + ATTACHMENT_BYTES * contents.len() as u64;
         let (attachments, total_bytes) = place(contents, contours + u64::from(contour_count) * 4);

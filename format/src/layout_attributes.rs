@@ -2,7 +2,8 @@
 
 use crate::file::{AttachmentEntry, FIRST_SLOT, InfoSection, attachment, to_bytes};
 use crate::layout::{Layout, Placed};
-use crate::{AmbientBlock, ColorBlock, NormalBlock, Tree};
+use crate::values::{plain_count, slots};
+use crate::{AmbientBlock, ColorBlock, FormatError, NormalBlock, Tree};
 
 /// What an attachment of a block is made of.
 #[derive(Clone, Copy, PartialEq)]
@@ -15,6 +16,12 @@ pub(crate) enum Content {
     NormalBlocks,
     /// An ambient occlusion block for every pair of slots.
     AmbientBlocks,
+    /// The colour of every voxel, as it is.
+    PlainColors,
+    /// The normal of every voxel, as it is.
+    PlainNormals,
+    /// Colours and normals at the corners of voxels, as they are.
+    Corners,
 }
 
 /// An attachment of a block that is being laid out.
@@ -32,25 +39,101 @@ impl Content {
             Self::ColorBlocks => attachment::COLOR_BLOCKS,
             Self::NormalBlocks => attachment::NORMAL_BLOCKS,
             Self::AmbientBlocks => attachment::AMBIENT_BLOCKS,
+            Self::PlainColors => attachment::COLORS_PLAIN,
+            Self::PlainNormals => attachment::NORMALS_PLAIN,
+            Self::Corners => attachment::CORNERS,
         }
     }
 
     /// The attachments of a block with these descriptors and an array of so many slots, and their sizes in bytes.
-    pub(crate) fn of_block(tree: &Tree, placed: &[Placed], array_slots: u32) -> Vec<(Self, u64)> {
-        let pairs = u64::from(array_slots / 2);
+    ///
+    /// # Errors
+    /// More plain values than their pointers reach.
+    pub(crate) fn of_block(tree: &Tree, placed: &[Placed], array_slots: u32) -> Result<Vec<(Self, u64)>, FormatError> {
+        let (slots, pairs) = (u64::from(array_slots), u64::from(array_slots / 2));
+        let plain = |values: fn(&Tree, usize) -> Option<u32>| {
+            let count = |p: &Placed| PlainValues::new(tree, p.node, values).count() as u64;
+            let words = slots + placed.iter().map(count).sum::<u64>();
+            if words > u64::from(MAX_PLAIN_POINTER) {
+                let what = format!("a block with {words} plain values and slots: smaller blocks are needed");
+                return Err(FormatError::Limit(what));
+            }
+            Ok(words * 4)
+        };
         let mut list = Vec::new();
         match one_color(tree, placed) {
             Some(color) => list.push((Self::ConstantColor(color), 8)),
             None if tree.colors.is_empty() && tree.color_blocks.is_empty() => {}
+            None if tree.plain => list.push((Self::PlainColors, plain(color)?)),
             None => list.push((Self::ColorBlocks, pairs * 8)),
         }
-        if !(tree.normals.is_empty() && tree.normal_blocks.is_empty()) {
+        if tree.plain && !tree.normals.is_empty() {
+            list.push((Self::PlainNormals, plain(normal)?));
+        } else if !(tree.normals.is_empty() && tree.normal_blocks.is_empty()) {
             list.push((Self::NormalBlocks, pairs * 16));
+        }
+        if !tree.corners.is_empty() {
+            let values: u64 = placed.iter().map(|p| tree.corners[p.node].count() as u64).sum();
+            list.push((Self::Corners, (slots + values) * 8));
         }
         if !(tree.ambient.is_empty() && tree.ambient_blocks.is_empty()) {
             list.push((Self::AmbientBlocks, pairs * 8));
         }
-        list
+        Ok(list)
+    }
+}
+
+/// Farthest value from the start of a plain attachment, in words: entries have 24 bits for it.
+const MAX_PLAIN_POINTER: u32 = (1 << 24) - 1;
+
+/// The colour of a voxel as it is stored.
+fn color(tree: &Tree, voxel: usize) -> Option<u32> {
+    let [r, g, b] = *tree.colors.get(voxel)?;
+    Some(u32::from_le_bytes([r, g, b, tree.alphas.get(voxel).copied().unwrap_or(u8::MAX)]))
+}
+
+/// The normal of a voxel as it is stored.
+fn normal(tree: &Tree, voxel: usize) -> Option<u32> {
+    Some(tree.normals.get(voxel)?.0)
+}
+
+/// The values of the voxels of one node.
+struct PlainValues {
+    valid: u8,
+    /// Voxels that have one of their own.
+    mask: u8,
+    /// By child slot.
+    values: [u32; 8],
+}
+
+impl PlainValues {
+    fn new(tree: &Tree, index: usize, value: fn(&Tree, usize) -> Option<u32>) -> Self {
+        let node = &tree.nodes[index];
+        let mut values = [0; 8];
+        for (voxel, slot) in (node.first_voxel as usize..).zip(slots(node.valid)) {
+            values[usize::from(slot)] = value(tree, voxel).unwrap_or(0);
+        }
+        let mask = tree.own.get(index).copied().unwrap_or_else(|| {
+            // All but those that have the most frequent value, the first such; if there are two, one is saved.
+            let same = |slot: u8| {
+                let equal = |other: &u8| values[usize::from(*other)] == values[usize::from(slot)];
+                slots(node.valid).filter(equal).fold(0u8, |mask, slot| mask | 1 << slot)
+            };
+            let shared = slots(node.valid).map(same).reduce(|a, b| if b.count_ones() > a.count_ones() { b } else { a });
+            let shared = shared.unwrap_or(0);
+            if shared.count_ones() > 1 { node.valid & !shared } else { node.valid }
+        });
+        Self { valid: node.valid, mask, values }
+    }
+
+    fn count(&self) -> usize {
+        plain_count(self.mask, self.valid)
+    }
+
+    /// As they are stored.
+    fn stored(&self) -> impl Iterator<Item = u32> + '_ {
+        let others = slots(self.valid & !self.mask).take(1);
+        slots(self.mask).chain(others).map(|slot| self.values[usize::from(slot)])
     }
 }
 
@@ -66,10 +149,14 @@ pub(crate) fn place(contents: Vec<(Content, u64)>, start: u64) -> (Vec<Attached>
     (attached, end)
 }
 
-/// The colour of all voxels of these descriptors, if they have the same.
+/// The colour of all voxels of these descriptors, if they have the same, which is opaque.
 fn one_color(tree: &Tree, placed: &[Placed]) -> Option<[u8; 3]> {
     let colors = |p: &Placed| {
         let node = &tree.nodes[p.node];
+        let range = node.first_voxel as usize..(node.first_voxel + node.valid.count_ones()) as usize;
+        if tree.alphas.get(range).is_some_and(|alphas| alphas.iter().any(|alpha| *alpha != u8::MAX)) {
+            return None;
+        }
         tree.colors.get(node.first_voxel as usize..)?.get(..node.valid.count_ones() as usize)
     };
     let first = *colors(placed.first()?)?.first()?;
@@ -109,12 +196,44 @@ impl Layout {
                         NormalBlock::encode(&texels(tree, members, |voxel| Some(tree.normals.get(voxel)?.decode())))
                     })
                 }),
+                Content::PlainColors => self.encode_plain(words, tree, color),
+                Content::PlainNormals => self.encode_plain(words, tree, normal),
+                Content::Corners => self.encode_corners(words, tree),
                 Content::AmbientBlocks => self.encode_pairs(words, |members| {
                     tree.ambient_blocks.get(members[0].node).copied().unwrap_or_else(|| {
                         AmbientBlock::encode(&texels(tree, members, |voxel| tree.ambient.get(voxel).copied()))
                     })
                 }),
             }
+        }
+    }
+
+    /// Writes an entry for every descriptor, and the values in their order.
+    fn encode_plain(&self, words: &mut [u32], tree: &Tree, value: fn(&Tree, usize) -> Option<u32>) {
+        let mut next = self.array_slots as usize;
+        for placed in &self.placed {
+            let plain = PlainValues::new(tree, placed.node, value);
+            words[placed.slot as usize] = (next as u32) << 8 | u32::from(plain.mask);
+            for value in plain.stored() {
+                words[next] = value;
+                next += 1;
+            }
+        }
+    }
+
+    /// The same for corners.
+    fn encode_corners(&self, words: &mut [u32], tree: &Tree) {
+        let mut next = self.array_slots as usize * 2;
+        for placed in &self.placed {
+            let corners = tree.corners[placed.node];
+            let values = &tree.corner_values[corners.first as usize..][..corners.count()];
+            if values.is_empty() {
+                continue;
+            }
+            let entry = placed.slot as usize * 2;
+            words[entry..entry + 2].copy_from_slice(&[corners.mask, next as u32]);
+            words[next..next + 2 * values.len()].copy_from_slice(bytemuck::cast_slice(values));
+            next += 2 * values.len();
         }
     }
 

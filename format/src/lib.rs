@@ -56,6 +56,8 @@ mod tables;
 mod topology;
 mod tree;
 mod validate;
+mod validate_values;
+mod values;
 mod write;
 
 pub use ambient::AmbientBlock;
@@ -77,3 +79,4 @@ pub use stream_source::{RangeRead, SeekSource};
 pub use tree::{Tree, TreeNode, Voxel};
 pub use validate::{Finding, Report, validate, validate_bytes, validate_bytes_with, validate_file, validate_file_with};
 pub use write::{WriteOptions, remove_temporaries, write_atomically};
+pub use values::{CornerCell, CornerValue, NodeCorners};

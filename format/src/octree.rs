@@ -6,7 +6,11 @@ use glam::{DMat4, Vec3};
 use memmap2::Mmap;
 
 use crate::file::{BlockEntry, CODEC_RAW, ObjectEntry, PAGE_SLOTS, attachment};
-use crate::{AmbientBlock, Broken, ChildDescriptor, ColorBlock, Contour, FormatError, Needs, NormalBlock};
+use crate::values::{plain_entry, plain_rank};
+use crate::{
+    AmbientBlock, Broken, ChildDescriptor, ColorBlock, Contour, CornerCell, CornerValue, FormatError, Needs,
+    NodeCorners, NormalBlock, RawNormal,
+};
 
 /// The image: every block, uncompressed, one after the other, in slots of 8 bytes.
 pub(crate) enum Image {
@@ -195,8 +199,8 @@ impl Octree {
             contours: self.parts.iter().any(|p| p.contour_count > 0),
             far_pointers: self.objects.iter().any(|o| o.far_pointers > 0),
             levels: self.objects.iter().map(|o| o.levels).max().unwrap_or(0),
-            colors: kind(&[attachment::COLOR_BLOCKS, attachment::COLOR_CONSTANT]),
-            normals: kind(&[attachment::NORMAL_BLOCKS]),
+            colors: kind(&attachment::COLORS),
+            normals: kind(&attachment::NORMALS),
             ambient: kind(&[attachment::AMBIENT_BLOCKS]),
         }
     }
@@ -246,16 +250,71 @@ impl Octree {
         self.words()[info as usize * 2]
     }
 
-    /// Colour of child `child` of the descriptor at `slot`: sRGB-encoded, channels in `0.0..=1.0`.
+    /// Colour of child `child` of the descriptor at `slot`: sRGB-encoded, channels in `0.0..=1.0`. Where colours are those
+    /// of corners, that in the middle of the voxel.
     pub fn color(&self, slot: u32, child: u8) -> Option<[f32; 3]> {
+        self.color_at(slot, child, Vec3::splat(0.5))
+    }
+
+    /// Like [`color`](Self::color), at a point of the voxel, whose corners are 0 and 1.
+    pub fn color_at(&self, slot: u32, child: u8, point: Vec3) -> Option<[f32; 3]> {
+        if let Some([r, g, b, _]) = self.plain_color(slot, child) {
+            return Some([r, g, b].map(|c| f32::from(c) / 255.0));
+        }
+        let parts = &self.parts[self.block_of(slot) as usize];
+        let (pair, texel) = pair_of(slot - parts.start, child);
+        if let Some(first) = parts.words(attachment::COLOR_BLOCKS) {
+            let words = self.words().get(first + pair * 2..)?;
+            return Some(ColorBlock { head: words[0], indices: words[1] }.decode(texel));
+        }
+        let ([r, g, b, _], _) = self.corners(slot, child)?.at(point)?;
+        Some([r, g, b])
+    }
+
+    /// Red, green, blue and alpha of child `child` of the descriptor at `slot`, where they are stored as they are: in a
+    /// plain attachment, or as a constant, which is opaque.
+    pub fn plain_color(&self, slot: u32, child: u8) -> Option<[u8; 4]> {
         let parts = &self.parts[self.block_of(slot) as usize];
         if let Some(word) = parts.words(attachment::COLOR_CONSTANT) {
             let [r, g, b, _] = self.words()[word].to_le_bytes();
-            return Some([r, g, b].map(|c| f32::from(c) / 255.0));
+            return Some([r, g, b, u8::MAX]);
         }
-        let (pair, texel) = pair_of(slot - parts.start, child);
-        let words = self.words().get(parts.words(attachment::COLOR_BLOCKS)? + pair * 2..)?;
-        Some(ColorBlock { head: words[0], indices: words[1] }.decode(texel))
+        Some(self.plain(parts, attachment::COLORS_PLAIN, slot, child)?.to_le_bytes())
+    }
+
+    /// Normal of child `child` of the descriptor at `slot`, where it is stored as it is.
+    pub fn plain_normal(&self, slot: u32, child: u8) -> Option<RawNormal> {
+        let parts = &self.parts[self.block_of(slot) as usize];
+        self.plain(parts, attachment::NORMALS_PLAIN, slot, child).map(RawNormal)
+    }
+
+    /// A value of a plain attachment.
+    fn plain(&self, parts: &BlockParts, kind: u32, slot: u32, child: u8) -> Option<u32> {
+        let words = self.attachment_words(parts, kind)?;
+        let (mask, first) = plain_entry(*words.get((slot - parts.start) as usize)?);
+        words.get(first + plain_rank(mask, child)).copied()
+    }
+
+    /// Values at corners, and where among them child `child` of the descriptor at `slot` is.
+    pub fn corners(&self, slot: u32, child: u8) -> Option<CornerCell> {
+        let parts = &self.parts[self.block_of(slot) as usize];
+        let (corners, values) = self.corner_values(parts, slot)?;
+        corners.cell(child, values)
+    }
+
+    /// The corners of the children of the descriptor at `slot`, and the values that they begin with.
+    pub(crate) fn corner_values(&self, parts: &BlockParts, slot: u32) -> Option<(NodeCorners, &[CornerValue])> {
+        let words = self.attachment_words(parts, attachment::CORNERS)?;
+        let entry = words.get((slot - parts.start) as usize * 2..)?.first_chunk::<2>()?;
+        let rest = words.get(entry[1] as usize..)?;
+        let values = bytemuck::cast_slice(&rest[..rest.len() / 2 * 2]);
+        Some((NodeCorners { mask: entry[0], first: 0 }, values))
+    }
+
+    /// The whole words of an attachment.
+    pub(crate) fn attachment_words(&self, parts: &BlockParts, kind: u32) -> Option<&[u32]> {
+        let (_, at, size) = parts.attachments.iter().find(|(k, ..)| *k == kind)?;
+        self.words().get((at / 4) as usize..)?.get(..(size / 4) as usize)
     }
 
     /// Ambient light that reaches child `child` of the descriptor at `slot`: 0 is none, 1 is all of it.
@@ -266,12 +325,24 @@ impl Octree {
         Some(AmbientBlock(u64::from(words[1]) << 32 | u64::from(words[0])).decode(texel))
     }
 
-    /// Unit normal of child `child` of the descriptor at `slot`, in mesh orientation.
+    /// Unit normal of child `child` of the descriptor at `slot`, in mesh orientation. Where normals are those of corners,
+    /// that in the middle of the voxel.
     pub fn normal(&self, slot: u32, child: u8) -> Option<Vec3> {
+        self.normal_at(slot, child, Vec3::splat(0.5))
+    }
+
+    /// Like [`normal`](Self::normal), at a point of the voxel, whose corners are 0 and 1.
+    pub fn normal_at(&self, slot: u32, child: u8, point: Vec3) -> Option<Vec3> {
         let parts = &self.parts[self.block_of(slot) as usize];
-        let (pair, texel) = pair_of(slot - parts.start, child);
-        let words = self.words().get(parts.words(attachment::NORMAL_BLOCKS)? + pair * 4..)?;
-        Some(bytemuck::pod_read_unaligned::<NormalBlock>(bytemuck::cast_slice(&words[..4])).decode(texel))
+        if let Some(first) = parts.words(attachment::NORMAL_BLOCKS) {
+            let (pair, texel) = pair_of(slot - parts.start, child);
+            let words = self.words().get(first + pair * 4..)?;
+            return Some(bytemuck::pod_read_unaligned::<NormalBlock>(bytemuck::cast_slice(&words[..4])).decode(texel));
+        }
+        if let Some(normal) = self.plain_normal(slot, child) {
+            return Some(normal.decode());
+        }
+        Some(self.corners(slot, child)?.at(point)?.1)
     }
 }
 

@@ -21,10 +21,12 @@ pub struct Bytes {
     pub info_sections: u64,
     /// Contour values.
     pub contours: u64,
-    /// Colour blocks and constant colours.
+    /// Colour blocks, plain and constant colours.
     pub colors: u64,
-    /// Normal blocks.
+    /// Normal blocks and plain normals.
     pub normals: u64,
+    /// Colours and normals of corners.
+    pub corners: u64,
     /// Ambient occlusion blocks.
     pub ambient: u64,
     /// Attachments of other types.
@@ -40,7 +42,7 @@ impl Bytes {
     }
 
     /// Name and number of each kind, in the order of a block.
-    pub fn named(&self) -> [(&'static str, u64); 11] {
+    pub fn named(&self) -> [(&'static str, u64); 12] {
         [
             ("descriptors", self.descriptors),
             ("far pointers", self.far_pointers),
@@ -50,6 +52,7 @@ impl Bytes {
             ("contours", self.contours),
             ("colors", self.colors),
             ("normals", self.normals),
+            ("corners", self.corners),
             ("ambient occlusion", self.ambient),
             ("other attachments", self.other_attachments),
             ("padding", self.padding),
@@ -142,8 +145,9 @@ fn bytes(octree: &Octree, stats: &Stats) -> Bytes {
         bytes.contours += u64::from(parts.contour_count) * 4;
         for &(kind, _, size) in &parts.attachments {
             *match kind {
-                attachment::COLOR_BLOCKS | attachment::COLOR_CONSTANT => &mut bytes.colors,
-                attachment::NORMAL_BLOCKS => &mut bytes.normals,
+                attachment::CORNERS => &mut bytes.corners,
+                kind if attachment::COLORS.contains(&kind) => &mut bytes.colors,
+                kind if attachment::NORMALS.contains(&kind) => &mut bytes.normals,
                 attachment::AMBIENT_BLOCKS => &mut bytes.ambient,
                 _ => &mut bytes.other_attachments,
             } += size;
@@ -156,6 +160,7 @@ fn bytes(octree: &Octree, stats: &Stats) -> Bytes {
         - bytes.contours
         - bytes.colors
         - bytes.normals
+        - bytes.corners
         - bytes.ambient
         - bytes.other_attachments;
     bytes

@@ -225,7 +225,7 @@ fn info_section(bytes: &[u8], index: u32) -> Result<(u64, InfoSection), Fault> {
 /// Type, first byte in the block, and size of the attachments.
 fn attachments(bytes: &[u8], info_at: u64, info: &InfoSection) -> Result<Vec<(u32, u64, u64)>, Fault> {
     let pool_end = info_at + u64::from(info.contour_offset) * 4 + u64::from(info.contour_count) * 4;
-    let pairs = u64::from(info.array_slots.div_ceil(2));
+    let (slots, pairs) = (u64::from(info.array_slots), u64::from(info.array_slots.div_ceil(2)));
     let mut found: Vec<(u32, u64, u64)> = Vec::new();
     for k in 0..u64::from(info.attachment_count) {
         let at = info_at + INFO_BYTES + k * ATTACHMENT_BYTES;
@@ -236,6 +236,9 @@ fn attachments(bytes: &[u8], info_at: u64, info: &InfoSection) -> Result<Vec<(u3
             attachment::COLOR_BLOCKS | attachment::AMBIENT_BLOCKS => pairs * 8,
             attachment::NORMAL_BLOCKS => pairs * 16,
             attachment::COLOR_CONSTANT => 8,
+            // Entries for all slots, then as many values as there are.
+            attachment::COLORS_PLAIN | attachment::NORMALS_PLAIN => slots * 4 + size.saturating_sub(slots * 4) / 4 * 4,
+            attachment::CORNERS => slots * 8 + size.saturating_sub(slots * 8) / 8 * 8,
             // Of a vendor or of a later version: a reader passes over it.
             _ => size,
         };
@@ -250,8 +253,11 @@ fn attachments(bytes: &[u8], info_at: u64, info: &InfoSection) -> Result<Vec<(u3
         if found.iter().any(|&(_, other, size)| start < other + size && other < end) {
             return Err((ids::ATTACHMENT_RANGE, at + 4, format!("attachment {kind} overlaps another")));
         }
-        let is_color = |kind| matches!(kind, attachment::COLOR_BLOCKS | attachment::COLOR_CONSTANT);
-        if found.iter().any(|a| a.0 == kind || is_color(a.0) && is_color(kind)) {
+        let excludes = |a: u32| {
+            let both = |kinds: &[u32]| kinds.contains(&a) && kinds.contains(&kind);
+            a == kind || both(&attachment::COLORS) || both(&attachment::NORMALS)
+        };
+        if found.iter().any(|a| excludes(a.0)) {
             return Err((ids::ATTACHMENT_TYPE, at, format!("attachment type {kind} is one too many")));
         }
         found.push((kind, start, size));

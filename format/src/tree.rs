@@ -1,6 +1,6 @@
 //! An octree in depth-first order, before it has addresses: what a builder makes and [`assemble`](crate::assemble) lays out.
 
-use crate::{AmbientBlock, ColorBlock, Contour, FormatError, NormalBlock, RawNormal};
+use crate::{AmbientBlock, ColorBlock, Contour, CornerValue, FormatError, NodeCorners, NormalBlock, RawNormal};
 
 /// One non-leaf voxel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -51,6 +51,18 @@ pub struct Tree {
     pub ambient: Vec<u8>,
     /// Instead of [`ambient`](Self::ambient), blocks that are encoded already, as with colours.
     pub ambient_blocks: Vec<AmbientBlock>,
+    /// Whether colours and normals are stored as they are, 4 bytes each, instead of in blocks of 16. More exact, and four
+    /// to eight times as large.
+    pub plain: bool,
+    /// Alpha of the colours of a [`plain`](Self::plain) tree, likewise; or empty: they are opaque.
+    pub alphas: Vec<u8>,
+    /// For every node of a [`plain`](Self::plain) tree, which voxels have a colour and a normal of their own. The others
+    /// have the same as each other, and share one. Or empty: the most frequent of each node is shared.
+    pub own: Vec<u8>,
+    /// Instead of colours and normals of voxels, those of their corners, for every node; or empty.
+    pub corners: Vec<NodeCorners>,
+    /// What they refer to, in the order of the nodes.
+    pub corner_values: Vec<CornerValue>,
     /// Of every detached node, in the order of the nodes, what stands for the block that has its children.
     pub(crate) outside: Vec<u32>,
 /// What is known of a voxel when its parent is pushed.
@@ -123,6 +135,12 @@ impl Tree {
     /// Number of voxels, the root not counted.
         self.ambient.extend_from_slice(&subtree.ambient);
         self.ambient_blocks.extend_from_slice(&subtree.ambient_blocks);
+        self.alphas.extend_from_slice(&subtree.alphas);
+        self.own.extend_from_slice(&subtree.own);
+        let values = self.corner_values.len() as u32;
+        let moved = |corners: &NodeCorners| NodeCorners { first: corners.first + values, ..*corners };
+        self.corners.extend(subtree.corners.iter().map(moved));
+        self.corner_values.extend_from_slice(&subtree.corner_values);
         self.outside.extend_from_slice(&subtree.outside);
     pub fn voxels(&self) -> u64 {
         u64::from(self.voxels)
@@ -145,6 +163,8 @@ impl Tree {
             first_contour: node.first_contour - contour,
             ..*node
         };
+        let corner = self.corners.get(index).map_or(0, |corners| corners.first);
+        let rebased_corners = |corners: &NodeCorners| NodeCorners { first: corners.first - corner, ..*corners };
         let detached = Tree {
             nodes: std::iter::once(&top).chain(below).map(rebased).collect(),
             contours: self.contours[contour as usize..].to_vec(),
@@ -154,6 +174,11 @@ impl Tree {
             normal_blocks: self.normal_blocks.get(index..).unwrap_or_default().to_vec(),
             ambient: self.ambient.get(voxel as usize..).unwrap_or_default().to_vec(),
             ambient_blocks: self.ambient_blocks.get(index..).unwrap_or_default().to_vec(),
+            plain: self.plain,
+            alphas: self.alphas.get(voxel as usize..).unwrap_or_default().to_vec(),
+            own: self.own.get(index..).unwrap_or_default().to_vec(),
+            corners: self.corners.get(index..).unwrap_or_default().iter().map(rebased_corners).collect(),
+            corner_values: self.corner_values.get(corner as usize..).unwrap_or_default().to_vec(),
             outside: self.outside.split_off(self.outside.len() - outside),
             voxels: self.voxels - voxel,
         };
@@ -167,8 +192,11 @@ impl Tree {
         self.normal_blocks.truncate(index + 1);
         self.ambient.truncate(own_voxels as usize);
         self.ambient_blocks.truncate(index + 1);
-        self.ambient.truncate(own_voxels as usize);
-        self.ambient_blocks.truncate(index + 1);
+        self.alphas.truncate(own_voxels as usize);
+        self.own.truncate(index + 1);
+        let own_corners = self.corners.get(index).map_or(0, |corners| corner as usize + corners.count());
+        self.corners.truncate(index + 1);
+        self.corner_values.truncate(own_corners);
         self.voxels = own_voxels;
         detached
     }

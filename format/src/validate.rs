@@ -314,16 +314,21 @@ fn check_tallies(octree: &Octree, tallies: &[Tally], report: &mut Report) {
 }
 
 /// What is checked of one block once its descriptors have been walked.
-struct BlockCheck<'a> {
-    octree: &'a Octree,
+pub(crate) struct BlockCheck<'a> {
+    pub(crate) octree: &'a Octree,
     index: usize,
-    parts: &'a BlockParts,
+    pub(crate) parts: &'a BlockParts,
     walked: &'a Walked,
     far_pointers: &'a Bits,
 }
 
 impl BlockCheck<'_> {
-    fn add(&self, report: &mut Report, rule: &'static str, image_byte: u64, what: &str) {
+    /// Whether a slot of the image holds a descriptor.
+    pub(crate) fn is_descriptor(&self, slot: usize) -> bool {
+        self.walked.claimed.has(slot) && !self.far_pointers.has(slot)
+    }
+
+    pub(crate) fn add(&self, report: &mut Report, rule: &'static str, image_byte: u64, what: &str) {
         report.add(Broken::new(rule, self.octree.offset(image_byte), format!("block {}: {what}", self.index)));
     }
 
@@ -383,6 +388,12 @@ impl BlockCheck<'_> {
                     }
                     continue;
                 }
+                attachment::COLORS_PLAIN | attachment::NORMALS_PLAIN | attachment::CORNERS => {
+                    if self.walked.complete && reached {
+                        self.values(kind, report);
+                    }
+                    continue;
+                }
                 attachment::VENDOR_FIRST..=attachment::VENDOR_LAST => continue,
                 _ => {
                     self.add(report, ids::ATTACHMENT_TYPE, at, &format!("attachment type {kind} is not registered"));
@@ -399,8 +410,7 @@ impl BlockCheck<'_> {
         let words = &self.octree.words()[(at / 4) as usize..];
         let array = self.array();
         for (pair, words) in array.clone().step_by(2).zip(words.chunks_exact(words_per_pair)) {
-            let descriptor = |slot: usize| self.walked.claimed.has(slot) && !self.far_pointers.has(slot);
-            let used = (pair..array.end).take(2).any(|slot| descriptor(slot as usize));
+            let used = (pair..array.end).take(2).any(|slot| self.is_descriptor(slot as usize));
             if !used && words.iter().any(|w| *w != 0) {
                 let at = at + u64::from(pair - array.start) / 2 * words_per_pair as u64 * 4;
                 let what = format!("attachment {kind} has values for the pair at slot {pair}, which has no descriptor");
@@ -432,8 +442,8 @@ impl BlockCheck<'_> {
 
 fn check_uniform(octree: &Octree, report: &mut Report) {
     let kinds: [(&str, &[u32]); 3] = [
-        ("colours", &[attachment::COLOR_BLOCKS, attachment::COLOR_CONSTANT]),
-        ("normals", &[attachment::NORMAL_BLOCKS]),
+        ("colours", &attachment::COLORS),
+        ("normals", &attachment::NORMALS),
         ("ambient occlusion", &[attachment::AMBIENT_BLOCKS]),
     ];
     for (name, kinds) in kinds {

@@ -95,9 +95,11 @@ rules! {
     CONTOUR_ONCE = "K005" Must: "Every value of a contour pool belongs to exactly one voxel.";
 
     ATTACHMENT_RANGE = "A001" Must: "An attachment lies in the block behind the contour pool, is aligned to 8 bytes, and overlaps no other.";
-    ATTACHMENT_TYPE = "A002" Must: "An attachment type is in the registry or in the vendor range and occurs once per block; a block has colour blocks or a constant colour, not both.";
+    ATTACHMENT_TYPE = "A002" Must: "An attachment type is in the registry or in the vendor range and occurs once per block; a block has at most one type with colours and at most one with normals.";
     ATTACHMENT_SIZE = "A003" Must: "The size of an attachment is the one that its type prescribes.";
     ATTACHMENT_LIMIT = "A004" Must: "A block has at most 64 attachments.";
-    ATTACHMENT_UNUSED = "A005" Must: "Attribute blocks of pairs without a child descriptor and the unused bytes of a constant colour are zero.";
-    ATTACHMENT_UNIFORM = "A006" Should: "The blocks of an object all have colours or none has, and likewise normals.";
+    ATTACHMENT_UNUSED = "A005" Must: "Attribute blocks of pairs and entries of slots without a child descriptor, and the unused bytes of a constant colour, are zero.";
+    ATTACHMENT_UNIFORM = "A006" Should: "The blocks of an object all have colours or none has, and likewise normals and ambient occlusion.";
+    ATTACHMENT_ENTRY = "A007" Must: "The entry of a descriptor in plain colours, plain normals or corners leads to values in the attachment behind its entries; a value mask is a subset of the valid mask, undefined bits are zero, and so is an entry without values.";
+    ATTACHMENT_ONCE = "A008" Must: "Every value of plain colours, plain normals or corners belongs to the entry of exactly one descriptor.";
 }

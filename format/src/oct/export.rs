@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 use glam::Vec3;
 
 use super::clusters::{NewFile, OCTREE_CHUNK, SLICES};
+use super::export_values::Inherited;
 use super::kind;
 use super::layers::LEAF;
 use super::slice::{COMPLETE, NewSlice, Place, entry};
@@ -70,8 +71,8 @@ struct Task {
     voxel: usize,
 }
 
-struct Exporter<'a> {
-    octree: &'a Octree,
+pub(super) struct Exporter<'a> {
+    pub(super) octree: &'a Octree,
     file: NewFile,
     slices: u32,
     lost: Vec<String>,
@@ -79,11 +80,15 @@ struct Exporter<'a> {
 
 /// What is missing of an object's attributes, and how far constant colours are from the blocks for them.
 #[derive(Default)]
-struct Gaps {
-    colors: bool,
-    normals: bool,
+pub(super) struct Gaps {
+    pub(super) colors: bool,
+    pub(super) normals: bool,
     constant: Option<f32>,
     ambient: bool,
+    /// Some colours or normals are not stored as they are, and a palette has to take the nearest.
+    pub(super) rounded: bool,
+    /// Descriptors whose corners are others in the file.
+    pub(super) lattice: u64,
 }
 
 impl Exporter<'_> {
@@ -104,8 +109,14 @@ impl Exporter<'_> {
         list.extend([self.slices, kinds.len() as u32]);
         list.extend(&kinds);
 
-        let layers = layers(self.octree, object.root_slot as u32)?;
+        let root = object.root_slot as u32;
+        let layers = layers(self.octree, root)?;
         let mut gaps = Gaps::default();
+        let inherited = match kinds.as_slice() {
+            kinds if kinds.contains(&kind::PALETTE) => Inherited::palette(self, root, &mut gaps),
+            kinds if kinds.contains(&kind::CORNERS) => Inherited::corners(self, root, &mut gaps),
+            _ => Inherited::default(),
+        };
         let mut tasks = vec![Task { id: self.slices, place: Place::ROOT, level: 0, voxel: 0 }];
         self.slices += 1;
         for level in 0.. {
@@ -113,7 +124,7 @@ impl Exporter<'_> {
             for task in tasks {
                 let mut entries = Vec::new();
                 self.follow(&layers, level, task, &mut entries, &mut next);
-                let words = self.slice(&layers, level, &task, &entries, &kinds, &mut gaps);
+                let words = self.slice(&layers, level, &task, &entries, (&kinds, &inherited), &mut gaps);
                 self.file.put((SLICES, task.id), words);
             }
             if next.is_empty() {
@@ -128,6 +139,12 @@ impl Exporter<'_> {
         if gaps.normals {
             lose("some or all voxels have no normal; in the file they face +z");
         }
+        if gaps.rounded {
+            lose("colours and normals of blocks or corners are the nearest of one for every voxel");
+        }
+        if gaps.lattice > 0 {
+            lose(&format!("{} voxels have values at corners that the file says in another way", gaps.lattice));
+        }
         if gaps.ambient {
             lose("some voxels have no ambient occlusion; in the file all light reaches them");
         }
@@ -139,24 +156,30 @@ impl Exporter<'_> {
 
     /// Types of the attachments of an object in the file. Those that the file has no place for are listed.
     fn kinds(&mut self, index: usize) -> Vec<u32> {
-        let mut found = BTreeSet::new();
-        for (block, parts) in self.octree.blocks().iter().zip(self.octree.parts()) {
-            if block.object as usize == index {
-                found.extend(parts.attachments.iter().map(|attachment| attachment.0));
-            }
-        }
+        let parts: Vec<&BlockParts> = (self.octree.blocks().iter().zip(self.octree.parts()))
+            .filter(|(block, _)| block.object as usize == index)
+            .map(|(_, parts)| parts)
+            .collect();
+        let has = |parts: &BlockParts, kinds: &[u32]| parts.attachments.iter().any(|a| kinds.contains(&a.0));
+        let any = |kinds: &[u32]| parts.iter().any(|parts| has(parts, kinds));
         let mut kinds = Vec::new();
         if self.octree.objects()[index].contours > 0 {
             kinds.push(kind::CONTOURS);
         }
-        let known = [attachment::COLOR_BLOCKS, attachment::COLOR_CONSTANT, attachment::NORMAL_BLOCKS];
-        if known.iter().any(|kind| found.contains(kind)) {
+        let corners = [attachment::CORNERS];
+        if any(&corners) && parts.iter().all(|parts| has(parts, &corners)) {
+            kinds.push(kind::CORNERS);
+        } else if any(&[attachment::COLORS_PLAIN, attachment::NORMALS_PLAIN, attachment::CORNERS]) {
+            kinds.push(kind::PALETTE);
+        } else if any(&attachment::COLORS) || any(&attachment::NORMALS) {
             kinds.push(kind::BLOCKS);
         }
-        if found.contains(&attachment::AMBIENT_BLOCKS) {
+        if any(&[attachment::AMBIENT_BLOCKS]) {
             kinds.push(kind::OCCLUSION);
         }
-        for other in found.iter().filter(|kind| !known.contains(kind) && **kind != attachment::AMBIENT_BLOCKS) {
+        let known = |kind: &u32| (attachment::COLOR_BLOCKS..=attachment::CORNERS).contains(kind);
+        let attachments = parts.iter().flat_map(|parts| &parts.attachments);
+        for other in attachments.map(|a| a.0).filter(|kind| !known(kind)).collect::<BTreeSet<u32>>() {
             self.lost.push(format!("object {index}: attachments of type {other:#x}"));
         }
         kinds
@@ -205,7 +228,7 @@ impl Exporter<'_> {
         level: usize,
         task: &Task,
         entries: &[i32],
-        kinds: &[u32],
+        (kinds, inherited): (&[u32], &Inherited),
         gaps: &mut Gaps,
     ) -> Vec<u32> {
         let slots = &layers[level].slots[range(layers, task.level, task.voxel, level)];
@@ -216,6 +239,8 @@ impl Exporter<'_> {
             .map(|kind| match *kind {
                 kind::CONTOURS => (*kind, self.contours(&nodes)),
                 kind::OCCLUSION => (*kind, self.ambient(&nodes, gaps)),
+                kind::PALETTE => (*kind, self.palette(&nodes, inherited, gaps)),
+                kind::CORNERS => (*kind, self.corners(&nodes, inherited)),
                 _ => (*kind, self.blocks(&nodes, gaps)),
             })
             .collect();

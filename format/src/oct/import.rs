@@ -2,14 +2,18 @@
 
 use std::io::{Read, Seek};
 
-use glam::{DMat4, DVec4};
+use glam::{DMat4, DVec4, Vec3};
 
 use super::clusters::{Clusters, MESHES, OCTREE_CHUNK, SLICES};
-use super::layers::{BLOCK_WORDS, LEAF, Layers};
+use super::layers::{BLOCK_WORDS, LEAF, Layers, Node};
 use super::merge::merge;
-use super::values::{Attributes, block_error};
+use super::values::{Attributes, own_values};
 use super::{Imported, fault, kind};
-use crate::{AssembleOptions, ColorBlock, Contour, FormatError, NormalBlock, Octree, RawNormal, Tree, Voxel, assemble};
+use crate::values::{OWN_CUBE, slots};
+use crate::{
+    AssembleOptions, ColorBlock, Contour, CornerValue, FormatError, NodeCorners, NormalBlock, Octree, RawNormal, Tree,
+    Voxel, assemble,
+};
 
 /// Words of an object before its list of attachments.
 const OBJECT_WORDS: usize = 34;
@@ -104,25 +108,27 @@ fn import_object<R: Read + Seek>(
     if layers.unbuilt > 0 {
         lose(format!("plans for {} slices that have not been built; their voxels are leaves", layers.unbuilt));
     }
-    let mut planter = Planter { layers: &layers, tree: Tree::default(), bare: 0 };
+    let mut planter = Planter { layers: &layers, tree: Tree::default(), bare: 0, rounded: 0 };
+    planter.tree.plain = source == Some(kind::PALETTE);
     planter.plant(0, 0, Attributes::None);
-    let Planter { tree, bare, .. } = planter;
-    let octree = assemble(&tree, object.transform, &AssembleOptions::default())?;
-    if bare > 0 {
-        lose(format!("{bare} voxels have no colour and normal, nor has any above them; they are white and face +z"));
+    let Planter { mut tree, bare, rounded, .. } = planter;
+    if tree.alphas.iter().all(|alpha| *alpha == u8::MAX) {
+        tree.alphas.clear();
     }
-    if matches!(source, Some(kind::PALETTE | kind::CORNERS)) {
-        if source == Some(kind::CORNERS) {
-            lose("colours and normals at corners became those in the middles of voxels".into());
+    let octree = assemble(&tree, object.transform, &AssembleOptions::default())?;
+    match source {
+        Some(kind::CORNERS) if bare > 0 => {
+            lose(format!("{bare} voxels have no colour and normal at some corner, nor has any voxel above them"));
         }
-        let (color, angle, mean) = block_error(&tree, &octree);
+        _ if bare > 0 => {
+            lose(format!("{bare} voxels have no colour and normal, nor has any above them; they are white and face +z"))
+        }
+        _ => {}
+    }
+    if rounded > 0 {
         lose(format!(
-            "a colour and a normal for every voxel became blocks: channels are up to {color:.1} steps of 255 off, normals up to {angle:.1} degrees and {mean:.2} on average"
+            "colours and normals of {rounded} voxels are rounded, as they lie between those of corners above"
         ));
-        let opaque = |color: &u32| color >> 24 == 255 || source == Some(kind::CORNERS) && color >> 24 == 0;
-        if !layers.values.iter().step_by(2).all(opaque) {
-            lose("the alpha of colours".into());
-        }
     }
     Ok(octree)
 }
@@ -133,6 +139,8 @@ struct Planter<'a> {
     tree: Tree,
     /// Voxels that lack attributes.
     bare: u64,
+    /// Voxels whose corners had to be interpolated.
+    rounded: u64,
 }
 
 impl Planter<'_> {
@@ -151,18 +159,16 @@ impl Planter<'_> {
                 voxel.contour = Some(Contour(layers.contours[contour]));
                 contour += 1;
             }
-            let own = match layers.kind {
-                None | Some(kind::BLOCKS) => Attributes::None,
-                Some(_) => {
-                    let own = attributes.child(layers, node, slot);
-                    let (color, normal) = own.value().unwrap_or_else(|| {
-                        self.bare += 1;
-                        ([255; 3], RawNormal::encode(glam::Vec3::Z))
-                    });
-                    (voxel.color, voxel.normal) = (Some(color), Some(normal));
-                    own
+            let own = if layers.own_values() { attributes.child(layers, node, slot) } else { Attributes::None };
+            match (layers.kind, own) {
+                (Some(kind::PALETTE), Attributes::One(value)) => self.value(&mut voxel, value),
+                (Some(kind::PALETTE), _) => {
+                    self.bare += 1;
+                    self.value(&mut voxel, CornerValue { color: [u8::MAX; 4], normal: RawNormal::encode(Vec3::Z) });
                 }
-            };
+                (Some(kind::CORNERS), Attributes::None) => self.bare += 1,
+                _ => {}
+            }
             below[slot as usize] = (!voxel.leaf).then_some((next, own));
             children[slot as usize] = Some(voxel);
         }
@@ -177,6 +183,11 @@ impl Planter<'_> {
                 v_indices: words[5],
             });
         }
+        match layers.kind {
+            Some(kind::PALETTE) => self.tree.own.push(node.mask as u8),
+            Some(kind::CORNERS) => self.corners(node, attributes),
+            _ => {}
+        }
         if layers.with_ambient {
             self.tree.ambient_blocks.push(layers.ambient[node.ambient as usize]);
         }
@@ -184,5 +195,22 @@ impl Planter<'_> {
             self.plant(level + 1, next, own);
         }
         self.tree.close(opened);
+    }
+    fn value(&mut self, voxel: &mut Voxel, CornerValue { color: [r, g, b, alpha], normal }: CornerValue) {
+        (voxel.color, voxel.normal) = (Some([r, g, b]), Some(normal));
+        self.tree.alphas.push(alpha);
+    }
+
+    /// The corners of a node; where some lack, with those of its own voxel, which has these attributes.
+    fn corners(&mut self, node: &Node, attributes: Attributes) {
+        let mut corners = NodeCorners { mask: node.mask, first: self.tree.corner_values.len() as u32 };
+        self.tree.corner_values.extend(own_values(self.layers, node));
+        let lacking = slots(node.valid).any(|child| !corners.has_child(child));
+        if let (true, Attributes::Corners(cell)) = (lacking, attributes) {
+            corners.mask |= OWN_CUBE;
+            self.rounded += u64::from(cell.size < 1.0);
+            self.tree.corner_values.extend(cell.of_voxel());
+        }
+        self.tree.corners.push(corners);
     }
 }

@@ -77,6 +77,11 @@ struct Front {
 }
 
 impl Layers {
+    /// Whether colours and normals are not in blocks.
+    pub(super) fn own_values(&self) -> bool {
+        matches!(self.kind, Some(kind::PALETTE | kind::CORNERS))
+    }
+
     /// Reads the slices from that of the root on. `has` says of what types there are attachments, `kind` which of them
     /// has the colours and normals.
     pub(super) fn read<R: Read + Seek>(

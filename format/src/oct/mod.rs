@@ -19,6 +19,7 @@
 
 mod clusters;
 mod export;
+mod export_values;
 mod import;
 mod layers;
 mod merge;

@@ -1,0 +1,152 @@
+//! Colours and normals that are written one for every voxel, or one for every corner of one.
+
+use std::collections::HashMap;
+
+use super::export::{Exporter, Gaps};
+use crate::file::attachment;
+use crate::values::{OWN_CUBE, plain_entry, slots};
+use crate::{CornerCell, CornerValue, NodeCorners, RawNormal};
+
+/// What the voxels of an object have, where that depends on what is above them.
+#[derive(Default)]
+pub(super) struct Inherited {
+    /// For each slot of the image that holds a descriptor, which of its voxels get a value in a palette: those that have
+    /// one of their own, and those that differ from their parent, whose value the file gives to all others.
+    own: Vec<u8>,
+    /// By the slot of the descriptor, corners that are not those of the octree, as the file would not say the same of it.
+    corners: HashMap<u32, (u32, Vec<CornerValue>)>,
+}
+
+impl Inherited {
+    /// For a palette.
+    pub(super) fn palette(exporter: &Exporter, root: u32, gaps: &mut Gaps) -> Self {
+        let octree = exporter.octree;
+        let mut own = vec![0; octree.slots().len()];
+        let mut stack = vec![(root, None)];
+        while let Some((slot, above)) = stack.pop() {
+            let valid = octree.descriptor(slot).valid_mask();
+            let mut mask = exporter.plain_mask(slot) & valid;
+            for child in slots(valid) {
+                let value = exporter.value(slot, child, gaps);
+                if Some(value) != above {
+                    mask |= 1 << child;
+                }
+                stack.extend(octree.child(slot, child).map(|below| (below, Some(value))));
+            }
+            own[slot as usize] = mask;
+        }
+        Self { own, ..Self::default() }
+    }
+
+    /// For corners.
+    pub(super) fn corners(exporter: &Exporter, root: u32, gaps: &mut Gaps) -> Self {
+        let octree = exporter.octree;
+        let mut corners = HashMap::new();
+        let mut stack: Vec<(u32, Option<CornerCell>)> = vec![(root, None)];
+        while let Some((slot, above)) = stack.pop() {
+            let valid = octree.descriptor(slot).valid_mask();
+            let (node, values) = exporter.node_corners(slot);
+            // Where corners lack, the file gives a voxel those of the nearest voxel above that has them.
+            let lacking = slots(valid).any(|child| !node.has_child(child));
+            let own = (node.mask & OWN_CUBE != 0).then(|| values.get(node.rank(OWN_CUBE)..node.count())).flatten();
+            let expected = above.map(|cell| cell.of_voxel());
+            if lacking && own != expected.as_ref().map(|corners| &corners[..]) {
+                gaps.lattice += 1;
+                corners.insert(slot, lattice(node, values));
+            }
+            for child in slots(valid) {
+                let below = octree.child(slot, child);
+                stack.extend(below.map(|below| (below, node.cell(child, values))));
+            }
+        }
+        Self { corners, ..Self::default() }
+    }
+}
+
+/// All points of the lattice: with the values that there are, those between the corners of the voxel, or none.
+fn lattice(node: NodeCorners, values: &[CornerValue]) -> (u32, Vec<CornerValue>) {
+    let point = |index: u32| {
+        if node.mask >> index & 1 != 0 {
+            return values.get(node.rank(1 << index)).copied().unwrap_or_default();
+        }
+        // One of the octants that the point is a corner of, and which corner of that.
+        let place = [index % 3, index / 3 % 3, index / 9];
+        let bits = |bit: fn(u32) -> u32| (0..3).fold(0, |all, axis| all | bit(place[axis]) << axis);
+        let (child, corner) = (bits(|at| at / 2) as u8, bits(|at| at - at / 2));
+        let own = NodeCorners { mask: node.mask & OWN_CUBE, first: 0 };
+        let first = node.rank(OWN_CUBE).min(values.len());
+        own.cell(child, &values[first..]).map_or_else(CornerValue::default, |cell| cell.of_voxel()[corner as usize])
+    };
+    (OWN_CUBE - 1, (0..27).map(point).collect())
+}
+
+impl Exporter<'_> {
+    /// Which voxels of a descriptor have colours or normals that no other voxel shares.
+    fn plain_mask(&self, slot: u32) -> u8 {
+        let parts = &self.octree.parts()[self.octree.block_of(slot) as usize];
+        let masks = parts.attachments.iter().map(|(kind, ..)| match *kind {
+            kind @ (attachment::COLORS_PLAIN | attachment::NORMALS_PLAIN) => {
+                let words = self.octree.attachment_words(parts, kind);
+                words.and_then(|words| words.get((slot - parts.start) as usize)).map_or(0, |word| plain_entry(*word).0)
+            }
+            _ => 0,
+        });
+        masks.fold(0, |all, mask| all | mask)
+    }
+
+    /// Colour and normal of a voxel, as a palette has them.
+    fn value(&self, slot: u32, child: u8, gaps: &mut Gaps) -> CornerValue {
+        let octree = self.octree;
+        let color = octree.plain_color(slot, child).unwrap_or_else(|| match octree.color(slot, child) {
+            Some(color) => {
+                gaps.rounded = true;
+                let [r, g, b] = color.map(|c| (c * 255.0).round() as u8);
+                [r, g, b, u8::MAX]
+            }
+            None => {
+                gaps.colors = true;
+                [u8::MAX; 4]
+            }
+        });
+        let normal = octree.plain_normal(slot, child).unwrap_or_else(|| {
+            let normal = octree.normal(slot, child);
+            *(if normal.is_some() { &mut gaps.rounded } else { &mut gaps.normals }) = true;
+            RawNormal::encode(normal.unwrap_or(glam::Vec3::Z))
+        });
+        CornerValue { color, normal }
+    }
+
+    fn node_corners(&self, slot: u32) -> (NodeCorners, &[CornerValue]) {
+        let parts = &self.octree.parts()[self.octree.block_of(slot) as usize];
+        self.octree.corner_values(parts, slot).unwrap_or_default()
+    }
+
+    /// A word for each node, mask and pointer; then the values.
+    pub(super) fn palette(&self, nodes: &[u32], inherited: &Inherited, gaps: &mut Gaps) -> Vec<u32> {
+        let mut words = vec![0; nodes.len()];
+        for (index, slot) in nodes.iter().enumerate() {
+            let mask = inherited.own[*slot as usize];
+            words[index] = (words.len() as u32) << 8 | u32::from(mask);
+            for child in slots(mask) {
+                words.extend_from_slice(bytemuck::cast_slice(&[self.value(*slot, child, gaps)]));
+            }
+        }
+        words
+    }
+
+    /// Two words for each node, mask and pointer; then the values.
+    pub(super) fn corners(&self, nodes: &[u32], inherited: &Inherited) -> Vec<u32> {
+        let mut words = vec![0; nodes.len() * 2];
+        for (index, slot) in nodes.iter().enumerate() {
+            let (node, values) = self.node_corners(*slot);
+            let (mask, values) = match inherited.corners.get(slot) {
+                Some((mask, values)) => (*mask, &values[..]),
+                None => (node.mask & (OWN_CUBE - 1), values.get(..node.rank(OWN_CUBE)).unwrap_or_default()),
+            };
+            words[2 * index] = mask;
+            words[2 * index + 1] = words.len() as u32;
+            words.extend_from_slice(bytemuck::cast_slice(values));
+        }
+        words
+    }
+}
