@@ -173,14 +173,22 @@ fn decode(
     let normals = optional(Semantic::Normals, "NORMAL", &[Type::Vec3])?;
     let colors = optional(Semantic::Colors(0), "COLOR_0", &[Type::Vec3, Type::Vec4])?;
     let material = primitive.material.map(|m| m.value());
-    let coordinates = Materials::coordinates(source, material)?;
-    let uvs = match &coordinates {
-        Some(c) => optional(Semantic::TexCoords(c.set), &format!("TEXCOORD_{}", c.set), &[Type::Vec2])?,
+    let wanted = Materials::wanted(source, material, assembly)?;
+    let uvs = match wanted.map(|w| w.coordinates.set) {
+        Some(set) => optional(Semantic::TexCoords(set), &format!("TEXCOORD_{set}"), &[Type::Vec2])?,
         None => None,
     };
-    if let (Some(c), None) = (&coordinates, &uvs) {
-        assembly.warn(format!("{label} has no TEXCOORD_{} for its texture; it gets its plain colour", c.set));
+    if let (Some(w), None) = (&wanted, &uvs) {
+        let (set, lost) = (w.coordinates.set, if w.textured { "it gets its plain colour" } else { "it is left out" });
+        assembly.warn(format!("{label} has no TEXCOORD_{set} for its texture; {lost}"));
     }
+    // Tangents belong to normal maps, and to given normals.
+    let tangents = match &wanted {
+        Some(w) if w.normal_map.is_some() && normals.is_some() && uvs.is_some() => {
+            optional(Semantic::Tangents, "TANGENT", &[Type::Vec4])?
+        }
+        _ => None,
+    };
 
     let indices = corner_list(source, primitive, label, positions.len())?;
     let mut part = Part { triangles: triangles(mode, &indices), ..Part::default() };
@@ -219,8 +227,9 @@ fn decode(
         .collect();
     let unit = |x: f64| if x.is_finite() { x.clamp(0.0, 1.0) as f32 } else { 1.0 };
     part.colors = rows(&colors).into_iter().map(|[r, g, b, _]| [r, g, b].map(unit)).collect();
-    if let Some(c) = &coordinates {
-        part.uvs = rows(&uvs).into_iter().map(|[u, v, ..]| c.apply([u as f32, v as f32])).collect();
+    part.tangents = rows(&tangents).into_iter().map(unit_tangent).collect();
+    if let Some(c) = wanted.map(|w| w.coordinates) {
+        part.uvs = rows(&uvs).into_iter().map(|[u, v, ..]| c.transform.apply([u as f32, v as f32])).collect();
         if let Some(i) = part.uvs.iter().position(|uv| !uv.iter().all(|x| x.is_finite())) {
             let vertex = used[i];
             return Err(source.malformed(format!("{label}: the texture coordinates of vertex {vertex} are not finite")));
@@ -231,8 +240,15 @@ fn decode(
             ));
         }
     }
-    part.material = materials.index(source, material, uvs.is_some(), assembly)?;
+    let wanted = wanted.filter(|_| uvs.is_some());
+    part.material = materials.index(source, material, wanted.as_ref(), assembly)?;
     Ok(Some(part))
+}
+
+/// Zero, which stands for no tangent, where a file gives one without direction.
+fn unit_tangent([x, y, z, w]: [f64; 4]) -> [f32; 4] {
+    let t = DVec3::new(x, y, z).normalize_or_zero().as_vec3();
+    if t == glam::Vec3::ZERO { [0.0; 4] } else { [t.x, t.y, t.z, if w < 0.0 { -1.0 } else { 1.0 }] }
 }
 
 /// The vertices of a primitive in drawing order, all below `vertices`.

@@ -5,21 +5,43 @@ use std::io::Cursor;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use image::{ImageFormat, ImageReader, Limits, RgbaImage};
+use image::{DynamicImage, ImageFormat, ImageReader, Limits, RgbaImage};
 
 use super::{ImportError, MAX_TEXTURE_SIDE, MAX_TEXTURE_TEXELS, one_line, read_file};
+use crate::maps::LinearTexture;
 use crate::mesh::Texture;
+
+/// What of an image is a height (`-imfchan` of MTL).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub(super) enum Channel {
+    Red,
+    Green,
+    Blue,
+    Alpha,
+    #[default]
+    Luminance,
+}
 
 /// Textures read so far, shared by all materials that use the same file, and how many texels may still come.
 #[derive(Debug)]
 pub(super) struct TextureStore {
     by_path: HashMap<PathBuf, Arc<Texture>>,
+    normals: HashMap<PathBuf, Arc<LinearTexture<3>>>,
+    heights: HashMap<(PathBuf, Channel), Arc<LinearTexture<1>>>,
+    /// Whether an image that is said to hold heights holds normals.
+    disguised: HashMap<PathBuf, bool>,
     texels_left: u64,
 }
 
 impl Default for TextureStore {
     fn default() -> Self {
-        Self { by_path: HashMap::new(), texels_left: MAX_TEXTURE_TEXELS }
+        Self {
+            by_path: HashMap::new(),
+            normals: HashMap::new(),
+            heights: HashMap::new(),
+            disguised: HashMap::new(),
+            texels_left: MAX_TEXTURE_TEXELS,
+        }
     }
 }
 
@@ -37,8 +59,61 @@ impl TextureStore {
         Ok(Some(texture))
     }
 
+    /// The normals in the file `image`, or `None` if there is no such file.
+    pub(super) fn load_normals(
+        &mut self,
+        mesh: &Path,
+        image: &Path,
+    ) -> Result<Option<Arc<LinearTexture<3>>>, ImportError> {
+        let Ok(key) = image.canonicalize() else { return Ok(None) };
+        if let Some(texture) = self.normals.get(&key) {
+            return Ok(Some(texture.clone()));
+        }
+        let decoded = self.load_image(mesh, image)?;
+        let texture = normals_of(mesh, &image.display().to_string(), decoded)?;
+        self.normals.insert(key, texture.clone());
+        Ok(Some(texture))
+    }
+
+    /// Whether the file `image`, said to hold heights, holds normals: exporters use one statement for both.
+    pub(super) fn holds_normals(&mut self, mesh: &Path, image: &Path) -> Result<bool, ImportError> {
+        let Ok(key) = image.canonicalize() else { return Ok(false) };
+        if let Some(&found) = self.disguised.get(&key) {
+            return Ok(found);
+        }
+        // Only a look: it does not count as a texture.
+        let texels_left = self.texels_left;
+        let found = looks_like_normals(&self.load_image(mesh, image)?);
+        self.texels_left = texels_left;
+        self.disguised.insert(key, found);
+        Ok(found)
+    }
+
+    /// The heights in the file `image`, or `None` if there is no such file.
+    pub(super) fn load_heights(
+        &mut self,
+        mesh: &Path,
+        image: &Path,
+        channel: Channel,
+    ) -> Result<Option<Arc<LinearTexture<1>>>, ImportError> {
+        let Ok(path) = image.canonicalize() else { return Ok(None) };
+        let key = (path, channel);
+        if let Some(texture) = self.heights.get(&key) {
+            return Ok(Some(texture.clone()));
+        }
+        let decoded = self.load_image(mesh, image)?;
+        let texture = heights_of(mesh, &image.display().to_string(), decoded, channel)?;
+        self.heights.insert(key, texture.clone());
+        Ok(Some(texture))
+    }
+
     /// The pixels of the file `image`.
     pub(super) fn load_pixels(&mut self, mesh: &Path, image: &Path) -> Result<RgbaImage, ImportError> {
+        Ok(self.load_image(mesh, image)?.into_rgba8())
+    }
+
+    /// The file `image` as it is stored.
+    pub(super) fn load_image(&mut self, mesh: &Path, image: &Path) -> Result<DynamicImage, ImportError> {
         let bytes = read_file(image)?;
         self.decode(mesh, &image.display().to_string(), &bytes, image.extension().and_then(|e| e.to_str()))
     }
@@ -51,7 +126,7 @@ impl TextureStore {
         name: &str,
         bytes: &[u8],
         extension: Option<&str>,
-    ) -> Result<RgbaImage, ImportError> {
+    ) -> Result<DynamicImage, ImportError> {
         let fail = |what: String| ImportError::Image { path: mesh.into(), image: name.into(), what };
         let format = match image::guess_format(bytes) {
             Ok(format) => format,
@@ -80,7 +155,7 @@ impl TextureStore {
         }
         let decoded = reader().decode().map_err(|e| fail(one_line(e)))?;
         self.texels_left -= texels;
-        Ok(decoded.into_rgba8())
+        Ok(decoded)
     }
 }
 
@@ -89,4 +164,59 @@ pub(super) fn texture_of(mesh: &Path, name: &str, pixels: &RgbaImage) -> Result<
     Texture::from_rgba8(pixels.width(), pixels.height(), pixels.as_raw())
         .map(Arc::new)
         .map_err(|e| ImportError::Image { path: mesh.into(), image: name.into(), what: e.to_string() })
+}
+
+/// The normal map made from a decoded image.
+pub(super) fn normals_of(mesh: &Path, name: &str, decoded: DynamicImage) -> Result<Arc<LinearTexture<3>>, ImportError> {
+    let (width, height) = (decoded.width(), decoded.height());
+    let texels = decoded.into_rgb16().into_raw().as_chunks::<3>().0.to_vec();
+    linear_texture(mesh, name, width, height, texels)
+}
+
+/// The height map made from a decoded image.
+pub(super) fn heights_of(
+    mesh: &Path,
+    name: &str,
+    decoded: DynamicImage,
+    channel: Channel,
+) -> Result<Arc<LinearTexture<1>>, ImportError> {
+    let (width, height) = (decoded.width(), decoded.height());
+    let of = |c: usize, image: DynamicImage| image.into_rgba16().pixels().map(|p| [p.0[c]]).collect();
+    let texels = match channel {
+        Channel::Red => of(0, decoded),
+        Channel::Green => of(1, decoded),
+        Channel::Blue => of(2, decoded),
+        Channel::Alpha => of(3, decoded),
+        Channel::Luminance => decoded.into_luma16().into_raw().into_iter().map(|x| [x]).collect(),
+    };
+    linear_texture(mesh, name, width, height, texels)
+}
+
+fn linear_texture<const N: usize>(
+    mesh: &Path,
+    name: &str,
+    width: u32,
+    height: u32,
+    texels: Vec<[u16; N]>,
+) -> Result<Arc<LinearTexture<N>>, ImportError> {
+    LinearTexture::new(width, height, texels).map(Arc::new).map_err(|e| ImportError::Image {
+        path: mesh.into(),
+        image: name.into(),
+        what: e.to_string(),
+    })
+}
+
+/// Whether an image that is said to hold heights holds normals in tangent space: unit vectors that point outwards.
+fn looks_like_normals(image: &DynamicImage) -> bool {
+    if !image.color().has_color() {
+        return false;
+    }
+    let pixels = image.to_rgb8();
+    // A grey of 0.79 everywhere is of unit length, too.
+    let grey = pixels.pixels().all(|p| p.0[0] == p.0[1] && p.0[1] == p.0[2]);
+    let unit = |p: &&image::Rgb<u8>| {
+        let [x, y, z] = p.0.map(|c| f32::from(c) / 127.5 - 1.0);
+        z > 0.0 && ((x * x + y * y + z * z).sqrt() - 1.0).abs() < 0.1
+    };
+    !grey && pixels.pixels().filter(unit).count() * 10 >= pixels.len() / 3 * 9
 }

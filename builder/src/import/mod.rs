@@ -1,4 +1,4 @@
-//! Reads triangle meshes from files: OBJ, glTF (text and binary) and PLY.
+//! Reads triangle meshes from files: OBJ, glTF (text and binary), PLY and STL (text and binary).
 //!
 //! Every file gives either a mesh that [`Mesh::validate`] accepts or one error that names the file and the place in it.
 //! Nothing here panics or hangs on bad input, and memory stays in proportion to the file (within the limits below).
@@ -11,13 +11,16 @@ mod image;
 mod mtl;
 mod obj;
 mod ply;
+mod stl;
 pub(crate) mod texture;
 
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use crate::maps::{HeightMap, UvTransform};
 use crate::mesh::{Mesh, MeshError};
+use image::{Channel, TextureStore};
 
 pub use texture::TextureError;
 
@@ -43,7 +46,7 @@ pub enum ImportError {
         source: io::Error,
     },
     /// A directory or device instead of a file.
-    #[error("{}: is not a regular file; give the path of a .obj, .gltf, .glb or .ply file", path.display())]
+    #[error("{}: is not a regular file; give the path of a .obj, .gltf, .glb, .ply or .stl file", path.display())]
     NotAFile {
         /// The path as given.
         path: PathBuf,
@@ -55,7 +58,7 @@ pub enum ImportError {
         path: PathBuf,
     },
     /// The extension is none of those known.
-    #[error("{}: unknown kind of mesh; the extension must be .obj, .gltf, .glb or .ply", path.display())]
+    #[error("{}: unknown kind of mesh; the extension must be .obj, .gltf, .glb, .ply or .stl", path.display())]
     UnknownKind {
         /// The path as given.
         path: PathBuf,
@@ -126,9 +129,9 @@ impl ImportError {
     }
 }
 
-/// Reads a mesh, its materials and its colour textures.
+/// Reads a mesh, its materials and its textures.
 ///
-/// The extension decides how (`.obj`, `.gltf`, `.glb`, `.ply`, in any case); the first bytes must agree with it.
+/// The extension decides how (`.obj`, `.gltf`, `.glb`, `.ply`, `.stl`, in any case); the first bytes must agree with it.
 /// Anything that could be left out without losing triangles (a missing texture, a skipped line primitive) is noted in
 /// [`Mesh::warnings`].
 ///
@@ -159,9 +162,28 @@ pub fn load_mesh(path: &Path) -> Result<Mesh, ImportError> {
         Kind::Obj => obj::load(path, &bytes)?,
         Kind::Gltf | Kind::Glb => gltf::load(path, bytes)?,
         Kind::Ply => ply::load(path, &bytes)?,
+        Kind::Stl => stl::load(path, &bytes)?,
     };
     mesh.validate().map_err(|source| ImportError::Mesh { path: path.into(), source })?;
     Ok(mesh)
+}
+
+/// Whether [`load_mesh`] knows the extension of `path`.
+#[must_use]
+pub fn is_mesh_file(path: &Path) -> bool {
+    Kind::of_extension(path).is_some()
+}
+
+/// Reads an image as a height map of amplitude 1 and bias 0: its luminance, from black at 0 to white at 1.
+///
+/// # Errors
+/// See [`ImportError`].
+pub fn load_height_map(image: &Path) -> Result<HeightMap, ImportError> {
+    let texture = TextureStore::default().load_heights(image, image, Channel::Luminance)?;
+    match texture {
+        Some(texture) => Ok(HeightMap { texture, amplitude: 1.0, bias: 0.0, uv_transform: UvTransform::IDENTITY }),
+        None => Err(ImportError::Read { path: image.into(), source: io::ErrorKind::NotFound.into() }),
+    }
 }
 
 /// The whole content of a regular file. Devices and pipes are refused: they need not end.
@@ -180,6 +202,7 @@ enum Kind {
     Gltf,
     Glb,
     Ply,
+    Stl,
 }
 
 impl Kind {
@@ -189,6 +212,7 @@ impl Kind {
             "gltf" => Some(Self::Gltf),
             "glb" => Some(Self::Glb),
             "ply" => Some(Self::Ply),
+            "stl" => Some(Self::Stl),
             _ => None,
         }
     }
@@ -199,6 +223,7 @@ impl Kind {
             Self::Gltf => "a glTF JSON file",
             Self::Glb => "a binary glTF file",
             Self::Ply => "a PLY file",
+            Self::Stl => "an STL file",
         }
     }
 
@@ -209,6 +234,8 @@ impl Kind {
             Self::Gltf => matches!(content, Content::Json | Content::Text | Content::Glb),
             Self::Glb => content == Content::Glb,
             Self::Ply => content == Content::Ply,
+            // The header of a binary file may say anything.
+            Self::Stl => matches!(content, Content::Text | Content::Json | Content::Binary),
         }
     }
 }

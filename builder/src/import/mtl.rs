@@ -1,4 +1,4 @@
-//! Material libraries of OBJ files: the few statements that decide colour and holes.
+//! Material libraries of OBJ files: the few statements that decide colour, holes and surface detail.
 //!
 //! Read here and not by `tobj`: that stops with a panic at a colour of fewer than three numbers, drops a whole library for
 //! one bad line, and leaves the options of texture statements in the file name.
@@ -8,8 +8,9 @@ use std::sync::Arc;
 
 use super::ImportError;
 use super::assembly::Assembly;
-use super::image::{TextureStore, texture_of};
+use super::image::{Channel, TextureStore, texture_of};
 use super::texture::srgb_to_linear;
+use crate::maps::{HeightMap, NormalMap, UvTransform};
 use crate::mesh::{Material, Texture};
 
 /// One `newmtl` block.
@@ -22,6 +23,25 @@ pub(super) struct MtlMaterial {
     pub(super) opacity: Option<f64>,
     pub(super) diffuse_map: Option<String>,
     pub(super) opacity_map: Option<String>,
+    /// `norm` or `map_Kn`: not of the original format, but what exporters write.
+    pub(super) normal_map: Option<MapStatement>,
+    /// `bump` or `map_bump`.
+    pub(super) bump_map: Option<MapStatement>,
+    /// `disp` or `map_disp`.
+    pub(super) displacement_map: Option<MapStatement>,
+}
+
+/// A texture statement with those of its options that change values.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct MapStatement {
+    pub(super) file: String,
+    /// `-bm`: factor of bumps.
+    bump_factor: f64,
+    /// `-mm`: what 0 stands for, and the factor of values.
+    base: f64,
+    gain: f64,
+    /// `-imfchan`
+    channel: Channel,
 }
 
 /// Reads a library. Statements that cannot be read are skipped and returned as warnings.
@@ -43,8 +63,13 @@ pub(super) fn parse(text: &str) -> (Vec<MtlMaterial>, Vec<String>) {
             "d" => number_in(value.trim_start_matches("-halo")).map(|d| material.opacity = Some(d)).is_some(),
             // Where both are given, `d` is the one the format defines.
             "Tr" => number_in(value).map(|tr| material.opacity = material.opacity.or(Some(1.0 - tr))).is_some(),
-            "map_Kd" => map_file(value).map(|file| material.diffuse_map = Some(file)).is_some(),
-            "map_d" | "map_opacity" => map_file(value).map(|file| material.opacity_map = Some(file)).is_some(),
+            "map_Kd" => map_statement(value).map(|map| material.diffuse_map = Some(map.file)).is_some(),
+            "map_d" | "map_opacity" => map_statement(value).map(|map| material.opacity_map = Some(map.file)).is_some(),
+            "norm" | "map_Kn" => map_statement(value).map(|map| material.normal_map = Some(map)).is_some(),
+            "bump" | "map_bump" | "map_Bump" => map_statement(value).map(|map| material.bump_map = Some(map)).is_some(),
+            "disp" | "map_disp" | "map_Disp" => {
+                map_statement(value).map(|map| material.displacement_map = Some(map)).is_some()
+            }
             _ => true,
         };
         if !understood {
@@ -69,8 +94,10 @@ fn rgb(value: &str) -> Option<[f64; 3]> {
     }
 }
 
-/// The file name of a texture statement, past its options. The name itself may contain spaces.
-fn map_file(value: &str) -> Option<String> {
+/// A texture statement: options, then a file name, which may contain spaces. `None` without one.
+fn map_statement(value: &str) -> Option<MapStatement> {
+    let mut map =
+        MapStatement { file: String::new(), bump_factor: 1.0, base: 0.0, gain: 1.0, channel: Channel::default() };
     let mut rest = value.trim();
     while rest.starts_with('-') {
         let (option, after) = rest.split_once(char::is_whitespace)?;
@@ -84,15 +111,36 @@ fn map_file(value: &str) -> Option<String> {
             _ => break,
         };
         rest = after.trim_start();
-        for _ in 0..words {
+        for position in 0..words {
             let (word, after) = rest.split_once(char::is_whitespace)?;
-            if numeric && word.parse::<f64>().is_err() {
+            let number = word.parse::<f64>();
+            if numeric && number.is_err() {
                 break;
+            }
+            let number = number.ok().filter(|x| (*x as f32).is_finite());
+            match (option, position) {
+                ("-bm", _) => map.bump_factor = number.unwrap_or(map.bump_factor),
+                ("-mm", 0) => map.base = number.unwrap_or(map.base),
+                ("-mm", _) => map.gain = number.unwrap_or(map.gain),
+                ("-imfchan", _) => map.channel = channel(word),
+                _ => {}
             }
             rest = after.trim_start();
         }
     }
-    (!rest.is_empty()).then(|| rest.to_owned())
+    rest.clone_into(&mut map.file);
+    (!map.file.is_empty()).then_some(map)
+}
+
+fn channel(word: &str) -> Channel {
+    match word {
+        "r" => Channel::Red,
+        "g" => Channel::Green,
+        "b" => Channel::Blue,
+        "m" => Channel::Alpha,
+        // Luminance; depth is for images that this importer does not read.
+        _ => Channel::Luminance,
+    }
 }
 
 /// Turns a library's material into the builder's, reading its textures.
@@ -120,6 +168,7 @@ pub(super) fn convert(
         assembly.warn(format!("material {label}: Kd is black; taking the colour from the texture alone"));
         kd = [1.0; 3];
     }
+    let (normal_map, height_map) = detail(source, obj, library_dir, label, store, assembly)?;
     let [r, g, b] = kd.map(|x| srgb_to_linear(x.clamp(0.0, 1.0)) as f32);
     let holes = texture.as_deref().is_some_and(has_holes);
     Ok(Material {
@@ -128,8 +177,55 @@ pub(super) fn convert(
         texture,
         // Relative to the opacity of the whole material, so that thin glass is not one large hole.
         alpha_cutoff: holes.then_some(0.5 * opacity as f32),
-        ..Material::default()
+        normal_map,
+        height_map,
     })
+}
+
+/// The normal map and the height map of a material.
+fn detail(
+    source: &MtlMaterial,
+    obj: &Path,
+    library_dir: &Path,
+    label: &str,
+    store: &mut TextureStore,
+    assembly: &mut Assembly,
+) -> Result<(Option<NormalMap>, Option<HeightMap>), ImportError> {
+    let mut find = |map: Option<&MapStatement>, what: &str| {
+        let map = map?;
+        let found = find_file(library_dir, &map.file).map(|file| (map.clone(), file));
+        if found.is_none() {
+            assembly.warn(format!("material {label}: the {what} {} is missing; it is left out", map.file));
+        }
+        found
+    };
+    let mut normals = find(source.normal_map.as_ref(), "normal map");
+    let mut heights = find(source.displacement_map.as_ref().or(source.bump_map.as_ref()), "height map");
+    if let Some((_, file)) = &heights
+        && store.holds_normals(obj, file)?
+    {
+        let line = format!("material {label}: {} holds normals, not heights; it is used as normal map", file.display());
+        assembly.warn(line);
+        normals = normals.or(heights.take());
+    }
+    let normal_map = match normals {
+        Some((map, file)) => store.load_normals(obj, &file)?.map(|texture| NormalMap {
+            texture,
+            scale: map.bump_factor as f32,
+            uv_transform: UvTransform::IDENTITY,
+        }),
+        None => None,
+    };
+    let height_map = match heights {
+        Some((map, file)) => store.load_heights(obj, &file, map.channel)?.map(|texture| HeightMap {
+            texture,
+            amplitude: (map.bump_factor * map.gain) as f32,
+            bias: (map.bump_factor * map.base) as f32,
+            uv_transform: UvTransform::IDENTITY,
+        }),
+        None => None,
+    };
+    Ok((normal_map, height_map))
 }
 
 /// The colour texture, with the opacity map as its alpha if there is one.
@@ -202,5 +298,20 @@ mod tests {
             warnings,
             ["line 6: cannot read 'Kd spectral x.rfl'; it is ignored", "line 14: cannot read 'd nan'; it is ignored"]
         );
+    }
+
+    #[test]
+    fn maps_of_detail_keep_the_options_that_change_values() {
+        let text = "newmtl a\nbump first.png\nmap_bump -imfchan g -clamp on -bm 0.25 -s 1 1 1 b c.png\nnorm -bm 2 n.png\n\
+                    map_disp -mm -0.5 3 d.png\nnewmtl b\nmap_Kn -bm\n";
+        let (materials, warnings) = parse(text);
+        let bump = materials[0].bump_map.as_ref().unwrap();
+        assert_eq!((&*bump.file, bump.bump_factor, bump.channel), ("b c.png", 0.25, Channel::Green));
+        let normal = materials[0].normal_map.as_ref().unwrap();
+        assert_eq!((&*normal.file, normal.bump_factor), ("n.png", 2.0));
+        let displacement = materials[0].displacement_map.as_ref().unwrap();
+        assert_eq!((&*displacement.file, displacement.base, displacement.gain), ("d.png", -0.5, 3.0));
+        assert_eq!(materials[1].normal_map, None);
+        assert_eq!(warnings, ["line 7: cannot read 'map_Kn -bm'; it is ignored"]);
     }
 }

@@ -55,6 +55,9 @@ pub(super) fn load(path: &Path, bytes: &[u8]) -> Result<Mesh, ImportError> {
                     ));
                     (material.texture, material.alpha_cutoff) = (None, None);
                 }
+                if !textured {
+                    (material.normal_map, material.height_map) = (None, None);
+                }
                 let index = assembly.mesh.materials.len() as u32;
                 assembly.mesh.materials.push(material);
                 converted.insert(key, index);

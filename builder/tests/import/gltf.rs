@@ -467,3 +467,63 @@ fn instances_without_end_are_refused_before_they_are_made() {
         "the mesh has at least 199999600 triangles with all instances; the limit is 134217728"
     );
 }
+
+/// The material's normal map, after that of a textured document whose image leans to the right.
+fn normal_mapped(material: &str) -> esvo_builder::Mesh {
+    const LEANING: [u8; 4] = [204, 128, 230, 255];
+    textured(material, &[LEANING, LEANING]).mesh()
+}
+
+#[test]
+fn normal_maps_are_read_with_their_scale_and_transform() {
+    let mesh = normal_mapped(r#""normalTexture":{"index":0,"scale":0.5}"#);
+    let map = mesh.materials[0].normal_map.as_ref().unwrap();
+    let [x, _, z] = map.sample([0.5, 0.5], 1.0);
+    assert!((x - 0.3).abs() < 1e-6 && (z - 0.8).abs() < 5e-3, "{x} {z}");
+    assert_eq!(map.uv_transform, esvo_builder::UvTransform::IDENTITY);
+    assert!(mesh.materials[0].texture.is_none());
+    // Alone, its transform is in the coordinates of the mesh.
+    let transform = r#""extensions":{"KHR_texture_transform":{"scale":[2,4],"offset":[0.5,0]}}"#;
+    let mesh = normal_mapped(&format!(r#""normalTexture":{{"index":0,{transform}}}"#));
+    assert_eq!(mesh.uvs, [[1.0, 1.0], [2.0, 1.0], [1.0, 3.0]]);
+    // Beside a colour texture it is in the map.
+    let mesh = normal_mapped(&format!(r#"{COLOR},"normalTexture":{{"index":0,{transform}}}"#));
+    assert_eq!(mesh.uvs[0], [0.25, 0.25]);
+    let map = mesh.materials[0].normal_map.as_ref().unwrap();
+    assert_eq!(map.uv_transform.apply(mesh.uvs[0]), [1.0, 1.0]);
+    // Another set of coordinates than the colour's.
+    let mesh = normal_mapped(&format!(r#"{COLOR},"normalTexture":{{"index":0,"texCoord":1}}"#));
+    assert!(mesh.materials[0].normal_map.is_none() && mesh.materials[0].texture.is_some());
+    assert_eq!(
+        mesh.warnings,
+        ["material 0: its normal map needs other texture coordinates than its colour; it is left out"]
+    );
+    let bad =
+        textured(r#""normalTexture":{"index":0,"extensions":{"KHR_texture_transform":{"scale":7}}}"#, &[RED, RED]);
+    assert!(bad.error().starts_with("material 0: the transform of its normal map: "), "{}", bad.error());
+    let missing = textured(r#""normalTexture":{"index":9}"#, &[RED, RED]);
+    assert_eq!(missing.error(), "texture 9 does not exist: there are only 1");
+}
+
+#[test]
+fn tangents_are_read_where_they_are_of_use_and_move_with_the_nodes() {
+    // Positions (which serve as normals, too), texture coordinates, then tangents along y of either handedness.
+    let mut bytes = triangle_bytes();
+    for w in [1.0f32, -1.0, 1.0] {
+        bytes.extend([0.0, 2.0, 0.0, w].iter().flat_map(|x| x.to_le_bytes()));
+    }
+    let mut document = textured(r#""normalTexture":{"index":0}"#, &[RED, RED]);
+    document.buffers = format!(r#"{{"byteLength":108,"uri":"{}"}}"#, data_uri(&bytes));
+    document.views = r#"{"buffer":0,"byteLength":36},{"buffer":0,"byteOffset":36,"byteLength":24},
+        {"buffer":0,"byteOffset":60,"byteLength":48}"#;
+    document.accessors = r#"{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"},
+        {"bufferView":1,"componentType":5126,"count":3,"type":"VEC2"},
+        {"bufferView":2,"componentType":5126,"count":3,"type":"VEC4"}"#;
+    document.primitive = r#""attributes":{"POSITION":0,"NORMAL":0,"TEXCOORD_0":1,"TANGENT":2},"material":0"#;
+    document.nodes = r#"{"mesh":0,"scale":[1,-3,1]}"#;
+    let mesh = document.mesh();
+    assert_eq!(mesh.tangents, [[0.0, -1.0, 0.0, -1.0], [0.0, -1.0, 0.0, 1.0], [0.0, -1.0, 0.0, -1.0]]);
+    // Without normals they mean nothing.
+    document.primitive = r#""attributes":{"POSITION":0,"TEXCOORD_0":1,"TANGENT":2},"material":0"#;
+    assert!(document.mesh().tangents.is_empty());
+}

@@ -5,4 +5,5 @@ mod obj;
 mod ply;
 mod robustness;
 mod scenes;
+mod stl;
 mod support;

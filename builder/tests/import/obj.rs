@@ -9,8 +9,8 @@ fn files_that_are_no_mesh_are_named_for_what_they_are() {
     let files = Files::new();
     assert_eq!(files.refuse("a.obj", ""), "a.obj: is empty");
     assert_eq!(
-        files.refuse("a.stl", "solid"),
-        "a.stl: unknown kind of mesh; the extension must be .obj, .gltf, .glb or .ply"
+        files.refuse("a.3ds", "solid"),
+        "a.3ds: unknown kind of mesh; the extension must be .obj, .gltf, .glb, .ply or .stl"
     );
     let image = png(1, 1, &[[0; 4]]);
     assert_eq!(files.refuse("b.obj", &image), "b.obj: is a PNG image, not an OBJ text file as its extension says");
@@ -24,7 +24,7 @@ fn files_that_are_no_mesh_are_named_for_what_they_are() {
         "e.obj: is a compressed archive, not an OBJ text file as its extension says"
     );
     std::fs::create_dir(files.path("f.obj")).unwrap();
-    let not_a_file = "is not a regular file; give the path of a .obj, .gltf, .glb or .ply file";
+    let not_a_file = "is not a regular file; give the path of a .obj, .gltf, .glb, .ply or .stl file";
     assert_eq!(files.error("f.obj"), format!("f.obj: {not_a_file}"));
     std::fs::create_dir(files.path("directory")).unwrap();
     assert_eq!(files.error("directory"), format!("directory: {not_a_file}"));
@@ -209,4 +209,44 @@ fn opacity_maps_become_alpha() {
     assert_eq!((masked.alpha_cutoff, opaque.alpha_cutoff), (Some(0.5), None));
     let alpha = |u: f32| masked.texture.as_ref().unwrap().sample([u, 0.5], 1.0)[3];
     assert_eq!((alpha(0.25), alpha(0.75)), (0.0, 1.0));
+}
+
+#[test]
+fn maps_of_detail_are_read() {
+    let files = Files::new();
+    files.write("height.png", png(2, 1, &[[0, 0, 0, 255], [255, 255, 255, 255]]));
+    // Leaning to the right, and straight up.
+    files.write("normal.png", png(2, 1, &[[204, 128, 230, 255], [128, 128, 255, 255]]));
+    files.write(
+        "my lib.mtl",
+        "newmtl a\nmap_bump -bm 0.25 height.png\nnorm normal.png\nnewmtl b\nbump -bm 2 normal.png\ndisp none.png\n",
+    );
+    let mesh = files.accept("a.obj", TEXTURED);
+    let [a, b, plain] = &mesh.materials[..] else { panic!("{:?}", mesh.materials) };
+    let height = a.height_map.as_ref().unwrap();
+    assert_eq!((height.sample([0.25, 0.5], 1.0), height.sample([0.75, 0.5], 1.0)), (0.0, 0.25));
+    let normal = a.normal_map.as_ref().unwrap();
+    let [x, y, z] = normal.sample([0.25, 0.5], 1.0);
+    assert!((x - 0.6).abs() < 1e-6 && (y - 0.004).abs() < 1e-3 && (z - 0.8).abs() < 5e-3, "{x} {y} {z}");
+    assert!(b.normal_map.is_none() && b.height_map.is_none(), "disp comes before bump, and is missing");
+    assert!(plain.normal_map.is_none() && plain.height_map.is_none(), "faces without texture coordinates");
+    assert_eq!(mesh.warnings, ["material b: the height map none.png is missing; it is left out"]);
+
+    files.write("my lib.mtl", "newmtl a\nnewmtl b\nbump -bm 2 normal.png\n");
+    let mesh = files.mesh("a.obj");
+    let b = &mesh.materials[1];
+    assert!(b.height_map.is_none());
+    assert!((b.normal_map.as_ref().unwrap().sample([0.25, 0.5], 1.0)[0] - 1.2).abs() < 1e-5);
+    assert!(mesh.warnings[0].ends_with("normal.png holds normals, not heights; it is used as normal map"));
+}
+
+#[test]
+fn a_missing_height_map_on_its_own_is_an_error() {
+    let files = Files::new();
+    let load = || esvo_builder::import::load_height_map(&files.path("h.png"));
+    assert!(load().unwrap_err().to_string().contains("h.png: cannot be read: "));
+    files.write("h.png", png(1, 1, &[[255, 255, 255, 255]]));
+    assert_eq!(load().unwrap().sample([0.0, 0.0], 1.0), 1.0);
+    files.write("h.png", "no image");
+    assert!(load().unwrap_err().to_string().contains("it is neither PNG, JPEG nor TGA"));
 }

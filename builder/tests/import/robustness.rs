@@ -70,7 +70,7 @@ fn damage(bytes: &[u8], random: &mut Random) -> Vec<u8> {
 fn survive(name: &str, good: &[u8], rounds: usize) {
     let files = Files::new();
     files.write("t.png", png(2, 2, &[[9, 9, 9, 9]; 4]));
-    files.write("m.mtl", "newmtl a\nKd 1 1 1\nmap_Kd t.png\n");
+    files.write("m.mtl", "newmtl a\nKd 1 1 1\nmap_Kd t.png\nbump t.png\n");
     files.accept(name, good);
     let mut random = Random(1);
     let mut refused = 0;
@@ -105,7 +105,8 @@ fn damaged_material_libraries() {
     files.write("t.png", png(2, 2, &[[9, 9, 9, 9]; 4]));
     files.write("a.obj", "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nusemtl a\nf 1/1 2/1 3/1\n");
     let good =
-        b"newmtl a\nKd 0.5 0.5 0.5\nd 0.5\nTr 0.5\nmap_Kd -s 1 1 1 -o 0 0 t.png\nmap_d -clamp on t.png\nillum 2\n";
+        b"newmtl a\nKd 0.5 0.5 0.5\nd 0.5\nTr 0.5\nmap_Kd -s 1 1 1 -o 0 0 t.png\nmap_d -clamp on t.png\nbump -bm 0.5 t.png\n\
+          norm -bm 2 t.png\ndisp -mm 0 1 t.png\nillum 2\n";
     let mut random = Random(2);
     for _ in 0..300 {
         files.write("m.mtl", damage(good, &mut random));
@@ -150,9 +151,10 @@ fn gltf(buffer: &str) -> String {
             {{"bufferView":1,"componentType":5126,"count":3,"type":"VEC2"}},
             {{"bufferView":2,"componentType":5125,"count":3,"type":"SCALAR"}},
             {{"bufferView":2,"componentType":5121,"normalized":true,"count":9,"type":"VEC4"}}],
-        "meshes":[{{"primitives":[{{"attributes":{{"POSITION":0,"TEXCOORD_0":1,"COLOR_0":3,"NORMAL":0}},"indices":2,"material":0}},
+        "meshes":[{{"primitives":[{{"attributes":{{"POSITION":0,"TEXCOORD_0":1,"COLOR_0":3,"NORMAL":0,"TANGENT":3}},"indices":2,"material":0}},
             {{"attributes":{{"POSITION":0}},"mode":5}}]}}],
-        "materials":[{{"alphaMode":"BLEND","pbrMetallicRoughness":{{"baseColorFactor":[1,0.5,0.5,1],"baseColorTexture":
+        "materials":[{{"normalTexture":{{"index":0,"scale":0.5,"extensions":{{"KHR_texture_transform":{{"scale":[2,2]}}}}}},
+            "alphaMode":"BLEND","pbrMetallicRoughness":{{"baseColorFactor":[1,0.5,0.5,1],"baseColorTexture":
             {{"index":0,"extensions":{{"KHR_texture_transform":{{"offset":[0.1,0.2],"rotation":1,"scale":[2,3]}}}}}}}}}}],
         "textures":[{{"source":0,"sampler":0}}],"samplers":[{{"wrapS":33071}}],"images":[{{"uri":"{image}"}}],
         "nodes":[{{"children":[1,2],"rotation":[0,0,1,0]}},{{"mesh":0,"scale":[1,-2,3]}},
@@ -187,4 +189,20 @@ fn damaged_glb_files() {
         bytes.extend(chunk);
     }
     survive("a.glb", &bytes, 800);
+}
+
+#[test]
+fn damaged_stl_files() {
+    let facet = "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n";
+    survive("a.stl", format!("solid\n{facet}{facet}endsolid\n").as_bytes(), 400);
+    let mut binary = vec![b'x'; 80];
+    binary.extend(3u32.to_le_bytes());
+    for corner in 0..9u8 {
+        binary.extend((0..12).flat_map(|i| f32::from(corner * 12 + i).to_le_bytes()));
+        if corner % 3 == 2 {
+            binary.extend([0; 6]);
+        }
+    }
+    binary.truncate(84 + 150);
+    survive("a.stl", &binary, 400);
 }
