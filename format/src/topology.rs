@@ -20,6 +20,35 @@ pub(crate) struct Step {
     pub(crate) position: [u32; 3],
 }
 
+/// The descriptors of the children of one voxel, which lie side by side.
+#[derive(Clone, Copy)]
+struct Siblings {
+    /// Slot of the first.
+    first: u32,
+    /// Block that they lie in.
+    block: u32,
+    /// Level of their children.
+    level: u32,
+    /// Child slots of the voxel that they are of.
+    mask: u8,
+    /// Lower corner of the voxel whose children they are, in units of 2^-23 of the root cube.
+    parent: [u32; 3],
+}
+
+/// Number of bits set in a byte, from a table: without instructions that not every processor has, counting takes a dozen.
+pub(crate) fn ones(mask: u8) -> u32 {
+    const ONES: [u8; 256] = {
+        let mut table = [0; 256];
+        let mut i = 1;
+        while i < 256 {
+            table[i] = table[i / 2] + (i % 2) as u8;
+            i += 1;
+        }
+        table
+    };
+    u32::from(ONES[usize::from(mask)])
+}
+
 /// What is told of the walk. All but the findings is reported once it has been checked.
 pub(crate) trait Visitor {
     /// A rule is broken. [`ControlFlow::Break`] ends the walk; else it goes on with what is not affected.
@@ -48,6 +77,21 @@ impl Bits {
 
     pub(crate) fn has(&self, index: usize) -> bool {
         self.0[index / 64] >> (index % 64) & 1 != 0
+    }
+
+    /// Those of a range that are not in, in order. The range starts at a multiple of 64.
+    pub(crate) fn missing(&self, range: std::ops::Range<usize>) -> impl Iterator<Item = usize> {
+        debug_assert!(range.start.is_multiple_of(64));
+        let words = self.0[range.start / 64..range.end.div_ceil(64)].iter();
+        let all = words.enumerate().flat_map(move |(k, word)| {
+            let mut left = !word;
+            std::iter::from_fn(move || {
+                let bit = (left != 0).then(|| left.trailing_zeros())?;
+                left &= left - 1;
+                Some(range.start + k * 64 + bit as usize)
+            })
+        });
+        all.take_while(move |index| *index < range.end)
     }
 
     /// Adds an element; false if it was in already.
@@ -137,30 +181,37 @@ impl<V: Visitor> Walk<'_, V> {
             let what = format!("is not the first descriptor of block {}, root of object {index}", object.root_block);
             return self.fail(ids::OBJECT_ROOT, object.root_slot.min(self.slots.len() as u64), what);
         }
-        let root = Step { slot: object.root_slot as u32, block: object.root_block, level: 1, position: [0; 3] };
-        if !self.claim(root.slot, 1, root.block)? {
+        let (first, block) = (object.root_slot as u32, object.root_block);
+        if !self.claim(first, 1, block)? {
             return ControlFlow::Continue(());
         }
-        let mut stack = vec![root];
-        while let Some(step) = stack.pop() {
-            let Some((first, block)) = self.step(index, object, &step)? else { continue };
-            let size = 1 << (23 - step.level);
-            let mut left = ChildDescriptor(self.slots[step.slot as usize]).nonleaf_mask();
-            let mut slot = first + left.count_ones();
-            // The last goes on the stack first: the first is looked at next, and what is below it lies behind it.
+        // The root is the child at slot 0 of nothing at all.
+        let mut stack = vec![Siblings { first, block, level: 1, mask: 1, parent: [0; 3] }];
+        while let Some(siblings) = stack.pop() {
+            let Siblings { level, parent, .. } = siblings;
+            let size = 1u32 << (24 - level);
+            let mut left = siblings.mask;
+            let mut slot = siblings.first + ones(left);
+            // The last comes first: what is below the first is then on top of the stack, and lies right behind.
             while left != 0 {
                 let child = left.ilog2();
                 left ^= 1 << child;
                 slot -= 1;
-                let position = std::array::from_fn(|axis| step.position[axis] + (child >> axis & 1) * size);
-                stack.push(Step { slot, block, level: step.level + 1, position });
+                let position = std::array::from_fn(|axis| parent[axis] + (child >> axis & 1) * size);
+                let step = Step { slot, block: siblings.block, level, position };
+                let Some(mask) = self.masks(index, object, &step)? else { continue };
+                let Some((first, block)) = self.children(&step, mask)? else { continue };
+                if block != step.block {
+                    self.visitor.enter(&step, block)?;
+                }
+                stack.push(Siblings { first, block, level: level + 1, mask, parent: position });
             }
         }
         ControlFlow::Continue(())
     }
 
-    /// Checks one descriptor; returns slot and block of its first child if it has children that can be followed.
-    fn step(&mut self, index: usize, object: &ObjectEntry, step: &Step) -> ControlFlow<(), Option<(u32, u32)>> {
+    /// Checks the masks and contours of one descriptor; returns its non-leaf mask if it has children to follow.
+    fn masks(&mut self, index: usize, object: &ObjectEntry, step: &Step) -> ControlFlow<(), Option<u8>> {
         let none = ControlFlow::Continue(None);
         let at = u64::from(step.slot);
         let descriptor = ChildDescriptor(self.slots[step.slot as usize]);
@@ -179,23 +230,32 @@ impl<V: Visitor> Walk<'_, V> {
         } else if contours != 0 {
             let parts = &self.parts[step.block as usize];
             let first = step.slot as usize * 2 + descriptor.contour_ptr() as usize;
-            let end = first + contours.count_ones() as usize;
+            let end = first + ones(contours) as usize;
             if first < parts.contour_words || end > parts.contour_words + parts.contour_count as usize {
                 let what = format!("contour pointer {} leads out of the contour pool", descriptor.contour_ptr());
                 self.fail(ids::CONTOUR_RANGE, at, what)?;
             } else {
-                self.visitor.contours(step, first, contours.count_ones())?;
+                self.visitor.contours(step, first, ones(contours))?;
             }
         } else if descriptor.contour_ptr() != 0 {
             self.note(ids::CONTOUR_NONE, at, format!("contour pointer {}, no contours", descriptor.contour_ptr()))?;
         }
-        let count = descriptor.nonleaf_mask().count_ones();
-        if count == 0 {
+        let nonleaf = valid & !leaf;
+        if nonleaf == 0 {
             if descriptor.child_ptr() != 0 || descriptor.far() {
                 self.note(ids::CHILD_NONE, at, "has a child pointer, but no child has a descriptor".into())?;
             }
             return none;
         }
+        ControlFlow::Continue(Some(nonleaf))
+    }
+
+    /// Takes the descriptors of the children in this mask; returns slot and block of the first if they can be followed.
+    fn children(&mut self, step: &Step, nonleaf: u8) -> ControlFlow<(), Option<(u32, u32)>> {
+        let none = ControlFlow::Continue(None);
+        let at = u64::from(step.slot);
+        let count = ones(nonleaf);
+        let descriptor = ChildDescriptor(self.slots[step.slot as usize]);
         let Some((first, block)) = self.first_child(step, descriptor)? else { return none };
         let parts = &self.parts[block as usize];
         if u64::from(first) + u64::from(count) > u64::from(parts.start + parts.array_slots) {
@@ -207,9 +267,6 @@ impl<V: Visitor> Walk<'_, V> {
         }
         if !self.claim(first, count, block)? {
             return none;
-        }
-        if block != step.block {
-            self.visitor.enter(step, block)?;
         }
         ControlFlow::Continue(Some((first, block)))
     }

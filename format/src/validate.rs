@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use crate::file::*;
 use crate::io::{Contents, map};
 use crate::octree::{BlockParts, Origin};
-use crate::topology::{Bits, Step, Visitor, Walked, walk};
+use crate::topology::{Bits, Step, Visitor, Walked, ones, walk};
 use crate::{Broken, ChildDescriptor, FormatError, Octree, OpenOptions, ids};
 
 /// Findings that a report lists; more are counted.
@@ -259,8 +259,8 @@ impl Visitor for Walker<'_> {
         let tally = &mut self.tallies[self.object];
         tally.levels = tally.levels.max(step.level);
         tally.descriptors += 1;
-        tally.leaf_voxels += u64::from(descriptor.leaf_mask().count_ones());
-        tally.contours += u64::from(descriptor.contour_mask().count_ones());
+        tally.leaf_voxels += u64::from(ones(descriptor.leaf_mask()));
+        tally.contours += u64::from(ones(descriptor.contour_mask()));
     }
 
     fn contours(&mut self, step: &Step, first: usize, count: u32) -> ControlFlow<()> {
@@ -353,11 +353,11 @@ impl BlockCheck<'_> {
 
     fn unused_slots(&self, report: &mut Report) {
         let array = self.array();
-        let values = &self.octree.slots()[array.start as usize..array.end as usize];
-        for (slot, value) in array.zip(values) {
-            if *value != 0 && slot % PAGE_SLOTS != 0 && !self.walked.claimed.has(slot as usize) {
+        // Blocks start at pages, and so at words of the set.
+        for slot in self.walked.claimed.missing(array.start as usize..array.end as usize) {
+            if self.octree.slots()[slot] != 0 && !slot.is_multiple_of(PAGE_SLOTS as usize) {
                 let what = format!("slot {slot} is in no use, but not zero");
-                self.add(report, ids::INFO_RESERVED, u64::from(slot) * 8, &what);
+                self.add(report, ids::INFO_RESERVED, slot as u64 * 8, &what);
             }
         }
     }
