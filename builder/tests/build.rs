@@ -411,3 +411,119 @@ fn one_level_and_twenty_three_levels_work() {
     let deep = run(&mesh_of(&[speck(DVec3::ZERO), speck(DVec3::ONE - e)]), every_voxel(23)).octree;
     assert_eq!(deep.objects()[0].levels, 23);
 }
+
+mod files {
+    //! Building straight into a file.
+
+    use super::*;
+    use esvo_builder::{FileOptions, build_file};
+    use std::path::Path;
+    use std::sync::atomic::{AtomicU32, Ordering};
+
+    fn bumpy(triangles: usize) -> Mesh {
+        let mut random = Random(77);
+        let soup: Vec<[DVec3; 3]> = (0..triangles)
+            .map(|_| {
+                let at = random.point();
+                std::array::from_fn(|_| at + (random.point() - 0.5) * 0.2)
+            })
+            .collect();
+        mesh_of(&soup)
+    }
+
+    /// Small blocks, so that there are many.
+    fn settings(levels: u32) -> BuildSettings {
+        let assemble = AssembleOptions { block_slots: 1 << 10, ..AssembleOptions::default() };
+        BuildSettings { levels, assemble, ..BuildSettings::default() }
+    }
+
+    fn written(octree: &Octree) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        octree.write_to(&mut bytes).unwrap();
+        bytes
+    }
+
+    fn names(folder: &Path) -> Vec<String> {
+        std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect()
+    }
+
+    #[test]
+    fn a_file_has_the_bytes_of_the_octree_in_memory() {
+        let (mesh, settings) = (bumpy(60), settings(7));
+        let built = run(&mesh, settings);
+        assert!(built.octree.blocks().len() > 20, "{} blocks", built.octree.blocks().len());
+        let report = esvo_format::validate(&built.octree);
+        assert!(report.findings.is_empty(), "{:?}", report.findings);
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.esvo");
+        for threads in [1, 3] {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let build = || build_file(&mesh, &settings, &path, &FileOptions::default(), &|_| ()).unwrap();
+            let file = pool.install(build);
+            assert_eq!(file.object, built.octree.objects()[0]);
+            assert!(std::fs::read(&path).unwrap() == written(&built.octree), "{threads} threads");
+        }
+        assert_eq!(names(folder.path()), ["a.esvo"]);
+    }
+
+    #[test]
+    fn an_interrupted_build_goes_on() {
+        let (mesh, settings) = (bumpy(60), settings(7));
+        let whole = written(&run(&mesh, settings).octree);
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.esvo");
+        let options = FileOptions { resume: true, ..FileOptions::default() };
+        // The progress is the only thing that a caller can stop a build by: as a process that is killed would.
+        let calls = AtomicU32::new(0);
+        let stop = |_| {
+            assert!(calls.fetch_add(1, Ordering::Relaxed) < 3_500, "stopped here");
+        };
+        let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        let stopped = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
+            one.install(|| build_file(&mesh, &settings, &path, &options, &stop).map(|_| ()))
+        }));
+        assert!(stopped.is_err(), "it was over too soon");
+        assert_eq!(names(folder.path()), ["a.esvo.part"]);
+        // A record that was cut short, as by a full disk.
+        let journal = folder.path().join("a.esvo.part/journal");
+        let bytes = std::fs::read(&journal).unwrap();
+        std::fs::write(&journal, &bytes[..bytes.len() - 5]).unwrap();
+
+        let (first, again) = (AtomicU32::new(0), AtomicU32::new(0));
+        let count = |calls: &AtomicU32| drop(calls.fetch_add(1, Ordering::Relaxed));
+        let file = build_file(&mesh, &settings, &path, &options, &|_| count(&again)).unwrap();
+        assert!(file.resumed);
+        assert!(std::fs::read(&path).unwrap() == whole);
+        assert_eq!(names(folder.path()), ["a.esvo"]);
+        build_file(&mesh, &settings, &path, &FileOptions::default(), &|_| count(&first)).unwrap();
+        let (first, again) = (first.into_inner(), again.into_inner());
+        assert!(again < first / 2, "{again} of {first} reports: nothing was taken over");
+    }
+
+    #[test]
+    fn what_was_finished_for_other_settings_is_not_taken_over() {
+        let mesh = bumpy(20);
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.esvo");
+        let part = folder.path().join("a.esvo.part");
+        let options = FileOptions { resume: true, ..FileOptions::default() };
+        build_file(&mesh, &settings(5), &path, &options, &|_| ()).unwrap();
+        std::fs::create_dir(&part).unwrap();
+        std::fs::write(part.join("journal"), b"not a journal at all").unwrap();
+        let file = build_file(&mesh, &settings(6), &path, &options, &|_| ()).unwrap();
+        assert!(!file.resumed);
+        assert!(std::fs::read(&path).unwrap() == written(&run(&mesh, settings(6)).octree));
+    }
+
+    #[test]
+    fn too_little_memory_is_said_before_anything_is_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.esvo");
+        let options = FileOptions { memory_limit: Some(1 << 20), ..FileOptions::default() };
+        let error = build_file(&bumpy(20), &settings(5), &path, &options, &|_| ()).err().unwrap();
+        assert!(error.to_string().contains("at least"), "{error}");
+        assert!(names(folder.path()).is_empty());
+        let options = FileOptions { memory_limit: Some(1 << 30), ..FileOptions::default() };
+        build_file(&bumpy(20), &settings(5), &path, &options, &|_| ()).unwrap();
+    }
+}

@@ -26,16 +26,28 @@ impl Default for AssembleOptions {
     }
 }
 
+impl AssembleOptions {
+    pub(crate) fn check(&self) -> Result<(), FormatError> {
+        if !(64..=1 << 20).contains(&self.block_slots) || !(1..=MAX_NEAR_POINTER).contains(&self.near_limit) {
+            return Err(FormatError::Limit(format!("block_slots 64..=1048576 and near_limit 1..=32767, not {self:?}")));
+        }
+        Ok(())
+    }
+}
+
 /// Lays the tree out as the only object of an octree.
 ///
 /// # Errors
 /// A tree that is empty, not well-formed or deeper than 23 levels, a transform that cannot be inverted, options out of
 /// range, more than 2^32 slots.
 pub fn assemble(tree: &Tree, octree_to_mesh: DMat4, options: &AssembleOptions) -> Result<Octree, FormatError> {
-    if !(64..=1 << 20).contains(&options.block_slots) || !(1..=MAX_NEAR_POINTER).contains(&options.near_limit) {
-        return Err(FormatError::Limit(format!("block_slots 64..=1048576 and near_limit 1..=32767, not {options:?}")));
-    }
+    options.check()?;
     tree.check()?;
+    if !tree.outside.is_empty() {
+        return Err(FormatError::Limit(
+            "parts of the tree are in blocks of their own: pack the rest as one too".into(),
+        ));
+    }
     let levels = tree.levels();
     if levels > 23 {
         return Err(FormatError::Limit(format!("{levels} levels: an octree has at most 23")));
@@ -78,7 +90,10 @@ pub fn assemble(tree: &Tree, octree_to_mesh: DMat4, options: &AssembleOptions) -
         rest = tail;
     }
     slices.into_par_iter().zip(&layouts).enumerate().for_each(|(index, (slice, layout))| {
-        layout.encode(tree, &blocks, index, slice);
+        let start = |block: u32| blocks[block as usize].image_offset / 8;
+        layout.encode(tree, index as u32, slice, |_, slot, block| {
+            (start(block) + u64::from(FIRST_SLOT)) - (start(index as u32) + u64::from(slot))
+        });
     });
     let object = ObjectEntry {
         octree_to_mesh: octree_to_mesh.to_cols_array(),
@@ -95,10 +110,11 @@ pub fn assemble(tree: &Tree, octree_to_mesh: DMat4, options: &AssembleOptions) -
 }
 
 /// For every node, the slots that the groups below it take, page headers and far pointers not counted.
-fn subtree_slots(tree: &Tree) -> Vec<u32> {
+pub(crate) fn subtree_slots(tree: &Tree) -> Vec<u32> {
     let mut sizes = vec![0u32; tree.nodes.len()];
     for index in (0..tree.nodes.len()).rev() {
-        let group = tree.nodes[index].nonleaf().count_ones().next_multiple_of(2);
+        let children = if tree.nodes[index].detached { 0 } else { tree.nodes[index].nonleaf().count_ones() };
+        let group = children.next_multiple_of(2);
         // Saturated sizes are far beyond what the image can hold; that is refused once its length is known.
         sizes[index] = tree.children(index).fold(group, |sum, (_, child)| sum.saturating_add(sizes[child]));
     }
@@ -117,9 +133,9 @@ pub(crate) fn upper_bound(size: u32, near_limit: u32) -> u32 {
 pub(crate) struct PlannedBlock {
     /// The node whose descendants the block holds; `None`: the root itself and its descendants.
     pub(crate) above: Option<usize>,
-    parent: u32,
-    cube_position: [u32; 3],
-    cube_scale: u32,
+    pub(crate) parent: u32,
+    pub(crate) cube_position: [u32; 3],
+    pub(crate) cube_scale: u32,
 }
 
 /// Which nodes have their children in another block, and in which.

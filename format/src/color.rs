@@ -12,7 +12,7 @@ use bytemuck::{Pod, Zeroable};
 /// Channels are decoded together with all the bits below them in the low word, which act as their fraction. Decoded
 /// channels are in `0.0..1.0` and mean sRGB-encoded intensity.
 #[repr(C)]
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Pod, Zeroable, Default)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Pod, Zeroable, Default, serde::Serialize, serde::Deserialize)]
 pub struct ColorBlock {
     /// The two references.
     pub head: u32,

@@ -12,7 +12,7 @@ use bytemuck::{Pod, Zeroable};
 /// measured from the centre of the voxel (so that the voxel is the cube of edge 1 around the origin), the contour is the
 /// slab `|n·p - position| <= thickness / 2`. The normal is not of unit length; its components reach ±32.
 #[repr(transparent)]
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Pod, Zeroable)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Pod, Zeroable, serde::Serialize, serde::Deserialize)]
 pub struct Contour(pub u32);
 
 /// A decoded contour. All decoded values are exact in `f32` up to its 24 bits of precision and exact in `f64`.

@@ -53,22 +53,31 @@ struct Placer<'a> {
 }
 
 impl Placer<'_> {
+    /// The block that has the children of this node, if it is not this one.
+    fn block_of(&self, node: usize) -> Option<u32> {
+        if self.plan.cuts.is_empty() { None } else { self.plan.cuts.get(&node).copied() }
+    }
+
     /// Places the children of `above` (or the root alone), then what is below each of them. Returns the first slot.
     fn place(&mut self, above: Option<usize>) -> Result<u32, FormatError> {
-        let group: Vec<usize> = match above {
-            Some(index) => self.tree.children(index).map(|(_, child)| child).collect(),
-            None => vec![0],
-        };
+        let (mut group, mut far) = ([0usize; 8], [false; 8]);
+        let mut count = 0;
+        match above {
+            Some(index) => {
+                for (_, child) in self.tree.children(index) {
+                    group[count] = child;
+                    count += 1;
+                }
+            }
+            None => count = 1,
+        }
+        let group = &group[..count];
         // A descriptor needs a far pointer if what its elder siblings have below them may push its children too far.
-        let mut ahead = 16u32.saturating_sub(group.len() as u32);
-        let far: Vec<bool> = (group.iter())
-            .map(|&node| {
-                let needs = self.sizes[node] != 0
-                    && (self.plan.cuts.contains_key(&node) || ahead.saturating_add(64) > self.near_limit);
-                ahead = ahead.saturating_add(upper_bound(self.sizes[node], self.near_limit));
-                needs
-            })
-            .collect();
+        let mut ahead = 16u32.saturating_sub(count as u32);
+        for (far, &node) in far.iter_mut().zip(group) {
+            *far = self.block_of(node).is_some() || self.sizes[node] != 0 && ahead.saturating_add(64) > self.near_limit;
+            ahead = ahead.saturating_add(upper_bound(self.sizes[node], self.near_limit));
+        }
         let far_count = far.iter().filter(|&&f| f).count() as u32;
         let needed = group.len() as u32 + far_count;
         let in_page = self.cursor % PAGE_SLOTS;
@@ -80,13 +89,12 @@ impl Placer<'_> {
         self.cursor = (first + needed).next_multiple_of(2);
         self.far_pointers += u64::from(far_count);
         let start = self.placed.len();
-        self.placed.extend((first..).zip(&group).map(|(slot, &node)| Placed { node, slot, children: Children::None }));
+        self.placed.extend((first..).zip(group).map(|(slot, &node)| Placed { node, slot, children: Children::None }));
         for (i, &node) in group.iter().enumerate() {
-            if self.sizes[node] == 0 {
-                continue;
-            }
-            let children = if let Some(&block) = self.plan.cuts.get(&node) {
+            let children = if let Some(block) = self.block_of(node) {
                 Children::Block(far_slot, block)
+            } else if self.sizes[node] == 0 {
+                continue;
             } else {
                 let target = self.place(Some(node))?;
                 if far[i] { Children::Far(far_slot, target) } else { Children::Near(target) }
@@ -124,9 +132,11 @@ impl Layout {
         Ok(Self { placed, array_slots, contour_count, far_pointers, attachments, parts })
     }
 
-    pub(crate) fn encode(&self, tree: &Tree, blocks: &[BlockEntry], index: usize, image: &mut [u64]) {
+    /// Writes the block into its part of the image, which is zero. `far` gives the distance from the descriptor at a
+    /// slot of this block to the first descriptor of another block, for the far pointer at another slot: `far(pointer,
+    /// descriptor, block)`.
+    pub(crate) fn encode(&self, tree: &Tree, index: u32, image: &mut [u64], mut far: impl FnMut(u32, u32, u32) -> u64) {
         let info_slot = self.array_slots;
-        let block_slot = |block: usize| (blocks[block].image_offset / 8) as u32;
         for page in (0..info_slot).step_by(PAGE_SLOTS as usize) {
             image[page as usize] = u64::from(info_slot - page);
         }
@@ -139,14 +149,13 @@ impl Layout {
             let (child_ptr, far) = match placed.children {
                 Children::None => (0, false),
                 Children::Near(target) => (target - placed.slot, false),
-                Children::Far(far, target) => {
-                    array[far as usize] = u64::from(target - placed.slot);
-                    (far - placed.slot, true)
+                Children::Far(pointer, target) => {
+                    array[pointer as usize] = u64::from(target - placed.slot);
+                    (pointer - placed.slot, true)
                 }
-                Children::Block(far, block) => {
-                    let target = block_slot(block as usize) + FIRST_SLOT;
-                    array[far as usize] = u64::from(target - (block_slot(index) + placed.slot));
-                    (far - placed.slot, true)
+                Children::Block(pointer, block) => {
+                    array[pointer as usize] = far(pointer, placed.slot, block);
+                    (pointer - placed.slot, true)
                 }
             };
             let contour_ptr =

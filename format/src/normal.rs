@@ -13,7 +13,7 @@ use glam::Vec3;
 /// `u` belongs to the axis after the main one (cyclically), `v` to the one after that; each is decoded together with the
 /// bits below it.
 #[repr(transparent)]
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Pod, Zeroable, Default)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Pod, Zeroable, Default, serde::Serialize, serde::Deserialize)]
 pub struct RawNormal(pub u32);
 
 /// The nearest integer; unlike `f32::round` no call into a library where the target has no instruction for it.
@@ -78,7 +78,7 @@ impl RawNormal {
 /// together with the bits below it. The normal is `base + c[iu] u + c[iv] v`, normalised, with
 /// `c = {-1, -1/3, 1/3, 1}`.
 #[repr(C)]
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Pod, Zeroable, Default)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Pod, Zeroable, Default, serde::Serialize, serde::Deserialize)]
 pub struct NormalBlock {
     /// Base normal.
     pub base: RawNormal,

@@ -3,7 +3,7 @@
 use crate::{AmbientBlock, ColorBlock, Contour, CornerValue, FormatError, NodeCorners, NormalBlock, RawNormal};
 
 /// One non-leaf voxel.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct TreeNode {
     /// Which child slots hold a voxel; never zero.
     pub valid: u8,
@@ -11,6 +11,9 @@ pub struct TreeNode {
     pub leaf: u8,
     /// Which of them have a contour.
     pub contours: u8,
+    /// Whether the subtrees of its children are in a block that has been packed already
+    /// ([`detach`](Tree::detach)): nothing of them is in this tree.
+    pub detached: bool,
     /// Number of nodes in this subtree, this one included.
     pub subtree: u32,
     /// Index of the attributes of the first valid child; the others follow in slot order.
@@ -27,7 +30,7 @@ impl TreeNode {
 }
 
 /// A whole octree or one subtree of it, nodes in depth-first order.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, serde::Serialize, serde::Deserialize)]
 pub struct Tree {
     /// The nodes; the root is first.
     pub nodes: Vec<TreeNode>,
@@ -43,9 +46,6 @@ pub struct Tree {
     pub color_blocks: Vec<ColorBlock>,
     /// Instead of [`normals`](Self::normals), likewise.
     pub normal_blocks: Vec<NormalBlock>,
-    voxels: u32,
-}
-
     /// Ambient light of every voxel but the root, in the order of the nodes, 0 (none reaches it) to 255 (all of it); or
     /// empty.
     pub ambient: Vec<u8>,
@@ -65,6 +65,9 @@ pub struct Tree {
     pub corner_values: Vec<CornerValue>,
     /// Of every detached node, in the order of the nodes, what stands for the block that has its children.
     pub(crate) outside: Vec<u32>,
+    voxels: u32,
+}
+
 /// What is known of a voxel when its parent is pushed.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Voxel {
@@ -86,6 +89,7 @@ impl Tree {
             valid: 0,
             leaf: 0,
             contours: 0,
+            detached: false,
             subtree: 1,
             first_voxel: self.voxels,
             first_contour: self.contours.len() as u32,
@@ -129,10 +133,6 @@ impl Tree {
         self.normals.extend_from_slice(&subtree.normals);
         self.color_blocks.extend_from_slice(&subtree.color_blocks);
         self.normal_blocks.extend_from_slice(&subtree.normal_blocks);
-        self.voxels += subtree.voxels;
-    }
-
-    /// Number of voxels, the root not counted.
         self.ambient.extend_from_slice(&subtree.ambient);
         self.ambient_blocks.extend_from_slice(&subtree.ambient_blocks);
         self.alphas.extend_from_slice(&subtree.alphas);
@@ -142,9 +142,9 @@ impl Tree {
         self.corners.extend(subtree.corners.iter().map(moved));
         self.corner_values.extend_from_slice(&subtree.corner_values);
         self.outside.extend_from_slice(&subtree.outside);
-    pub fn voxels(&self) -> u64 {
-        u64::from(self.voxels)
+        self.voxels += subtree.voxels;
     }
+
     /// Takes what is below node `index` out of the tree: a tree of its own, whose root is a copy of the node. The node
     /// stays, with its attributes and contours. Its subtree must have been closed and be the last of the tree.
     ///
@@ -206,11 +206,15 @@ impl Tree {
         self.outside.push(block);
     }
 
+    /// Number of voxels, the root not counted.
+    pub fn voxels(&self) -> u64 {
+        u64::from(self.voxels)
+    }
 
-    /// The non-leaf children of node `index` in slot order: (slot, node index).
+    /// The non-leaf children of node `index` in slot order: (slot, node index). None if they have been detached.
     pub fn children(&self, index: usize) -> impl Iterator<Item = (u8, usize)> + '_ {
         let mut next = index + 1;
-        let nonleaf = self.nodes[index].nonleaf();
+        let nonleaf = if self.nodes[index].detached { 0 } else { self.nodes[index].nonleaf() };
         (0..8u8).filter(move |slot| nonleaf >> slot & 1 != 0).map(move |slot| {
             let child = next;
             next += self.nodes[child].subtree as usize;
@@ -252,17 +256,18 @@ impl Tree {
         for (what, values, blocks) in [
             ("colour", self.colors.len(), self.color_blocks.len()),
             ("normal", self.normals.len(), self.normal_blocks.len()),
+            ("ambient", self.ambient.len(), self.ambient_blocks.len()),
         ] {
             if blocks != 0 && (blocks != self.nodes.len() || values != 0) {
                 let what = format!("{blocks} {what} blocks for {} nodes: one each and no values", self.nodes.len());
                 return Err(FormatError::Limit(what));
-            ("ambient", self.ambient.len(), self.ambient_blocks.len()),
             }
         }
+        self.check_values()?;
         if let Some(index) = self.contours.iter().position(|c| c.0 << 14 == 0) {
             return Err(FormatError::Limit(format!("contour {index} has no normal")));
         }
-        let (mut voxels, mut contours) = (0, 0);
+        let (mut voxels, mut contours, mut detached) = (0, 0, 0);
         // End of each open subtree and the children still to come in it.
         let mut open = vec![(self.nodes.len(), 1u32)];
         for (index, node) in self.nodes.iter().enumerate() {
@@ -274,18 +279,26 @@ impl Tree {
                 *children = children.saturating_sub(1);
                 fits
             });
-            let masks = node.valid != 0 && (node.leaf | node.contours) & !node.valid == 0;
+            let masks = node.valid != 0
+                && (node.leaf | node.contours) & !node.valid == 0
+                && (!node.detached || node.subtree == 1 && node.nonleaf() != 0);
+            detached += usize::from(node.detached);
             if !fits || !masks || node.first_voxel != voxels || node.first_contour as usize != contours {
                 return Err(FormatError::Limit(format!("node {index} of the tree is not well-formed: {node:?}")));
             }
             voxels += node.valid.count_ones();
             contours += node.contours.count_ones() as usize;
-            open.push((index + node.subtree as usize, node.nonleaf().count_ones()));
+            let children = if node.detached { 0 } else { node.nonleaf().count_ones() };
+            open.push((index + node.subtree as usize, children));
         }
         while open.last() == Some(&(self.nodes.len(), 0)) {
             open.pop();
         }
-        if !open.is_empty() || voxels != self.voxels || contours != self.contours.len() {
+        if !open.is_empty()
+            || voxels != self.voxels
+            || contours != self.contours.len()
+            || detached != self.outside.len()
+        {
             return Err(FormatError::Limit("the tree ends before all its nodes are closed".into()));
         }
         Ok(())

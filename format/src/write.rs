@@ -1,6 +1,7 @@
 //! Writing files: the same octree, the same bytes; to a temporary that is renamed (spec sections 2 and 11).
 
 use std::borrow::Cow;
+use std::fs::File;
 use std::io::{BufWriter, Error, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
@@ -8,7 +9,7 @@ use std::sync::{Mutex, PoisonError};
 use rayon::prelude::*;
 
 use crate::file::*;
-use crate::{FormatError, Octree, codec};
+use crate::{FormatError, Octree, UnknownSection, codec};
 
 /// How a file is written.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -53,8 +54,49 @@ impl Octree {
     /// Those of `out`; a compression level that there is not, or any without the crate's feature `zstd`.
     pub fn write_to_with(&self, out: &mut dyn Write, options: &WriteOptions) -> std::io::Result<()> {
         let image: &[u8] = bytemuck::cast_slice(self.slots());
-        let objects: Vec<u8> = self.objects.iter().flat_map(to_bytes).collect();
-        let mut sections: Vec<(SectionEntry, &[u8])> = Vec::new();
+        let stored = self.blocks.par_iter().map(|block| {
+            let image = &image[block.image_offset as usize..(block.image_offset + block.image_size) as usize];
+            let (codec, bytes) = codec::encode(image, options.compress)?;
+            let crc = crc32fast::hash(&bytes);
+            Ok((codec, crc, bytes))
+        });
+        let stored: Vec<(u32, u32, Cow<[u8]>)> = stored.collect::<std::io::Result<_>>()?;
+        let front = Front { objects: &self.objects, meta: &self.meta, unknown: &self.unknown };
+        let mut file_offset = front.length(self.blocks.len());
+        let blocks: Vec<BlockEntry> = (self.blocks.iter().zip(&stored))
+            .map(|(block, (codec, crc, bytes))| {
+                let stored_size = bytes.len() as u64;
+                let entry = BlockEntry { file_offset, stored_size, codec: *codec, crc: *crc, ..*block };
+                file_offset += stored_size.next_multiple_of(PAGE_BYTES);
+                entry
+            })
+            .collect();
+        out.write_all(&front.bytes(&blocks))?;
+        for (_, _, bytes) in &stored {
+            out.write_all(bytes)?;
+            out.write_all(padding(bytes.len()))?;
+        }
+        Ok(())
+    }
+}
+
+/// Zeros from the end of so many bytes to the end of the page.
+pub(crate) fn padding(length: usize) -> &'static [u8] {
+    const ZEROS: [u8; PAGE_BYTES as usize] = [0; PAGE_BYTES as usize];
+    &ZEROS[..length.next_multiple_of(PAGE_BYTES as usize) - length]
+}
+
+/// What stands before the blocks in a file: header, directory, tables, metadata, unknown sections.
+pub(crate) struct Front<'a> {
+    pub(crate) objects: &'a [ObjectEntry],
+    pub(crate) meta: &'a str,
+    pub(crate) unknown: &'a [UnknownSection],
+}
+
+impl Front<'_> {
+    /// The sections in their order with where they lie, those of the tables still without their bytes; and where the
+    /// blocks begin.
+    fn sections(&self, blocks: usize) -> (Vec<(SectionEntry, &[u8])>, u64) {
         let entry = |tag, flags, length: usize| SectionEntry {
             tag,
             flags,
@@ -63,81 +105,76 @@ impl Octree {
             crc: 0,
             reserved: 0,
         };
-        let block_table_bytes = self.blocks.len() * BLOCK_BYTES as usize;
-        let mut blocks = Vec::new();
-        sections.push((entry(TAG_OBJECTS, SECTION_REQUIRED, objects.len()), &objects));
-        sections.push((entry(TAG_BLOCKS, SECTION_REQUIRED, block_table_bytes), &[]));
+        let mut sections: Vec<(SectionEntry, &[u8])> = vec![
+            (entry(TAG_OBJECTS, SECTION_REQUIRED, self.objects.len() * OBJECT_BYTES as usize), &[]),
+            (entry(TAG_BLOCKS, SECTION_REQUIRED, blocks * BLOCK_BYTES as usize), &[]),
+        ];
         if !self.meta.is_empty() {
             sections.push((entry(TAG_META, 0, self.meta.len()), self.meta.as_bytes()));
         }
-        for unknown in &self.unknown {
+        for unknown in self.unknown {
             sections.push((entry(unknown.tag, unknown.flags, unknown.bytes.len()), &unknown.bytes));
         }
-        let directory_offset = HEADER_BYTES;
-        let mut offset = directory_offset + (sections.len() as u64 + 1) * SECTION_BYTES;
+        let mut offset = HEADER_BYTES + (sections.len() as u64 + 1) * SECTION_BYTES;
         for (section, _) in &mut sections {
             section.offset = offset;
             offset = (offset + section.length).next_multiple_of(8);
         }
-        let data_offset = offset.next_multiple_of(PAGE_BYTES);
-        let data_flags = SECTION_REQUIRED | SECTION_OWN_CHECKSUMS;
+        (sections, offset.next_multiple_of(PAGE_BYTES))
+    }
 
-        let stored = self.blocks.par_iter().map(|block| {
-            let image = &image[block.image_offset as usize..(block.image_offset + block.image_size) as usize];
-            let (codec, bytes) = codec::encode(image, options.compress)?;
-            let crc = crc32fast::hash(&bytes);
-            Ok((codec, crc, bytes))
-        });
-        let stored: Vec<(u32, u32, Cow<[u8]>)> = stored.collect::<std::io::Result<_>>()?;
-        let mut file_offset = data_offset;
-        for (block, (codec, crc, bytes)) in self.blocks.iter().zip(&stored) {
-            let stored_size = bytes.len() as u64;
-            blocks.extend(to_bytes(&BlockEntry { file_offset, stored_size, codec: *codec, crc: *crc, ..*block }));
-            file_offset += stored_size.next_multiple_of(PAGE_BYTES);
-        }
-        let file_length = file_offset;
-        let data_length = (file_length - data_offset) as usize;
-        let data = SectionEntry { offset: data_offset, ..entry(TAG_DATA, data_flags, data_length) };
+    /// How long it is: where the first block lies.
+    pub(crate) fn length(&self, blocks: usize) -> u64 {
+        self.sections(blocks).1
+    }
+
+    /// The bytes, for blocks that know where they lie in the file.
+    pub(crate) fn bytes(&self, blocks: &[BlockEntry]) -> Vec<u8> {
+        let (mut sections, data_offset) = self.sections(blocks.len());
+        let objects: Vec<u8> = self.objects.iter().flat_map(to_bytes).collect();
+        let compressed = blocks.iter().any(|b| b.codec != CODEC_RAW);
+        let file_length = blocks
+            .iter()
+            .map(|b| b.file_offset + b.stored_size.next_multiple_of(PAGE_BYTES))
+            .fold(data_offset, u64::max);
+        let blocks: Vec<u8> = blocks.iter().flat_map(to_bytes).collect();
+        sections[0].1 = &objects;
         sections[1].1 = &blocks;
         let mut directory = Vec::new();
         for (section, bytes) in &mut sections {
             section.crc = if section.flags & SECTION_OWN_CHECKSUMS != 0 { 0 } else { crc32fast::hash(bytes) };
             directory.extend(to_bytes(section));
         }
-        directory.extend(to_bytes(&data));
+        directory.extend(to_bytes(&SectionEntry {
+            tag: TAG_DATA,
+            flags: SECTION_REQUIRED | SECTION_OWN_CHECKSUMS,
+            offset: data_offset,
+            length: file_length - data_offset,
+            crc: 0,
+            reserved: 0,
+        }));
         let mut header = Header {
             identifier: IDENTIFIER,
             major: MAJOR_VERSION,
             minor: MINOR_VERSION,
-            required_features: if stored.iter().any(|s| s.0 != CODEC_RAW) { FEATURE_COMPRESSED } else { 0 },
+            required_features: if compressed { FEATURE_COMPRESSED } else { 0 },
             optional_features: 0,
             file_length,
-            directory_offset,
+            directory_offset: HEADER_BYTES,
             directory_count: sections.len() as u32 + 1,
             directory_crc: crc32fast::hash(&directory),
             reserved: 0,
             header_crc: 0,
         };
         header.header_crc = crc32fast::hash(&to_bytes(&header)[..HEADER_BYTES as usize - 4]);
-
-        let mut written = 0u64;
-        let mut put = |out: &mut dyn Write, at: u64, bytes: &[u8]| -> std::io::Result<()> {
-            out.write_all(&vec![0; (at - written) as usize])?;
-            out.write_all(bytes)?;
-            written = at + bytes.len() as u64;
-            Ok(())
-        };
-        put(out, 0, &to_bytes(&header))?;
-        put(out, directory_offset, &directory)?;
+        let mut front = vec![0; data_offset as usize];
+        let mut put = |at: u64, bytes: &[u8]| front[at as usize..at as usize + bytes.len()].copy_from_slice(bytes);
+        put(0, &to_bytes(&header));
+        put(HEADER_BYTES, &directory);
         for (section, bytes) in &sections {
-            put(out, section.offset, bytes)?;
+            put(section.offset, bytes);
         }
-        let mut at = data_offset;
-        for (_, _, bytes) in &stored {
-            put(out, at, bytes)?;
-            at += (bytes.len() as u64).next_multiple_of(PAGE_BYTES);
-        }
-        put(out, file_length, &[])
+        front
     }
 }
 
@@ -150,6 +187,15 @@ impl Octree {
 /// The system's; `path` exists and is not a regular file (a device or a directory is never replaced) or is read-only; a
 /// link that leads nowhere.
 pub fn write_atomically(path: &Path, write: impl FnOnce(&mut dyn Write) -> std::io::Result<()>) -> std::io::Result<()> {
+    replace_file(path, |temporary| {
+        let mut out = BufWriter::with_capacity(1 << 20, temporary);
+        write(&mut out)?;
+        out.flush()
+    })
+}
+
+/// Like [`write_atomically`], giving the temporary file itself.
+pub(crate) fn replace_file(path: &Path, write: impl FnOnce(&File) -> std::io::Result<()>) -> std::io::Result<()> {
     let is_link = std::fs::symlink_metadata(path).is_ok_and(|m| m.is_symlink());
     let resolved = if is_link { path.canonicalize()? } else { path.to_owned() };
     let path = &*resolved;
@@ -171,9 +217,7 @@ pub fn write_atomically(path: &Path, write: impl FnOnce(&mut dyn Write) -> std::
     }
     let temporary = builder.prefix(".esvo-").suffix(".tmp").tempfile_in(folder)?;
     let _listed = Listed::new(temporary.path());
-    let mut out = BufWriter::with_capacity(1 << 20, temporary);
-    write(&mut out)?;
-    let temporary = out.into_inner().map_err(|e| e.into_error())?;
+    write(temporary.as_file())?;
     temporary.as_file().sync_all()?;
     temporary.persist(path).map_err(|e| e.error)?;
     Ok(())

@@ -1,0 +1,185 @@
+//! What a build has finished, kept beside its output so that it can go on after an interruption.
+//!
+//! A folder with two files: `blocks`, the packed blocks one after the other, and `journal`, a list of records, each with
+//! its length and CRC-32 before it. A record that was not written whole ends the list; what it spoke of is built again.
+
+use std::collections::HashMap;
+use std::fs::{File, OpenOptions};
+use std::io::{Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+
+use esvo_format::{BlockStore, BlockSummary, Tree};
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+
+use crate::{BuildError, BuildSettings, Mesh};
+
+/// What a journal says, in this order: once the first, then any number of the others.
+#[derive(Serialize, Deserialize)]
+enum Record {
+    /// Mesh, settings and version of the builder.
+    Build([u8; 32]),
+    /// The blocks that were put into the store since the last such record.
+    Blocks(Vec<BlockSummary>),
+    /// A finished cube: its path from the root, what is left of its subtree, and how many voxels it has.
+    Cube(u32, Box<Option<Tree>>, u64),
+}
+
+/// What is left of a finished cube's subtree, and its voxels.
+type Finished = (Option<Tree>, u64);
+
+pub(crate) struct Journal {
+    folder: PathBuf,
+    resumed: bool,
+    /// Cubes that an earlier build had finished, until they are asked for.
+    finished: Mutex<HashMap<u32, Finished>>,
+    writer: Mutex<Writer>,
+}
+
+struct Writer {
+    file: File,
+    /// Blocks that the journal knows.
+    blocks: usize,
+}
+
+impl Journal {
+    /// Opens or makes the folder of the build whose output is `path`, and the store of its blocks.
+    pub(crate) fn open(path: &Path, mesh: &Mesh, settings: &BuildSettings) -> Result<(Self, BlockStore), BuildError> {
+        let mut name = path.file_name().unwrap_or_default().to_owned();
+        name.push(".part");
+        let folder = path.with_file_name(name);
+        let io = |e| BuildError::io(&folder, e);
+        std::fs::create_dir_all(&folder).map_err(io)?;
+        let open =
+            |name| OpenOptions::new().read(true).write(true).create(true).truncate(false).open(folder.join(name));
+        let mut file = open("journal").map_err(io)?;
+        file.try_lock().map_err(|_| BuildError::Busy(folder.clone()))?;
+        let blocks = open("blocks").map_err(io)?;
+        let mut bytes = Vec::new();
+        file.read_to_end(&mut bytes).map_err(io)?;
+
+        let build = fingerprint(mesh, settings);
+        let (mut summaries, mut finished) = (Vec::new(), HashMap::new());
+        let mut end = 0;
+        let mut same = false;
+        for (record, at) in (Records { bytes: &bytes, at: 0 }) {
+            match record {
+                Record::Build(other) => same = other == build,
+                Record::Blocks(blocks) => summaries.extend(blocks),
+                Record::Cube(path, tree, voxels) => drop(finished.insert(path, (*tree, voxels))),
+            }
+            if !same {
+                break;
+            }
+            end = at;
+        }
+        let stored = blocks.metadata().map_err(io)?.len();
+        if !same || summaries.iter().any(|s: &BlockSummary| s.end() > stored) {
+            (summaries, finished, end, same) = (Vec::new(), HashMap::new(), 0, false);
+        }
+        file.set_len(end as u64).map_err(io)?;
+        file.seek(SeekFrom::End(0)).map_err(io)?;
+        let resumed = same && !finished.is_empty();
+        let mut writer = Writer { file, blocks: summaries.len() };
+        if !same {
+            writer.put(&Record::Build(build)).map_err(io)?;
+        }
+        let store = BlockStore::in_file(blocks, summaries);
+        Ok((Self { folder, resumed, finished: Mutex::new(finished), writer: Mutex::new(writer) }, store))
+    }
+
+    /// Whether anything was taken over from an earlier build.
+    pub(crate) fn resumed(&self) -> bool {
+        self.resumed
+    }
+
+    /// The cube with this path, if an earlier build had finished it. Answers once.
+    pub(crate) fn finished(&self, path: u32) -> Option<Finished> {
+        self.finished.lock().unwrap_or_else(PoisonError::into_inner).remove(&path)
+    }
+
+    /// Notes that a cube is finished; its blocks are in the store.
+    pub(crate) fn finish(
+        &self,
+        path: u32,
+        tree: Option<&Tree>,
+        voxels: u64,
+        store: &BlockStore,
+    ) -> Result<(), BuildError> {
+        let mut writer = self.writer.lock().unwrap_or_else(PoisonError::into_inner);
+        let blocks = store.summaries_from(writer.blocks);
+        writer.blocks += blocks.len();
+        let record = Record::Cube(path, Box::new(tree.cloned()), voxels);
+        let blocks = Record::Blocks(blocks);
+        writer.put(&blocks).and_then(|()| writer.put(&record)).map_err(|e| BuildError::io(&self.folder, e))
+    }
+
+    /// Removes the folder: the output is complete.
+    pub(crate) fn remove(self) -> Result<(), BuildError> {
+        let Self { folder, writer, .. } = self;
+        drop(writer);
+        std::fs::remove_dir_all(&folder).map_err(|e| BuildError::io(&folder, e))
+    }
+}
+
+impl Writer {
+    fn put(&mut self, record: &Record) -> std::io::Result<()> {
+        let bytes = postcard::to_stdvec(record).map_err(std::io::Error::other)?;
+        let mut framed = Vec::with_capacity(bytes.len() + 12);
+        framed.extend((bytes.len() as u64).to_le_bytes());
+        framed.extend(crc32fast::hash(&bytes).to_le_bytes());
+        framed.extend(bytes);
+        self.file.write_all(&framed)
+    }
+}
+
+/// The whole records of a journal, each with where it ends.
+struct Records<'a> {
+    bytes: &'a [u8],
+    at: usize,
+}
+
+impl Iterator for Records<'_> {
+    type Item = (Record, usize);
+
+    fn next(&mut self) -> Option<Self::Item> {
+        let (length, rest) = self.bytes.get(self.at..)?.split_first_chunk::<8>()?;
+        let (crc, rest) = rest.split_first_chunk::<4>()?;
+        let length = usize::try_from(u64::from_le_bytes(*length)).ok()?;
+        let record = rest.get(..length)?;
+        if crc32fast::hash(record) != u32::from_le_bytes(*crc) {
+            return None;
+        }
+        self.at += 12 + length;
+        Some((postcard::from_bytes(record).ok()?, self.at))
+    }
+}
+
+/// What a build depends on.
+fn fingerprint(mesh: &Mesh, settings: &BuildSettings) -> [u8; 32] {
+    let mut hash = Sha256::new();
+    let mut part = |bytes: &[u8]| {
+        hash.update((bytes.len() as u64).to_le_bytes());
+        hash.update(bytes);
+    };
+    part(concat!(env!("CARGO_PKG_VERSION"), " 1").as_bytes());
+    part(format!("{settings:?}").as_bytes());
+    part(bytemuck::cast_slice(&mesh.positions));
+    part(bytemuck::cast_slice(&mesh.normals));
+    part(bytemuck::cast_slice(&mesh.uvs));
+    part(bytemuck::cast_slice(&mesh.colors));
+    part(bytemuck::cast_slice(&mesh.tangents));
+    part(bytemuck::cast_slice(&mesh.triangles));
+    part(bytemuck::cast_slice(&mesh.triangle_materials));
+    for material in &mesh.materials {
+        part(format!("{:?} {:?}", material.base_color, material.alpha_cutoff).as_bytes());
+        if let Some(texture) = &material.texture {
+            part(bytemuck::cast_slice(&texture.mips[0].texels));
+        }
+        if let Some(map) = &material.normal_map {
+            part(format!("{map:?}").as_bytes());
+        }
+    }
+    hash.finalize().into()
+}

@@ -1,0 +1,333 @@
+//! The recursion from the root cube to the leaves. Subtrees that have become large enough leave as packed blocks.
+
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
+
+use esvo_format::{AssembleOptions, BlockStore, Tree, Voxel as TreeVoxel, pack};
+use glam::DVec3;
+use rayon::prelude::*;
+
+use crate::attributes::{AttributeBounds, attributes};
+use crate::build::Progress;
+use crate::clip::{Arena, Piece};
+use crate::journal::Journal;
+use crate::shaper::{Shape, Shaper, Slabs, Voxel};
+use crate::surface::Surface;
+use crate::{BuildError, BuildSettings};
+
+/// Voxels down to this level are built as tasks of their own.
+const PARALLEL_LEVELS: u32 = 5;
+/// Finished cubes of this level are noted in the journal.
+const JOURNAL_LEVEL: u32 = 4;
+
+/// A cube of the octree.
+#[derive(Clone, Copy)]
+pub(crate) struct Cube {
+    centre: DVec3,
+    size: f64,
+    level: u32,
+}
+
+impl Cube {
+    pub(crate) const ROOT: Self = Self { centre: DVec3::splat(0.5), size: 1.0, level: 0 };
+
+    fn child(&self, slot: usize) -> Self {
+        let quarter = self.size * 0.25;
+        let offset = std::array::from_fn(|axis| if slot >> axis & 1 != 0 { quarter } else { -quarter });
+        Self { centre: self.centre + DVec3::from(offset), size: self.size * 0.5, level: self.level + 1 }
+    }
+
+    /// Lower corner in units of 2^-23 of the root, and scale. Exact: corners are multiples of 2^-23.
+    fn address(&self) -> ([u32; 3], u32) {
+        let corner = (self.centre - self.size * 0.5) * f64::from(1u32 << 23);
+        (corner.to_array().map(|c| c as u32), 23 - self.level)
+    }
+}
+
+pub(crate) struct Recursion<'a> {
+    pub(crate) surface: &'a Surface<'a>,
+    pub(crate) settings: &'a BuildSettings,
+    /// Contour error in octree units.
+    deviation: f64,
+    limits: AttributeBounds,
+    store: &'a BlockStore,
+    journal: Option<&'a Journal>,
+    /// Subtrees of at least so many nodes become blocks.
+    block_nodes: usize,
+    progress: &'a (dyn Fn(Progress) + Sync),
+    /// Parts of 8^PARALLEL_LEVELS of the root cube.
+    done: AtomicU64,
+    voxels: AtomicU64,
+    failed: AtomicBool,
+    error: Mutex<Option<BuildError>>,
+}
+
+/// A child voxel, and what its own children need if it is not a leaf.
+struct Child {
+    voxel: TreeVoxel,
+    bounds: Bounds,
+}
+
+/// What the ancestors of a voxel say about its shape.
+#[derive(Clone)]
+enum Bounds {
+    /// These contours bound it.
+    Slabs(Slabs),
+    /// It is within the error bound, so it is in every part of it: only attributes ask for finer voxels.
+    Fits,
+}
+
+impl Bounds {
+    fn for_child(&self, slot: usize) -> Self {
+        match self {
+            Self::Slabs(slabs) => Self::Slabs(slabs.for_child(slot)),
+            Self::Fits => Self::Fits,
+        }
+    }
+}
+
+/// What one thread needs on the way down.
+#[derive(Default)]
+struct Worker {
+    arena: Arena,
+    shaper: Shaper,
+    /// Stack of the pieces in the voxels on the current path and beside it.
+    pieces: Vec<Piece>,
+    sorted: Vec<(u8, Piece)>,
+    tree: Tree,
+    voxels: u64,
+}
+
+/// The number of nodes from which on a subtree becomes a block.
+///
+/// A node is not cut if none of its children's subtrees has so many, so a block has less than eight times as many and
+/// their siblings' group: even with every group of odd size and all far pointers it has room in `block_slots`.
+fn block_nodes(options: &AssembleOptions) -> usize {
+    (options.block_slots / 64).max(1) as usize
+}
+
+impl<'a> Recursion<'a> {
+    pub(crate) fn new(
+        surface: &'a Surface<'a>,
+        settings: &'a BuildSettings,
+        store: &'a BlockStore,
+        journal: Option<&'a Journal>,
+        progress: &'a (dyn Fn(Progress) + Sync),
+    ) -> Self {
+        Self {
+            surface,
+            settings,
+            deviation: (-settings.contour_error).exp2() * 3f64.sqrt(),
+            limits: AttributeBounds { color: settings.color_error as f32, normal: settings.normal_error as f32 },
+            store,
+            journal,
+            block_nodes: block_nodes(&settings.assemble),
+            progress,
+            done: AtomicU64::new(0),
+            voxels: AtomicU64::new(0),
+            failed: AtomicBool::new(false),
+            error: Mutex::new(None),
+        }
+    }
+
+    /// Builds everything and returns the number of the root block in the store; `None` if there is no surface.
+    pub(crate) fn run(&self) -> Result<Option<u32>, BuildError> {
+        let pieces: Vec<Piece> = (0..self.surface.len() as u32).map(Piece::whole).collect();
+        let tree = self.split(Cube::ROOT, 0, &Arena::default(), pieces, Bounds::Slabs(Slabs::default()));
+        if let Some(error) = self.error.lock().unwrap_or_else(PoisonError::into_inner).take() {
+            return Err(error);
+        }
+        let Some(tree) = tree else { return Ok(None) };
+        Ok(Some(self.store.put(pack(&tree, None, &self.settings.assemble)?)?))
+    }
+
+    /// Builds the subtree of a cube that is split, its children in parallel. `None` if nothing is in it.
+    ///
+    /// `path` is the slots that lead to the cube from the root, three bits each, the last lowest.
+    fn split(&self, cube: Cube, path: u32, arena: &Arena, pieces: Vec<Piece>, ancestors: Bounds) -> Option<Tree> {
+        if self.failed.load(Ordering::Relaxed) {
+            return None;
+        }
+        if cube.level != JOURNAL_LEVEL {
+            return self.split_now(cube, path, arena, pieces, ancestors);
+        }
+        let Some(journal) = self.journal else { return self.split_now(cube, path, arena, pieces, ancestors) };
+        if let Some((tree, voxels)) = journal.finished(path) {
+            self.count(cube.level, voxels);
+            return tree;
+        }
+        let before = self.voxels.load(Ordering::Relaxed);
+        let tree = self.split_now(cube, path, arena, pieces, ancestors);
+        if !self.failed.load(Ordering::Relaxed) {
+            // With several threads some of these are another cube's; they only show in the progress of a resumed build.
+            let voxels = self.voxels.load(Ordering::Relaxed) - before;
+            if let Err(e) = journal.finish(path, tree.as_ref(), voxels, self.store) {
+                self.fail(e);
+            }
+        }
+        tree
+    }
+
+    fn split_now(&self, cube: Cube, path: u32, arena: &Arena, pieces: Vec<Piece>, ancestors: Bounds) -> Option<Tree> {
+        let mut own = Worker::default();
+        let (own_arena, pieces) = arena.extract(&pieces);
+        own.arena = own_arena;
+        own.pieces = pieces;
+        if cube.level >= PARALLEL_LEVELS {
+            let all = 0..own.pieces.len();
+            let found = self.descend(&mut own, cube, all, ancestors);
+            self.count(cube.level, own.voxels);
+            return found.then_some(own.tree);
+        }
+        let mut lists: [Vec<Piece>; 8] = Default::default();
+        for piece in std::mem::take(&mut own.pieces) {
+            own.arena.split(&piece, &self.surface.corners, cube.centre, |slot, part| lists[slot].push(part));
+        }
+        let arena = &own.arena;
+        let results: Vec<Option<(TreeVoxel, Option<Tree>)>> = (lists.into_par_iter().enumerate())
+            .map(|(slot, mut pieces)| {
+                let child_cube = cube.child(slot);
+                let mut shaper = Shaper::default();
+                self.remove_holes(arena, &mut pieces, |piece| piece);
+                let child = self.evaluate(&mut shaper, arena, &pieces, cube, slot, &ancestors);
+                let Some(mut child) = child else {
+                    self.count(child_cube.level, 0);
+                    return None;
+                };
+                if child.voxel.leaf {
+                    self.count(child_cube.level, 1);
+                    return Some((child.voxel, None));
+                }
+                let tree = self.split(child_cube, path << 3 | slot as u32, arena, pieces, child.bounds);
+                child.voxel.leaf = tree.is_none();
+                self.voxels.fetch_add(1, Ordering::Relaxed);
+                Some((child.voxel, tree))
+            })
+            .collect();
+        let children: [Option<TreeVoxel>; 8] = std::array::from_fn(|slot| results[slot].as_ref().map(|r| r.0));
+        if children.iter().all(Option::is_none) {
+            return None;
+        }
+        let mut tree = Tree::default();
+        let node = tree.open(&children);
+        for (_, subtree) in results.into_iter().flatten() {
+            if let Some(subtree) = subtree {
+                tree.append(&subtree);
+            }
+        }
+        tree.close(node);
+        self.cut(&mut tree, node, &cube);
+        Some(tree)
+    }
+
+    /// The same on one thread. Returns whether anything is in the cube; if so its node has been pushed.
+    fn descend(&self, worker: &mut Worker, cube: Cube, range: std::ops::Range<usize>, ancestors: Bounds) -> bool {
+        let arena_mark = worker.arena.mark();
+        let pieces_mark = worker.pieces.len();
+        worker.sorted.clear();
+        for piece in &worker.pieces[range] {
+            let sorted = &mut worker.sorted;
+            worker.arena.split(piece, &self.surface.corners, cube.centre, |slot, part| sorted.push((slot as u8, part)));
+        }
+        self.remove_holes(&worker.arena, &mut worker.sorted, |entry| &entry.1);
+        let mut ends = [worker.pieces.len(); 9];
+        for slot in 0..8 {
+            let of_slot = worker.sorted.iter().filter(|(s, _)| *s == slot).map(|(_, piece)| *piece);
+            worker.pieces.extend(of_slot);
+            ends[slot as usize + 1] = worker.pieces.len();
+        }
+        let children: [Option<Child>; 8] = std::array::from_fn(|slot| {
+            let pieces = &worker.pieces[ends[slot]..ends[slot + 1]];
+            self.evaluate(&mut worker.shaper, &worker.arena, pieces, cube, slot, &ancestors)
+        });
+        let count = children.iter().flatten().count();
+        worker.voxels += count as u64;
+        if count > 0 {
+            let node = worker.tree.open(&std::array::from_fn(|slot| children[slot].as_ref().map(|c| c.voxel)));
+            for (slot, child) in children.into_iter().enumerate() {
+                let Some(child) = child.filter(|c| !c.voxel.leaf) else { continue };
+                if !self.descend(worker, cube.child(slot), ends[slot]..ends[slot + 1], child.bounds) {
+                    worker.tree.make_leaf(node, slot);
+                }
+            }
+            worker.tree.close(node);
+            self.cut(&mut worker.tree, node, &cube);
+        }
+        worker.pieces.truncate(pieces_mark);
+        worker.arena.truncate(arena_mark);
+        count > 0
+    }
+
+    /// Makes what is below a node, which has just been closed, a block of its own if it is large enough for one.
+    fn cut(&self, tree: &mut Tree, node: usize, cube: &Cube) {
+        if tree.nodes.len() - node <= self.block_nodes || cube.level == 0 || self.failed.load(Ordering::Relaxed) {
+            return;
+        }
+        let detached = tree.detach(node);
+        let packed = pack(&detached, Some(cube.address()), &self.settings.assemble);
+        // A tree with a node that is nowhere is never looked at again: the build fails.
+        match packed.and_then(|block| self.store.put(block)) {
+            Ok(block) => tree.attach(block),
+            Err(e) => self.fail(e.into()),
+        }
+    }
+
+    fn fail(&self, error: BuildError) {
+        self.failed.store(true, Ordering::Relaxed);
+        self.error.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
+    }
+
+    /// Decides what a child voxel looks like and whether it is a leaf; `None` if no surface is in it.
+    fn evaluate(
+        &self,
+        shaper: &mut Shaper,
+        arena: &Arena,
+        pieces: &[Piece],
+        parent: Cube,
+        slot: usize,
+        ancestors: &Bounds,
+    ) -> Option<Child> {
+        if pieces.is_empty() {
+            return None;
+        }
+        let (cube, ancestors) = (parent.child(slot), ancestors.for_child(slot));
+        let settings = self.settings;
+        let voxel = Voxel { surface: self.surface, arena, pieces, centre: cube.centre, size: cube.size };
+        let deepest = cube.level == settings.levels;
+        let shape = match ancestors {
+            Bounds::Fits => Shape { contour: None, slabs: Slabs::default(), fits: true },
+            Bounds::Slabs(slabs) if settings.contours => shaper.shape(&voxel, slabs, self.deviation, deepest),
+            Bounds::Slabs(slabs) => Shape { contour: None, slabs, fits: false },
+        };
+        // Where the shape asks for finer voxels anyway, whether the attributes do is of no interest.
+        let limits = (shape.fits && !deepest).then_some(self.limits);
+        let attributes = attributes(&voxel, limits);
+        let voxel = TreeVoxel {
+            color: settings.colors.then_some(attributes.color),
+            normal: settings.normals.then_some(attributes.normal),
+            contour: shape.contour,
+            leaf: deepest || (shape.fits && attributes.uniform),
+        };
+        let bounds = if shape.fits { Bounds::Fits } else { Bounds::Slabs(shape.slabs) };
+        Some(Child { voxel, bounds })
+    }
+
+    /// Takes out the pieces of cut-out materials that are all hole.
+    fn remove_holes<T>(&self, arena: &Arena, list: &mut Vec<T>, piece: impl Fn(&T) -> &Piece) {
+        if self.surface.has_holes {
+            let corners = &self.surface.corners;
+            list.retain(|entry| {
+                let piece = piece(entry);
+                !self.surface.is_hole(piece.triangle, arena.vertices(piece, corners))
+            });
+        }
+    }
+
+    /// Reports that a cube on this level, at most [`PARALLEL_LEVELS`], is done.
+    fn count(&self, level: u32, voxels: u64) {
+        let parts = 1u64 << (3 * (PARALLEL_LEVELS - level));
+        let done = self.done.fetch_add(parts, Ordering::Relaxed) + parts;
+        let voxels = self.voxels.fetch_add(voxels, Ordering::Relaxed) + voxels;
+        (self.progress)(Progress { done: done as f64 / (1u64 << (3 * PARALLEL_LEVELS)) as f64, voxels });
+    }
+}

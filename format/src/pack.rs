@@ -1,0 +1,365 @@
+//! Octrees made block by block, so that the whole is never in memory as a tree (paper section 3.1: blocks).
+//!
+//! A program that walks space depth first [detaches](Tree::detach) every subtree that has become large enough,
+//! [packs](pack) it into a finished block, [puts](BlockStore::put) that into a store, in memory or in a file, and
+//! [attaches](Tree::attach) what the store gave for it. What is left at the end is packed as the root block.
+//! [`BlockStore::octree`] and [`BlockStore::write`] then order the blocks, give them addresses and set the far pointers
+//! between them. The result depends on what is in the blocks only, not on the order in which they were put.
+
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom, Write};
+use std::path::Path;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use glam::DMat4;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use crate::assemble::{Plan, PlannedBlock, subtree_slots};
+use crate::file::{BlockEntry, CODEC_RAW, FIRST_SLOT, NO_PARENT, ObjectEntry, PAGE_BYTES};
+use crate::layout::Layout;
+use crate::write::{Front, padding, replace_file};
+use crate::{AssembleOptions, FormatError, Octree, Tree, WriteOptions, codec};
+
+/// A far pointer from one block to another.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+struct Outer {
+    /// Slot of the far pointer in its block.
+    pointer: u32,
+    /// Slot of the descriptor that it belongs to.
+    descriptor: u32,
+    /// Number of the other block in the store.
+    block: u32,
+}
+
+/// What is known of a block without its bytes.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct BlockSummary {
+    cube_position: [u32; 3],
+    cube_scale: u32,
+    slots: u32,
+    /// Deepest level of its voxels.
+    levels: u32,
+    descriptors: u64,
+    leaf_voxels: u64,
+    contours: u64,
+    far_pointers: u64,
+    outer: Vec<Outer>,
+    /// Where a store that is a file has it, in bytes.
+    at: u64,
+}
+
+impl BlockSummary {
+    /// Where the block ends in a store that is a file, in bytes.
+    pub fn end(&self) -> u64 {
+        self.at + u64::from(self.slots) * 8
+    }
+}
+
+/// A block with all that belongs to it, whose far pointers to other blocks are still zero.
+pub struct PackedBlock {
+    image: Vec<u64>,
+    summary: BlockSummary,
+}
+
+/// Lays out a tree as one block and encodes it.
+///
+/// `cube` is the lower corner, in units of 2^-23, and the scale of the cube of a [detached](Tree::detach) tree's root;
+/// `None`: the tree holds the root of the octree, and the block becomes the root block.
+///
+/// # Errors
+/// A tree that is not well-formed, is too large for a block (more than 2^20 slots of descriptors, or contours out of
+/// reach of the contour pointers), or is deeper than 23 levels; options out of range.
+pub fn pack(tree: &Tree, cube: Option<([u32; 3], u32)>, options: &AssembleOptions) -> Result<PackedBlock, FormatError> {
+    options.check()?;
+    tree.check()?;
+    let (cube_position, cube_scale) = cube.unwrap_or(([0; 3], 23));
+    let levels = 23 - cube_scale + tree.levels();
+    if cube_scale > 23 || levels > 23 {
+        return Err(FormatError::Limit(format!("{levels} levels: an octree has at most 23")));
+    }
+    let sizes = subtree_slots(tree);
+    let detached = (tree.nodes.iter().enumerate()).filter(|(_, node)| node.detached).map(|(index, _)| index);
+    let above = cube.map(|_| 0);
+    let plan = Plan {
+        blocks: vec![PlannedBlock { above, parent: NO_PARENT, cube_position, cube_scale }],
+        cuts: detached.zip(tree.outside.iter().copied()).collect(),
+    };
+    let layout = Layout::new(tree, &sizes, &plan, 0, options.near_limit)?;
+    let bytes = layout.parts.total_bytes.next_multiple_of(PAGE_BYTES);
+    if layout.array_slots > 1 << 22 || bytes > u64::from(u32::MAX) {
+        return Err(FormatError::Limit(format!("a block of {bytes} bytes: split it")));
+    }
+    let mut image = vec![0; (bytes / 8) as usize];
+    let mut outer = Vec::with_capacity(plan.cuts.len());
+    layout.encode(tree, 0, &mut image, |pointer, descriptor, block| {
+        outer.push(Outer { pointer, descriptor, block });
+        0
+    });
+    let nodes = || layout.placed.iter().map(|placed| &tree.nodes[placed.node]);
+    let summary = BlockSummary {
+        cube_position,
+        cube_scale,
+        slots: image.len() as u32,
+        levels,
+        descriptors: layout.placed.len() as u64,
+        leaf_voxels: nodes().map(|node| u64::from(node.leaf.count_ones())).sum(),
+        contours: u64::from(layout.contour_count),
+        far_pointers: layout.far_pointers,
+        outer,
+        at: 0,
+    };
+    Ok(PackedBlock { image, summary })
+}
+
+/// Packed blocks, numbered in the order in which they were put. Can be used from several threads.
+pub struct BlockStore {
+    summaries: Mutex<Vec<BlockSummary>>,
+    images: Images,
+}
+
+enum Images {
+    Memory(Mutex<Vec<Vec<u64>>>),
+    File(Mutex<Spill>),
+}
+
+/// Blocks one after the other.
+struct Spill {
+    file: File,
+    end: u64,
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl BlockStore {
+    /// A store in memory.
+    pub fn in_memory() -> Self {
+        Self { summaries: Mutex::default(), images: Images::Memory(Mutex::default()) }
+    }
+
+    /// A store that keeps the bytes of the blocks in a file that can be read and written.
+    ///
+    /// `summaries` are those of blocks that the file holds already; what follows them is overwritten.
+    pub fn in_file(file: File, summaries: Vec<BlockSummary>) -> Self {
+        let end = summaries.iter().map(BlockSummary::end).max().unwrap_or(0);
+        Self { summaries: Mutex::new(summaries), images: Images::File(Mutex::new(Spill { file, end })) }
+    }
+
+    /// Adds a block and returns what [`Tree::attach`] takes.
+    ///
+    /// # Errors
+    /// Those of writing the file; more than 2^32 - 1 blocks.
+    pub fn put(&self, block: PackedBlock) -> Result<u32, FormatError> {
+        let mut summary = block.summary;
+        match &self.images {
+            Images::Memory(images) => {
+                let mut images = lock(images);
+                images.push(block.image);
+                let mut summaries = lock(&self.summaries);
+                summaries.push(summary);
+                number(summaries.len() - 1)
+            }
+            Images::File(spill) => {
+                let bytes: &[u8] = bytemuck::cast_slice(&block.image);
+                let mut spill = lock(spill);
+                summary.at = spill.end;
+                let at = spill.end;
+                let done = spill.file.seek(SeekFrom::Start(at)).and_then(|_| spill.file.write_all(bytes));
+                done.map_err(|e| FormatError::io(Path::new("temporary file of the build"), e))?;
+                spill.end += bytes.len() as u64;
+                let mut summaries = lock(&self.summaries);
+                summaries.push(summary);
+                number(summaries.len() - 1)
+            }
+        }
+    }
+
+    /// How many blocks there are.
+    pub fn len(&self) -> usize {
+        lock(&self.summaries).len()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// What is known of the blocks from number `first` on, in the order of their numbers.
+    pub fn summaries_from(&self, first: usize) -> Vec<BlockSummary> {
+        lock(&self.summaries).get(first..).unwrap_or_default().to_vec()
+    }
+
+    /// The octree whose root block has number `root`, in memory.
+    ///
+    /// # Errors
+    /// Those of reading the file; a transform that cannot be inverted; more than 2^32 slots; blocks whose cubes do not
+    /// lie in each other, or that were never put.
+    pub fn octree(self, root: u32, octree_to_mesh: DMat4) -> Result<Octree, FormatError> {
+        let ordered = self.order(root, octree_to_mesh)?;
+        let slots = ordered.table.last().map_or(0, |b| (b.image_offset + b.image_size) / 8);
+        let mut image = Vec::with_capacity(slots as usize);
+        for index in 0..ordered.table.len() {
+            image.extend_from_slice(&self.block(&ordered, index)?);
+            if let Images::Memory(images) = &self.images {
+                // Each is gone as soon as it is copied, so that the octree is in memory once.
+                lock(images)[ordered.numbers[index] as usize] = Vec::new();
+            }
+        }
+        Octree::from_parts(vec![ordered.object], ordered.table, image)
+    }
+
+    /// Writes the octree whose root block has number `root` to a temporary beside `path` and renames it; only a few
+    /// blocks are in memory at a time. The file is the one that [`octree`](Self::octree) with this metadata would write.
+    ///
+    /// # Errors
+    /// As [`octree`](Self::octree) and [`Octree::write_with`].
+    pub fn write(
+        &self,
+        root: u32,
+        octree_to_mesh: DMat4,
+        meta: &str,
+        path: &Path,
+        options: &WriteOptions,
+    ) -> Result<ObjectEntry, FormatError> {
+        let mut ordered = self.order(root, octree_to_mesh)?;
+        crate::tables::check_objects(std::slice::from_ref(&ordered.object), 0)?;
+        let object = ordered.object;
+        let front = Front { objects: &[object], meta, unknown: &[] };
+        let mut failed = None;
+        let written = replace_file(path, |mut out| {
+            let mut at = front.length(ordered.table.len());
+            out.seek(SeekFrom::Start(at))?;
+            let indices: Vec<usize> = (0..ordered.table.len()).collect();
+            for group in indices.chunks(4 * rayon::current_num_threads()) {
+                let encode = |&index: &usize| {
+                    let image = self.block(&ordered, index)?;
+                    let encoded = codec::encode(bytemuck::cast_slice(&image), options.compress);
+                    let (codec, bytes) = encoded.map_err(|e| FormatError::io(path, e))?;
+                    Ok((codec, crc32fast::hash(&bytes), bytes.into_owned()))
+                };
+                let blocks: Vec<_> = group.par_iter().map(encode).collect::<Result<_, FormatError>>().map_err(|e| {
+                    failed = Some(e);
+                    std::io::Error::other("a block could not be made")
+                })?;
+                for (&index, (codec, crc, bytes)) in group.iter().zip(&blocks) {
+                    let entry = &mut ordered.table[index];
+                    (entry.file_offset, entry.stored_size) = (at, bytes.len() as u64);
+                    (entry.codec, entry.crc) = (*codec, *crc);
+                    out.write_all(bytes)?;
+                    out.write_all(padding(bytes.len()))?;
+                    at += (bytes.len() as u64).next_multiple_of(PAGE_BYTES);
+                }
+            }
+            out.seek(SeekFrom::Start(0))?;
+            out.write_all(&front.bytes(&ordered.table))
+        });
+        if let Some(error) = failed {
+            return Err(error);
+        }
+        written.map_err(|e| FormatError::io(path, e))?;
+        Ok(object)
+    }
+
+    /// The blocks that belong to the octree, breadth first, with addresses in the image.
+    fn order(&self, root: u32, octree_to_mesh: DMat4) -> Result<Ordered, FormatError> {
+        let summaries = lock(&self.summaries).clone();
+        let mut place = vec![u32::MAX; summaries.len()];
+        let mut numbers = vec![root];
+        let mut table: Vec<BlockEntry> = Vec::new();
+        let mut parents = vec![NO_PARENT];
+        let mut image_offset = 0;
+        let mut object = ObjectEntry {
+            octree_to_mesh: octree_to_mesh.to_cols_array(),
+            root_block: 0,
+            levels: 0,
+            root_slot: u64::from(FIRST_SLOT),
+            descriptors: 0,
+            leaf_voxels: 0,
+            contours: 0,
+            far_pointers: 0,
+            reserved: [0; 4],
+        };
+        let mut next = 0;
+        while let Some(&number) = numbers.get(next) {
+            let summary = summaries.get(number as usize).filter(|_| place[number as usize] == u32::MAX);
+            let Some(summary) = summary else {
+                return Err(FormatError::Limit(format!("block {number} of {}: not there, or twice", summaries.len())));
+            };
+            place[number as usize] = next as u32;
+            let image_size = u64::from(summary.slots) * 8;
+            table.push(BlockEntry {
+                object: 0,
+                parent: parents[next],
+                cube_position: summary.cube_position,
+                cube_scale: summary.cube_scale,
+                image_offset,
+                image_size,
+                file_offset: 0,
+                stored_size: image_size,
+                codec: CODEC_RAW,
+                crc: 0,
+                reserved: 0,
+            });
+            image_offset += image_size;
+            object.levels = object.levels.max(summary.levels);
+            object.descriptors += summary.descriptors;
+            object.leaf_voxels += summary.leaf_voxels;
+            object.contours += summary.contours;
+            object.far_pointers += summary.far_pointers;
+            for outer in &summary.outer {
+                numbers.push(outer.block);
+                parents.push(next as u32);
+            }
+            next += 1;
+        }
+        if image_offset / 8 > u64::from(u32::MAX) {
+            return Err(FormatError::Limit(format!(
+                "{image_offset} bytes: an image has at most 2^32 slots of 8 bytes"
+            )));
+        }
+        crate::tables::check_blocks(&table, 0, std::slice::from_ref(&object), Some(image_offset))?;
+        Ok(Ordered { object, table, numbers, place, summaries })
+    }
+
+    /// The bytes of the block at this index of the table, with its index and its far pointers set.
+    fn block(&self, ordered: &Ordered, index: usize) -> Result<Vec<u64>, FormatError> {
+        let number = ordered.numbers[index] as usize;
+        let summary = &ordered.summaries[number];
+        let mut image = match &self.images {
+            Images::Memory(images) => lock(images)[number].clone(),
+            Images::File(spill) => {
+                let mut image = vec![0u64; summary.slots as usize];
+                let mut spill = lock(spill);
+                let read = (spill.file.seek(SeekFrom::Start(summary.at)))
+                    .and_then(|_| spill.file.read_exact(bytemuck::cast_slice_mut(&mut image)));
+                read.map_err(|e| FormatError::io(Path::new("temporary file of the build"), e))?;
+                image
+            }
+        };
+        let info = (image[0] as u32) as usize;
+        image[info] = image[info] & !u64::from(u32::MAX) | index as u64;
+        let start = |index: usize| ordered.table[index].image_offset / 8;
+        for outer in &summary.outer {
+            let target = start(ordered.place[outer.block as usize] as usize) + u64::from(FIRST_SLOT);
+            image[outer.pointer as usize] = target - (start(index) + u64::from(outer.descriptor));
+        }
+        Ok(image)
+    }
+}
+
+fn number(index: usize) -> Result<u32, FormatError> {
+    u32::try_from(index).map_err(|_| FormatError::Limit("more than 2^32 - 1 blocks".into()))
+}
+
+/// The blocks of an octree in the order of its block table.
+struct Ordered {
+    object: ObjectEntry,
+    table: Vec<BlockEntry>,
+    /// Number in the store of each block of the table.
+    numbers: Vec<u32>,
+    /// Index in the table of each block of the store; `u32::MAX` if it does not belong to the octree.
+    place: Vec<u32>,
+    summaries: Vec<BlockSummary>,
+}
