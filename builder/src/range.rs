@@ -1,4 +1,5 @@
-//! Bounds of a texture's colours over boxes of texture coordinates, from pyramids of minima and maxima.
+//! Bounds of a texture's channels over boxes of texture coordinates, from pyramids of minima and maxima, and where a
+//! texture is a hole.
 //!
 //! What the finest voxels cannot show is of no interest to a coarser one: the bounds are over texels averaged to the size
 //! of the finest voxels, so there is one pyramid per mip level of the texture.
@@ -7,47 +8,70 @@ use std::sync::LazyLock;
 
 use glam::{Vec2, Vec3};
 
-use crate::{MipLevel, Texture};
+use crate::{LinearTexture, Texture};
 
 /// For every mip level, least and greatest texel of every texel's area on every level down to one texel.
-pub struct RangeMap {
-    pyramids: Vec<Vec<Level>>,
+pub struct RangeMap<const N: usize> {
+    pyramids: Vec<Vec<Level<N>>>,
 }
 
-struct Level {
+struct Level<const N: usize> {
     width: u32,
     height: u32,
-    texels: Vec<Bounds8>,
+    texels: Vec<Bounds<N>>,
 }
 
+/// Least and greatest value of each channel.
 #[derive(Clone, Copy)]
-struct Bounds8 {
-    min: [u8; 3],
-    max: [u8; 3],
-    max_alpha: u8,
+pub struct Bounds<const N: usize> {
+    /// The least.
+    pub min: [u8; N],
+    /// The greatest.
+    pub max: [u8; N],
 }
 
-/// Bounds of linear colour, and the greatest alpha.
-pub struct Bounds {
-    /// Least value of each channel.
-    pub min: Vec3,
-    /// Greatest value of each channel.
-    pub max: Vec3,
-    /// Greatest alpha.
-    pub max_alpha: f32,
+impl<const N: usize> Bounds<N> {
+    fn extend(&mut self, other: &Self) {
+        for k in 0..N {
+            self.min[k] = self.min[k].min(other.min[k]);
+            self.max[k] = self.max[k].max(other.max[k]);
+        }
+    }
 }
 
-impl RangeMap {
-    /// Builds the pyramids.
-    pub fn new(texture: &Texture) -> Self {
-        Self { pyramids: texture.mips.iter().map(pyramid).collect() }
+impl RangeMap<3> {
+    /// Of the sRGB-encoded colours of a texture.
+    pub fn of_colors(texture: &Texture) -> Self {
+        let bounds = |&[r, g, b, _]: &[u8; 4]| Bounds { min: [r, g, b], max: [r, g, b] };
+        let base = |mip: &crate::MipLevel| (mip.width, mip.height, mip.texels.iter().map(bounds).collect());
+        Self::new(texture.mips.iter().map(base))
+    }
+
+    /// Of linear channels, rounded outwards to 8 bits.
+    pub fn of_channels(texture: &LinearTexture<3>) -> Self {
+        let down = |c: u16| (c / 257) as u8;
+        let up = |c: u16| c.div_ceil(257) as u8;
+        let bounds = |t: &[u16; 3]| Bounds { min: t.map(down), max: t.map(up) };
+        let base = |mip: &crate::LinearMip<3>| (mip.width, mip.height, mip.texels.iter().map(bounds).collect());
+        Self::new(texture.mips.iter().map(base))
+    }
+}
+
+impl<const N: usize> RangeMap<N> {
+    /// Builds the pyramids over mip levels given as width, height and texels.
+    fn new(mips: impl Iterator<Item = (u32, u32, Vec<Bounds<N>>)>) -> Self {
+        Self { pyramids: mips.map(|(width, height, texels)| pyramid(Level { width, height, texels })).collect() }
+    }
+
+    /// The mip level whose texels are the nearest that are not larger than `footprint` texels of the full image.
+    fn mip(&self, footprint: f32) -> usize {
+        (footprint.max(1.0).log2() as usize).min(self.pyramids.len() - 1)
     }
 
     /// Bounds over a box of texture coordinates, which wrap, and the texels that filtering reaches around it.
     /// Texels are averaged over `footprint` texels of the full image.
-    pub fn in_box(&self, lo: Vec2, hi: Vec2, footprint: f32) -> Bounds {
-        let mip = (footprint.max(1.0).log2() as usize).min(self.pyramids.len() - 1);
-        let pyramid = &self.pyramids[mip];
+    pub fn in_box(&self, lo: Vec2, hi: Vec2, footprint: f32) -> Bounds<N> {
+        let pyramid = &self.pyramids[self.mip(footprint)];
         let size = Vec2::new(pyramid[0].width as f32, pyramid[0].height as f32);
         let (lo, hi) = (lo * size - 0.5, hi * size + 0.5);
         let extent = (hi - lo).max_element().max(1.0);
@@ -57,29 +81,22 @@ impl RangeMap {
         let map = &pyramid[level];
         let first = (lo * scale).floor();
         let count = ((hi * scale).floor() - first).clamp(Vec2::ZERO, Vec2::splat(2.0));
-        let mut bounds: Option<Bounds8> = None;
+        // Texels of the base wrap; on the last, partly filled texel of a level they wrap a little late, so its
+        // neighbour is what matters, and both are visited.
+        let wrapped = |x: f32, dx: i64, size: u32| (x as i64 + dx).rem_euclid(i64::from(size)) as u32;
+        let mut bounds = map.at(wrapped(first.x, 0, map.width), wrapped(first.y, 0, map.height));
         for dy in 0..=count.y as i64 {
             for dx in 0..=count.x as i64 {
-                // Texels of the base wrap; on the last, partly filled texel of a level they wrap a little late, so its
-                // neighbour is what matters, and both are visited.
-                let x = (first.x as i64 + dx).rem_euclid(i64::from(map.width)) as u32;
-                let y = (first.y as i64 + dy).rem_euclid(i64::from(map.height)) as u32;
-                let texel = map.at(x, y);
-                match &mut bounds {
-                    Some(b) => b.extend(&texel),
-                    None => bounds = Some(texel),
-                }
+                bounds.extend(&map.at(wrapped(first.x, dx, map.width), wrapped(first.y, dy, map.height)));
             }
         }
-        let b = bounds.unwrap_or(map.texels[0]);
-        Bounds { min: decode_srgb(b.min), max: decode_srgb(b.max), max_alpha: f32::from(b.max_alpha) / 255.0 }
+        bounds
     }
 }
 
 /// The pyramid over one mip level.
-fn pyramid(base: &MipLevel) -> Vec<Level> {
-    let texels = base.texels.iter().map(|&[r, g, b, a]| Bounds8 { min: [r, g, b], max: [r, g, b], max_alpha: a });
-    let mut levels = vec![Level { width: base.width, height: base.height, texels: texels.collect() }];
+fn pyramid<const N: usize>(base: Level<N>) -> Vec<Level<N>> {
+    let mut levels = vec![base];
     while let Some(last) = levels.last().filter(|l| l.width > 1 || l.height > 1) {
         let (width, height) = (last.width.div_ceil(2), last.height.div_ceil(2));
         let mut texels = Vec::with_capacity((width * height) as usize);
@@ -98,20 +115,97 @@ fn pyramid(base: &MipLevel) -> Vec<Level> {
     levels
 }
 
-impl Level {
-    fn at(&self, x: u32, y: u32) -> Bounds8 {
+impl<const N: usize> Level<N> {
+    fn at(&self, x: u32, y: u32) -> Bounds<N> {
         self.texels[(y * self.width + x) as usize]
     }
 }
 
-impl Bounds8 {
-    fn extend(&mut self, other: &Self) {
-        for k in 0..3 {
-            self.min[k] = self.min[k].min(other.min[k]);
-            self.max[k] = self.max[k].max(other.max[k]);
-        }
-        self.max_alpha = self.max_alpha.max(other.max_alpha);
+/// Where a texture is a hole, at every resolution.
+///
+/// Averaging alpha over larger and larger texels and comparing with one limit lets thin leaves vanish and thin gaps close.
+/// So every mip level has a limit of its own: the one that leaves the same share of its texels solid as in the full image
+/// (rounded up, so that something is always left).
+pub struct AlphaMap {
+    range: RangeMap<1>,
+    /// Per mip level the least alpha, 0..=255, that is not a hole.
+    limits: Vec<f32>,
+}
+
+/// What a part of a surface with holes consists of.
+pub struct Parts {
+    /// Some of it is solid.
+    pub solid: bool,
+    /// Some of it is hole.
+    pub hole: bool,
+}
+
+impl AlphaMap {
+    /// Alpha below `least`, 0..=1, is a hole.
+    pub fn new(texture: &Texture, least: f32) -> Self {
+        let bounds = |&[_, _, _, a]: &[u8; 4]| Bounds { min: [a], max: [a] };
+        let base = |mip: &crate::MipLevel| (mip.width, mip.height, mip.texels.iter().map(bounds).collect());
+        let solid = |a: u8| f32::from(a) / 255.0 >= least;
+        let texels = &texture.mips[0].texels;
+        let share = texels.iter().filter(|t| solid(t[3])).count() as f64 / texels.len() as f64;
+        let mut limits: Vec<f32> = texture.mips.iter().map(|mip| limit(&mip.texels, share)).collect();
+        // On the full image the limit is what was asked for, between two values of alpha though it may be.
+        limits[0] = least * 255.0;
+        Self { range: RangeMap::new(texture.mips.iter().map(base)), limits }
     }
+
+    /// Whether nothing of the texture is solid.
+    pub fn is_all_hole(&self) -> bool {
+        f32::from(self.whole(0).max[0]) < self.limits[0]
+    }
+
+    /// Whether nothing of the texture is a hole.
+    pub fn is_all_solid(&self) -> bool {
+        f32::from(self.whole(0).min[0]) >= self.limits[0]
+    }
+
+    fn whole(&self, mip: usize) -> Bounds<1> {
+        let top = &self.range.pyramids[mip];
+        top[top.len() - 1].texels[0]
+    }
+
+    /// What there is in a box of texture coordinates, as [`RangeMap::in_box`] counts.
+    pub fn in_box(&self, lo: Vec2, hi: Vec2, footprint: f32) -> Parts {
+        let limit = self.limits[self.range.mip(footprint)];
+        let bounds = self.range.in_box(lo, hi, footprint);
+        Parts { solid: f32::from(bounds.max[0]) >= limit, hole: f32::from(bounds.min[0]) < limit }
+    }
+
+    /// Whether there is a hole here, averaged over `footprint` texels of the full image.
+    pub fn is_hole(&self, uv: Vec2, footprint: f32) -> bool {
+        let mip = self.range.mip(footprint);
+        let map = &self.range.pyramids[mip][0];
+        let p = uv * Vec2::new(map.width as f32, map.height as f32) - 0.5;
+        let (cell, f) = (p.floor(), p - p.floor());
+        let alpha = |dx: i64, dy: i64| {
+            let x = (cell.x as i64 + dx).rem_euclid(i64::from(map.width));
+            let y = (cell.y as i64 + dy).rem_euclid(i64::from(map.height));
+            f32::from(map.at(x as u32, y as u32).max[0])
+        };
+        let low = alpha(0, 0) * (1.0 - f.x) + alpha(1, 0) * f.x;
+        let high = alpha(0, 1) * (1.0 - f.x) + alpha(1, 1) * f.x;
+        low * (1.0 - f.y) + high * f.y < self.limits[mip]
+    }
+}
+
+/// The greatest alpha that at least this share of the texels reach; above all of them where the share is zero.
+fn limit(texels: &[[u8; 4]], share: f64) -> f32 {
+    let mut histogram = [0usize; 256];
+    texels.iter().for_each(|t| histogram[t[3] as usize] += 1);
+    let wanted = (share * texels.len() as f64).ceil() as usize;
+    let mut reached = 0;
+    for alpha in (0..256).rev() {
+        if reached >= wanted {
+            return (alpha + 1) as f32;
+        }
+        reached += histogram[alpha];
+    }
+    0.0
 }
 
 static TO_LINEAR: LazyLock<[f32; 256]> = LazyLock::new(|| {

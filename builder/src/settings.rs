@@ -5,6 +5,20 @@ use serde::{Deserialize, Serialize};
 
 use crate::BuildError;
 
+/// What the attributes of a voxel are compared with to tell whether finer voxels are needed for their sake.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum TextureTest {
+    /// One colour and one normal for each triangle's part of the voxel, taken in its middle and filtered to the voxel's
+    /// size: what `color-error` and `normal-error` mean in the authors' builder. Detail within a single triangle does not
+    /// count, so a large flat wall may show its texture no finer than its shape asks for.
+    #[default]
+    Samples,
+    /// Bounds of every texel, vertex colour and normal on the surface in the voxel, as fine as the finest voxels can show
+    /// them. Nothing the finest level would show gets lost, at the price of more voxels on textured surfaces.
+    Texels,
+}
+
 /// Settings of a build. The error bounds mean what they mean in the authors' builder, so that builds can be compared.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -19,6 +33,8 @@ pub struct BuildSettings {
     pub color_error: f64,
     /// Largest deviation of a normal's component from what it stands for; the components of a unit normal span 2.
     pub normal_error: f64,
+    /// What `color_error` and `normal_error` are compared with.
+    pub texture_test: TextureTest,
     /// Whether colours are stored.
     pub colors: bool,
     /// Whether normals are stored.
@@ -37,6 +53,7 @@ impl Default for BuildSettings {
             contour_error: 15.0,
             color_error: 16.0,
             normal_error: 0.01,
+            texture_test: TextureTest::default(),
             colors: true,
             normals: true,
             assemble: AssembleOptions::default(),

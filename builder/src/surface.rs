@@ -1,60 +1,38 @@
-//! The mesh as the recursion reads it: corners in the root cube, normals, boundary edges, colours.
+//! The mesh as the recursion reads it: corners in the root cube, normals, boundary edges, and what it looks like.
 
-use std::collections::HashMap;
-use std::sync::Arc;
+mod look;
+mod shading;
 
-use glam::{DMat4, DVec3, Vec2, Vec3};
+use glam::{DMat4, DVec3, Vec3};
 use rayon::prelude::*;
 
-use crate::range::{RangeMap, encode_srgb};
-use crate::{BuildError, Material, Mesh, Texture};
+use crate::{BuildError, BuildSettings, Mesh, TextureTest};
+use look::Look;
+pub use shading::Sample;
+use shading::Shading;
 
 /// A mesh prepared for building.
 pub struct Surface<'a> {
-    mesh: &'a Mesh,
-    /// Index in the mesh of each triangle that is left after dropping those without area.
-    source: Vec<u32>,
     /// Corners in octree space: the root cube is `[0, 1]³`.
     pub corners: Vec<[DVec3; 3]>,
     /// Unit geometric normals.
     pub normals: Vec<Vec3>,
     /// Per triangle: bits 0..3, the edge from corner `i` to `i + 1` belongs to no other triangle.
     pub boundary: Vec<u8>,
-    /// Texels per unit of octree space, for textured triangles.
-    texel_density: Vec<f32>,
-    materials: Vec<Look>,
     /// Octree space to mesh space.
     pub octree_to_mesh: DMat4,
     /// Triangles without area.
     pub dropped: usize,
-    /// Edge of the finest voxels in octree units.
-    finest_voxel: f32,
     /// Whether some material is cut out by its alpha.
     pub has_holes: bool,
-}
-
-/// A material as the recursion reads it.
-struct Look {
-    base: Vec3,
-    /// sRGB-encoded `base`, where there is nothing else to the colour.
-    plain: Option<[u8; 3]>,
-    alpha: f32,
-    alpha_cutoff: Option<f32>,
-    texture: Option<(Arc<Texture>, Arc<RangeMap>)>,
-}
-
-/// Colour and normal of a piece of surface.
-pub struct Sample {
-    /// Linear RGB.
-    pub color: Vec3,
-    /// Unit normal at the centroid.
-    pub normal: Vec3,
+    /// Whether the refinement of attributes looks at every texel.
+    pub tests_texels: bool,
+    shading: Shading<'a>,
 }
 
 impl<'a> Surface<'a> {
-    /// Checks the mesh and moves it into the root cube: centred, its largest extent filling the cube. The finest voxels
-    /// will be of level `levels`.
-    pub fn new(mesh: &'a Mesh, levels: u32) -> Result<Self, BuildError> {
+    /// Checks the mesh and moves it into the root cube: centred, its largest extent filling the cube.
+    pub fn new(mesh: &'a Mesh, settings: &BuildSettings) -> Result<Self, BuildError> {
         mesh.validate().map_err(|e| BuildError::Mesh(e.to_string()))?;
         let octree_to_mesh = place(mesh)?;
         let scale = 1.0 / octree_to_mesh.x_axis.x;
@@ -68,162 +46,27 @@ impl<'a> Surface<'a> {
             return Err(BuildError::Mesh("no triangle has any area".into()));
         }
         let (source, corners): (Vec<u32>, Vec<[DVec3; 3]>) = with_area.into_iter().unzip();
-        let normals =
+        let normals: Vec<Vec3> =
             (corners.par_iter()).map(|[a, b, c]| (*b - *a).cross(*c - *a).normalize_or(DVec3::Z).as_vec3()).collect();
-        let mut ranges: HashMap<*const Texture, Arc<RangeMap>> = HashMap::new();
-        let materials: Vec<Look> = mesh.materials.iter().map(|m| Look::new(m, mesh, &mut ranges)).collect();
+        let looks = Look::all(mesh, settings.texture_test);
         let boundary = boundary_edges(&corners);
-        let mut surface = Self {
-            mesh,
+        let finest_voxel = (-(settings.levels as f32)).exp2();
+        let shading = Shading::new(mesh, &source, &corners, &normals, looks, finest_voxel);
+        Ok(Self {
             dropped: mesh.triangles.len() - source.len(),
-            finest_voxel: (-(levels as f32)).exp2(),
-            has_holes: materials.iter().any(|m| m.alpha_cutoff.is_some()),
-            source,
+            has_holes: shading.has_holes(),
+            tests_texels: settings.texture_test == TextureTest::Texels,
             corners,
             normals,
             boundary,
-            texel_density: Vec::new(),
-            materials,
             octree_to_mesh,
-        };
-        if surface.materials.iter().any(|m| m.texture.is_some()) {
-            surface.texel_density = (0..surface.corners.len()).into_par_iter().map(|t| surface.density(t)).collect();
-        }
-        Ok(surface)
+            shading,
+        })
     }
 
     /// Number of triangles.
     pub fn len(&self) -> usize {
         self.corners.len()
-    }
-
-    fn look(&self, triangle: u32) -> &Look {
-        let source = self.source[triangle as usize] as usize;
-        &self.materials[self.mesh.triangle_materials.get(source).map_or(0, |m| *m as usize)]
-    }
-
-    fn indices(&self, triangle: u32) -> [usize; 3] {
-        self.mesh.triangles[self.source[triangle as usize] as usize].map(|i| i as usize)
-    }
-
-    fn uvs(&self, triangle: u32) -> [Vec2; 3] {
-        self.indices(triangle).map(|i| Vec2::from(self.mesh.uvs[i]))
-    }
-
-    fn density(&self, triangle: usize) -> f32 {
-        let Some((texture, _)) = &self.look(triangle as u32).texture else { return 0.0 };
-        let [a, b, c] = self.corners[triangle];
-        let size = Vec2::new(texture.mips[0].width as f32, texture.mips[0].height as f32);
-        let [ua, ub, uc] = self.uvs(triangle as u32).map(|uv| uv * size);
-        let texels = (ub - ua).perp_dot(uc - ua).abs();
-        let area = (b - a).cross(c - a).length() as f32;
-        (texels / area).sqrt()
-    }
-
-    /// Whether a piece of a cut-out material is all hole.
-    pub fn is_hole(&self, triangle: u32, vertices: &[DVec3]) -> bool {
-        let look = self.look(triangle);
-        let Some(cutoff) = look.alpha_cutoff else { return false };
-        let Some((_, range)) = &look.texture else { return look.alpha < cutoff };
-        let (lo, hi) = self.uv_bounds(triangle, vertices);
-        range.in_box(lo, hi, 0.0).max_alpha * look.alpha < cutoff
-    }
-
-    fn uv_bounds(&self, triangle: u32, vertices: &[DVec3]) -> (Vec2, Vec2) {
-        let uvs = self.uvs(triangle);
-        let weights = Barycentric::new(&self.corners[triangle as usize]);
-        vertices
-            .iter()
-            .map(|v| mix2(uvs, weights.at(*v)))
-            .fold((Vec2::MAX, Vec2::MIN), |(lo, hi), uv| (lo.min(uv), hi.max(uv)))
-    }
-
-    /// The colour and normal of a piece with this centroid, in a voxel of this size.
-    pub fn sample(&self, triangle: u32, centroid: DVec3, voxel_size: f64) -> Sample {
-        let look = self.look(triangle);
-        if look.plain.is_some() && self.mesh.normals.is_empty() {
-            return Sample { color: look.base, normal: self.normals[triangle as usize] };
-        }
-        let w = Barycentric::new(&self.corners[triangle as usize]).at(centroid);
-        let mut color = look.base;
-        if !self.mesh.colors.is_empty() {
-            color *= mix3(self.colors(triangle), w);
-        }
-        if let Some((texture, _)) = &look.texture {
-            let footprint = voxel_size as f32 * self.texel_density[triangle as usize];
-            let uv = mix2(self.uvs(triangle), w);
-            let [r, g, b, _] = texture.sample(uv.into(), footprint);
-            color *= Vec3::new(r, g, b);
-        }
-        Sample { color, normal: self.shading_normal(triangle, w) }
-    }
-
-    /// Least and greatest sRGB-encoded colour that the finest voxels will show of a piece.
-    pub fn color_range(&self, triangle: u32, vertices: &[DVec3]) -> ([u8; 3], [u8; 3]) {
-        let look = self.look(triangle);
-        if let Some(plain) = look.plain {
-            return (plain, plain);
-        }
-        let (mut lo, mut hi) = (look.base, look.base);
-        if !self.mesh.colors.is_empty() {
-            let colors = self.colors(triangle);
-            let weights = Barycentric::new(&self.corners[triangle as usize]);
-            let (mut least, mut greatest) = (Vec3::MAX, Vec3::MIN);
-            for v in vertices {
-                let c = mix3(colors, weights.at(*v));
-                least = least.min(c);
-                greatest = greatest.max(c);
-            }
-            lo *= least;
-            hi *= greatest;
-        }
-        if let Some((_, range)) = &look.texture {
-            let (uv_lo, uv_hi) = self.uv_bounds(triangle, vertices);
-            let finest = self.finest_voxel * self.texel_density[triangle as usize];
-            let bounds = range.in_box(uv_lo, uv_hi, finest);
-            lo *= bounds.min;
-            hi *= bounds.max;
-        }
-        (encode_srgb(lo), encode_srgb(hi))
-    }
-
-    fn colors(&self, triangle: u32) -> [Vec3; 3] {
-        self.indices(triangle).map(|i| Vec3::from(self.mesh.colors[i]))
-    }
-
-    /// The interpolated shading normal, or the geometric one where the mesh has none.
-    fn shading_normal(&self, triangle: u32, w: [f32; 3]) -> Vec3 {
-        let flat = self.normals[triangle as usize];
-        if self.mesh.normals.is_empty() {
-            return flat;
-        }
-        let normals = self.indices(triangle).map(|i| Vec3::from(self.mesh.normals[i]));
-        mix3(normals, w).normalize_or(flat)
-    }
-
-    /// Largest difference of a component between `normal` and the shading normals at these points.
-    pub fn normal_deviation(&self, triangle: u32, vertices: &[DVec3], normal: Vec3) -> f32 {
-        if self.mesh.normals.is_empty() {
-            return (self.normals[triangle as usize] - normal).abs().max_element();
-        }
-        let weights = Barycentric::new(&self.corners[triangle as usize]);
-        vertices
-            .iter()
-            .map(|v| (self.shading_normal(triangle, weights.at(*v)) - normal).abs().max_element())
-            .fold(0.0, f32::max)
-    }
-}
-
-impl Look {
-    fn new(material: &Material, mesh: &Mesh, ranges: &mut HashMap<*const Texture, Arc<RangeMap>>) -> Self {
-        let [r, g, b, alpha] = material.base_color;
-        let base = Vec3::new(r, g, b);
-        let texture = material.texture.as_ref().filter(|_| !mesh.uvs.is_empty()).map(|texture| {
-            let range = ranges.entry(Arc::as_ptr(texture)).or_insert_with(|| Arc::new(RangeMap::new(texture)));
-            (texture.clone(), range.clone())
-        });
-        let plain = (texture.is_none() && mesh.colors.is_empty()).then(|| encode_srgb(base));
-        Self { base, plain, alpha, alpha_cutoff: material.alpha_cutoff, texture }
     }
 }
 
@@ -276,35 +119,4 @@ fn boundary_edges(corners: &[[DVec3; 3]]) -> Vec<u8> {
         }
     }
     boundary
-}
-
-/// Barycentric coordinates of points in the plane of a triangle.
-struct Barycentric {
-    a: DVec3,
-    /// Gradients of the second and third coordinate.
-    gradients: [DVec3; 2],
-}
-
-impl Barycentric {
-    fn new([a, b, c]: &[DVec3; 3]) -> Self {
-        let (ab, ac) = (*b - *a, *c - *a);
-        let n = ab.cross(ac);
-        let inverse = 1.0 / n.length_squared();
-        Self { a: *a, gradients: [ac.cross(n) * inverse, n.cross(ab) * inverse] }
-    }
-
-    fn at(&self, p: DVec3) -> [f32; 3] {
-        let d = p - self.a;
-        let v = d.dot(self.gradients[0]).clamp(0.0, 1.0);
-        let w = d.dot(self.gradients[1]).clamp(0.0, 1.0);
-        [(1.0 - v - w).max(0.0) as f32, v as f32, w as f32]
-    }
-}
-
-fn mix2(values: [Vec2; 3], w: [f32; 3]) -> Vec2 {
-    values[0] * w[0] + values[1] * w[1] + values[2] * w[2]
-}
-
-fn mix3(values: [Vec3; 3], w: [f32; 3]) -> Vec3 {
-    values[0] * w[0] + values[1] * w[1] + values[2] * w[2]
 }

@@ -1,0 +1,102 @@
+//! Materials as the recursion reads them.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use glam::{Vec2, Vec3};
+
+use crate::range::{AlphaMap, RangeMap, encode_srgb};
+use crate::{Material, Mesh, NormalMap, Texture, TextureTest};
+
+/// A material.
+pub struct Look {
+    /// Linear RGB, which multiplies everything else.
+    pub base: Vec3,
+    /// sRGB-encoded `base`, where there is nothing else to the colour.
+    pub plain: Option<[u8; 3]>,
+    pub texture: Option<Arc<Texture>>,
+    /// Bounds of the texture's colours, where they are asked for.
+    pub color_range: Option<Arc<RangeMap<3>>>,
+    pub normal_map: Option<NormalMap>,
+    /// Bounds of the normal map's channels, likewise.
+    pub normal_range: Option<Arc<RangeMap<3>>>,
+    pub cutout: Cutout,
+}
+
+/// Where a material is cut out.
+pub enum Cutout {
+    /// Nowhere.
+    Solid,
+    /// All of it: nothing is left.
+    Gone,
+    /// Where the texture's alpha says so.
+    Map(Arc<AlphaMap>),
+}
+
+/// What several materials may share, by the address of the texture it was made from.
+#[derive(Default)]
+struct Shared {
+    colors: HashMap<*const Texture, Arc<RangeMap<3>>>,
+    normals: HashMap<*const crate::LinearTexture<3>, Arc<RangeMap<3>>>,
+    /// Also by the least alpha that is not a hole.
+    alphas: HashMap<(*const Texture, u32), Arc<AlphaMap>>,
+}
+
+impl Look {
+    /// All materials of a mesh.
+    pub fn all(mesh: &Mesh, test: TextureTest) -> Vec<Self> {
+        let mut shared = Shared::default();
+        mesh.materials.iter().map(|m| Self::new(m, mesh, test, &mut shared)).collect()
+    }
+
+    fn new(material: &Material, mesh: &Mesh, test: TextureTest, shared: &mut Shared) -> Self {
+        let [r, g, b, alpha] = material.base_color;
+        let base = Vec3::new(r, g, b);
+        let texels = test == TextureTest::Texels;
+        let texture = material.texture.clone().filter(|_| !mesh.uvs.is_empty());
+        let normal_map = material.normal_map.clone().filter(|_| !mesh.uvs.is_empty());
+        let color_range = texture.as_ref().filter(|_| texels).map(|texture| {
+            let entry = shared.colors.entry(Arc::as_ptr(texture));
+            entry.or_insert_with(|| Arc::new(RangeMap::of_colors(texture))).clone()
+        });
+        let normal_range = normal_map.as_ref().filter(|_| texels).map(|map| {
+            let entry = shared.normals.entry(Arc::as_ptr(&map.texture));
+            entry.or_insert_with(|| Arc::new(RangeMap::of_channels(&map.texture))).clone()
+        });
+        let cutout = match (material.alpha_cutoff, &texture) {
+            (None, _) => Cutout::Solid,
+            (Some(cutoff), None) => {
+                if alpha < cutoff {
+                    Cutout::Gone
+                } else {
+                    Cutout::Solid
+                }
+            }
+            (Some(cutoff), Some(texture)) => {
+                let least = if alpha > 0.0 { cutoff / alpha } else { f32::INFINITY };
+                let entry = shared.alphas.entry((Arc::as_ptr(texture), least.to_bits()));
+                let map = entry.or_insert_with(|| Arc::new(AlphaMap::new(texture, least))).clone();
+                if map.is_all_hole() {
+                    Cutout::Gone
+                } else if map.is_all_solid() {
+                    Cutout::Solid
+                } else {
+                    Cutout::Map(map)
+                }
+            }
+        };
+        let plain = (texture.is_none() && mesh.colors.is_empty()).then(|| encode_srgb(base));
+        Self { base, plain, texture, color_range, normal_map, normal_range, cutout }
+    }
+
+    /// Whether the colour, the normal or the holes vary over a triangle whatever its corners say.
+    pub fn varies(&self) -> bool {
+        self.plain.is_none() || self.normal_map.is_some() || matches!(self.cutout, Cutout::Map(_))
+    }
+
+    /// Texels of the full colour texture across the unit of texture coordinates.
+    pub fn texture_size(&self) -> Option<Vec2> {
+        let mip = &self.texture.as_ref()?.mips[0];
+        Some(Vec2::new(mip.width as f32, mip.height as f32))
+    }
+}

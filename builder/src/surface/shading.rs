@@ -1,0 +1,395 @@
+//! Colour, normal and holes of pieces of triangles.
+//!
+//! All that can be known of a triangle beforehand is: whether its colour and normal are the same everywhere, which makes
+//! them cost next to nothing, and otherwise how they follow from a position.
+
+use esvo_format::RawNormal;
+use glam::{DVec3, Vec2, Vec3, Vec3A};
+use rayon::prelude::*;
+
+use super::Surface;
+use super::look::{Cutout, Look};
+use crate::clip::{Arena, Piece};
+use crate::maps::mapped_normal;
+use crate::range::encode_srgb;
+use crate::{Mesh, NormalMap};
+
+/// "None" for indices.
+const NONE: u32 = u32::MAX;
+/// A triangle whose corners' normals are all this near its own (per component; a quarter of a raw normal's steps) is flat.
+const FLAT: f32 = 1e-4;
+
+/// What all triangles look like.
+pub struct Shading<'a> {
+    mesh: &'a Mesh,
+    looks: Vec<Look>,
+    facets: Vec<Facet>,
+    frames: Vec<Frame>,
+    /// Tangents with their handedness at the corners of triangles with normal maps.
+    tangents: Vec<[[f32; 4]; 3]>,
+    finest_voxel: f32,
+}
+
+/// What a triangle looks like.
+#[derive(Clone, Copy)]
+struct Facet {
+    /// The geometric normal.
+    normal: RawNormal,
+    /// Index into `looks`.
+    look: u32,
+    /// Index into `frames`; `NONE`: colour and normal are the same everywhere.
+    frame: u32,
+}
+
+/// How the attributes of a triangle that vary follow from a position.
+struct Frame {
+    /// Gradients of the second and third barycentric coordinate.
+    gradients: [Vec3; 2],
+    /// Vertices of the mesh.
+    vertices: [u32; 3],
+    /// Texels of the colour texture per unit of octree space; 0 without.
+    texel_density: f32,
+    /// The same of the normal map.
+    normal_density: f32,
+    /// Index into `tangents`, or `NONE`.
+    tangents: u32,
+    /// Whether vertex normals say more than the geometric one.
+    smooth: bool,
+}
+
+/// Colour and normal of a piece of surface.
+#[derive(Clone, Copy)]
+pub struct Sample {
+    /// Linear RGB.
+    pub color: Vec3A,
+    /// Unit normal.
+    pub normal: Vec3A,
+}
+
+impl<'a> Shading<'a> {
+    /// Prepares triangles: `source` has the index in the mesh of each, the rest is theirs in octree space.
+    pub fn new(
+        mesh: &'a Mesh,
+        source: &[u32],
+        corners: &[[DVec3; 3]],
+        normals: &[Vec3],
+        looks: Vec<Look>,
+        finest_voxel: f32,
+    ) -> Self {
+        let varies: Vec<bool> = looks.iter().map(Look::varies).collect();
+        let material = |t: usize| mesh.triangle_materials.get(source[t] as usize).map_or(0, |m| *m as usize);
+        let smooth = |t: usize| {
+            let vertices = mesh.triangles[source[t] as usize];
+            let differs = |v: u32| (Vec3::from(mesh.normals[v as usize]) - normals[t]).abs().max_element() > FLAT;
+            !mesh.normals.is_empty() && vertices.into_iter().any(differs)
+        };
+        let mut facets: Vec<Facet> = (0..corners.len())
+            .into_par_iter()
+            .map(|t| {
+                let look = material(t);
+                let frame = if varies[look] || smooth(t) { 0 } else { NONE };
+                Facet { normal: RawNormal::encode(normals[t]), look: look as u32, frame }
+            })
+            .collect();
+        let framed: Vec<u32> = (0..facets.len() as u32).filter(|t| facets[*t as usize].frame != NONE).collect();
+        for (frame, t) in framed.iter().enumerate() {
+            facets[*t as usize].frame = frame as u32;
+        }
+        let mut frames: Vec<Frame> = (framed.par_iter())
+            .map(|&t| {
+                let t = t as usize;
+                Frame::new(mesh, mesh.triangles[source[t] as usize], &corners[t], &looks[material(t)], smooth(t))
+            })
+            .collect();
+        let mut tangents = Vec::new();
+        for (frame, &t) in frames.iter_mut().zip(&framed) {
+            let Some(map) = &looks[material(t as usize)].normal_map else { continue };
+            if let Some(given) = mesh.corner_tangents(source[t as usize] as usize, map) {
+                frame.tangents = tangents.len() as u32;
+                tangents.push(given);
+            }
+        }
+        Self { mesh, looks, facets, frames, tangents, finest_voxel }
+    }
+
+    /// Whether some material is cut out.
+    pub fn has_holes(&self) -> bool {
+        self.looks.iter().any(|look| !matches!(look.cutout, Cutout::Solid))
+    }
+}
+
+impl Frame {
+    fn new(mesh: &Mesh, vertices: [u32; 3], [a, b, c]: &[DVec3; 3], look: &Look, smooth: bool) -> Self {
+        let (ab, ac) = (*b - *a, *c - *a);
+        let n = ab.cross(ac);
+        let inverse = 1.0 / n.length_squared();
+        // Triangles too narrow for that are no wider than a point: the attributes of their first corner do.
+        let gradients = [ac.cross(n) * inverse, n.cross(ab) * inverse]
+            .map(|g| g.as_vec3())
+            .map(|g| if g.is_finite() { g } else { Vec3::ZERO });
+        let area = n.length();
+        let density = |size: Vec2, map: &dyn Fn([f32; 2]) -> [f32; 2]| {
+            let [a, b, c] = vertices.map(|v| Vec2::from(map(mesh.uvs[v as usize])) * size);
+            let density = (f64::from((b - a).perp_dot(c - a).abs()) / area).sqrt() as f32;
+            if density.is_finite() { density } else { 0.0 }
+        };
+        let normal_density = look.normal_map.as_ref().map_or(0.0, |map| {
+            let mip = &map.texture.mips[0];
+            density(Vec2::new(mip.width as f32, mip.height as f32), &|uv| map.uv_transform.apply(uv))
+        });
+        Self {
+            gradients,
+            vertices,
+            texel_density: look.texture_size().map_or(0.0, |size| density(size, &|uv| uv)),
+            normal_density,
+            tangents: NONE,
+            smooth,
+        }
+    }
+
+    /// Barycentric coordinates of a point in the plane of the triangle whose first corner is `a`: those of the nearest
+    /// point of the triangle, about.
+    fn weights(&self, a: DVec3, p: DVec3) -> [f32; 3] {
+        let d = (p - a).as_vec3();
+        let v = d.dot(self.gradients[0]).clamp(0.0, 1.0);
+        let w = d.dot(self.gradients[1]).clamp(0.0, 1.0 - v);
+        [1.0 - v - w, v, w]
+    }
+
+    fn uv(&self, mesh: &Mesh, w: [f32; 3]) -> Vec2 {
+        let [a, b, c] = self.vertices.map(|v| Vec2::from(mesh.uvs[v as usize]));
+        a * w[0] + b * w[1] + c * w[2]
+    }
+
+    fn color(&self, mesh: &Mesh, w: [f32; 3]) -> Vec3A {
+        mix(self.vertices.map(|v| mesh.colors[v as usize]), w)
+    }
+
+    /// The interpolated normal.
+    fn normal(&self, mesh: &Mesh, flat: Vec3A, w: [f32; 3]) -> Vec3A {
+        if self.smooth { mix(self.vertices.map(|v| mesh.normals[v as usize]), w).normalize_or(flat) } else { flat }
+    }
+}
+
+fn mix([a, b, c]: [[f32; 3]; 3], w: [f32; 3]) -> Vec3A {
+    Vec3A::from(a) * w[0] + Vec3A::from(b) * w[1] + Vec3A::from(c) * w[2]
+}
+
+fn mix_tangents([a, b, c]: [[f32; 4]; 3], w: [f32; 3]) -> [f32; 4] {
+    let at = |k: usize| a[k] * w[0] + b[k] * w[1] + c[k] * w[2];
+    [at(0), at(1), at(2), a[3]]
+}
+
+impl Surface<'_> {
+    /// Edge of the finest voxels in octree units.
+    pub fn finest_voxel(&self) -> f64 {
+        f64::from(self.shading.finest_voxel)
+    }
+
+    /// The colour (sRGB-encoded) and normal of all these pieces, if it is the same everywhere.
+    pub fn constant(&self, pieces: &[Piece]) -> Option<([u8; 3], RawNormal)> {
+        let Shading { facets, looks, .. } = &self.shading;
+        let (first, rest) = pieces.split_first()?;
+        let first = &facets[first.triangle as usize];
+        let same = |piece: &Piece| {
+            let facet = &facets[piece.triangle as usize];
+            facet.frame == NONE
+                && facet.normal == first.normal
+                && (facet.look == first.look || looks[facet.look as usize].plain == looks[first.look as usize].plain)
+        };
+        if first.frame != NONE || !rest.iter().all(same) {
+            return None;
+        }
+        Some((looks[first.look as usize].plain?, first.normal))
+    }
+
+    /// The area of a piece in units of octree space, and its colour and normal in the middle, filtered to the size of a
+    /// voxel.
+    pub fn sample(&self, triangle: u32, vertices: &[DVec3], voxel_size: f64) -> (f32, Sample) {
+        let facet = &self.shading.facets[triangle as usize];
+        let look = &self.shading.looks[facet.look as usize];
+        let normal = Vec3A::from(self.normals[triangle as usize]);
+        if facet.frame == NONE {
+            return (area(vertices, normal), Sample { color: look.base.into(), normal });
+        }
+        let (area, centroid) = area_and_centroid(vertices, normal);
+        let frame = &self.shading.frames[facet.frame as usize];
+        let w = frame.weights(self.corners[triangle as usize][0], centroid);
+        let mesh = self.shading.mesh;
+        let mut color = Vec3A::from(look.base);
+        if !mesh.colors.is_empty() {
+            color *= frame.color(mesh, w);
+        }
+        if let Some(texture) = &look.texture {
+            let [r, g, b, _] = texture.sample(frame.uv(mesh, w).into(), voxel_size as f32 * frame.texel_density);
+            color *= Vec3A::new(r, g, b);
+        }
+        let mut normal = frame.normal(mesh, normal, w);
+        if let Some(map) = &look.normal_map {
+            let detail = map.sample(frame.uv(mesh, w).into(), voxel_size as f32 * frame.normal_density);
+            normal = self.mapped(frame, normal, w, detail);
+        }
+        (area, Sample { color, normal })
+    }
+
+    /// `normal` turned as `detail` of a normal map says.
+    fn mapped(&self, frame: &Frame, normal: Vec3A, w: [f32; 3], detail: [f32; 3]) -> Vec3A {
+        let Some(tangents) = self.shading.tangents.get(frame.tangents as usize) else { return normal };
+        mapped_normal(normal.to_array(), mix_tangents(*tangents, w), detail).into()
+    }
+
+    /// Whether a piece of a cut-out material is all hole.
+    ///
+    /// Pieces no larger than the finest voxels are holes or not as their middle is, at a resolution that keeps the share
+    /// of the material that is solid; larger ones are holes if every part of them is.
+    pub fn is_hole(&self, triangle: u32, vertices: &[DVec3]) -> bool {
+        let facet = &self.shading.facets[triangle as usize];
+        let map = match &self.shading.looks[facet.look as usize].cutout {
+            Cutout::Solid => return false,
+            Cutout::Gone => return true,
+            Cutout::Map(map) => map,
+        };
+        let Some(frame) = self.shading.frames.get(facet.frame as usize) else { return false };
+        let finest = self.shading.finest_voxel;
+        let footprint = finest * frame.texel_density;
+        let (lo, hi) = vertices.iter().fold((DVec3::MAX, DVec3::MIN), |(lo, hi), v| (lo.min(*v), hi.max(*v)));
+        if (hi - lo).max_element() <= f64::from(finest) * 1.000001 {
+            let (_, centroid) = area_and_centroid(vertices, self.normals[triangle as usize].into());
+            let w = frame.weights(self.corners[triangle as usize][0], centroid);
+            return map.is_hole(frame.uv(self.shading.mesh, w), footprint);
+        }
+        let (lo, hi) = self.uv_bounds(frame, triangle, vertices);
+        !map.in_box(lo, hi, footprint).solid
+    }
+
+    /// Whether part of these pieces is hole and part is not.
+    pub fn is_cut_through(&self, arena: &Arena, pieces: &[Piece]) -> bool {
+        self.has_holes
+            && pieces.iter().any(|piece| {
+                let facet = &self.shading.facets[piece.triangle as usize];
+                let Cutout::Map(map) = &self.shading.looks[facet.look as usize].cutout else { return false };
+                let Some(frame) = self.shading.frames.get(facet.frame as usize) else { return false };
+                let (lo, hi) = self.uv_bounds(frame, piece.triangle, arena.vertices(piece, &self.corners));
+                map.in_box(lo, hi, self.shading.finest_voxel * frame.texel_density).hole
+            })
+    }
+
+    fn uv_bounds(&self, frame: &Frame, triangle: u32, vertices: &[DVec3]) -> (Vec2, Vec2) {
+        let a = self.corners[triangle as usize][0];
+        vertices
+            .iter()
+            .map(|v| frame.uv(self.shading.mesh, frame.weights(a, *v)))
+            .fold((Vec2::MAX, Vec2::MIN), |(lo, hi), uv| (lo.min(uv), hi.max(uv)))
+    }
+
+    /// Least and greatest sRGB-encoded colour that the finest voxels will show of a piece, texel for texel.
+    pub fn color_range(&self, triangle: u32, vertices: &[DVec3]) -> ([u8; 3], [u8; 3]) {
+        let facet = &self.shading.facets[triangle as usize];
+        let look = &self.shading.looks[facet.look as usize];
+        if let Some(plain) = look.plain {
+            return (plain, plain);
+        }
+        let (mut lo, mut hi) = (look.base, look.base);
+        if let Some(frame) = self.shading.frames.get(facet.frame as usize) {
+            let mesh = self.shading.mesh;
+            if !mesh.colors.is_empty() {
+                let a = self.corners[triangle as usize][0];
+                let colors = vertices.iter().map(|v| Vec3::from(frame.color(mesh, frame.weights(a, *v))));
+                let (least, most) = colors.fold((Vec3::MAX, Vec3::MIN), |(lo, hi), c| (lo.min(c), hi.max(c)));
+                lo *= least;
+                hi *= most;
+            }
+            if let Some(range) = &look.color_range {
+                let (uv_lo, uv_hi) = self.uv_bounds(frame, triangle, vertices);
+                let bounds = range.in_box(uv_lo, uv_hi, self.shading.finest_voxel * frame.texel_density);
+                lo *= crate::range::decode_srgb(bounds.min);
+                hi *= crate::range::decode_srgb(bounds.max);
+            }
+        }
+        (encode_srgb(lo), encode_srgb(hi))
+    }
+
+    /// Largest difference of a component between `normal` and the shading normals that the finest voxels will show of a
+    /// piece.
+    pub fn normal_deviation(&self, triangle: u32, vertices: &[DVec3], normal: Vec3A) -> f32 {
+        let flat = Vec3A::from(self.normals[triangle as usize]);
+        let facet = &self.shading.facets[triangle as usize];
+        let Some(frame) = self.shading.frames.get(facet.frame as usize) else {
+            return (flat - normal).abs().max_element();
+        };
+        let look = &self.shading.looks[facet.look as usize];
+        let (mesh, a) = (self.shading.mesh, self.corners[triangle as usize][0]);
+        let mapped = look.normal_map.as_ref().zip(look.normal_range.as_ref()).map(|(map, range)| {
+            let (lo, hi) = self.uv_bounds(frame, triangle, vertices);
+            self.detail_bounds(frame, map, range, lo, hi)
+        });
+        let vertices = if frame.smooth || mapped.is_some() { vertices } else { &vertices[..1] };
+        let deviation = |v: &DVec3| {
+            let w = frame.weights(a, *v);
+            let shading = frame.normal(mesh, flat, w);
+            match mapped {
+                None => (shading - normal).abs().max_element(),
+                // Between the corners of the box lie no greater deviations than there, but for the curvature of the sphere.
+                Some((lo, hi)) => (0..8u32)
+                    .map(|corner| {
+                        let detail = std::array::from_fn(|k| if corner >> k & 1 != 0 { hi[k] } else { lo[k] });
+                        (self.mapped(frame, shading, w, detail) - normal).abs().max_element()
+                    })
+                    .fold(0.0, f32::max),
+            }
+        };
+        vertices.iter().map(deviation).fold(0.0, f32::max)
+    }
+
+    /// Bounds of what a normal map says over a box of the mesh's texture coordinates.
+    fn detail_bounds(
+        &self,
+        frame: &Frame,
+        map: &NormalMap,
+        range: &crate::range::RangeMap<3>,
+        lo: Vec2,
+        hi: Vec2,
+    ) -> ([f32; 3], [f32; 3]) {
+        let corners = [[lo.x, lo.y], [hi.x, lo.y], [lo.x, hi.y], [hi.x, hi.y]];
+        let moved = corners.map(|uv| Vec2::from(map.uv_transform.apply(uv)));
+        let (lo, hi) = moved.iter().fold((Vec2::MAX, Vec2::MIN), |(lo, hi), uv| (lo.min(*uv), hi.max(*uv)));
+        let bounds = range.in_box(lo, hi, self.shading.finest_voxel * frame.normal_density);
+        let component = |c: [u8; 3]| {
+            let [x, y, z] = c.map(|c| f32::from(c) / 127.5 - 1.0);
+            [x * map.scale, y * map.scale, z]
+        };
+        (component(bounds.min), component(bounds.max))
+    }
+}
+
+/// The area of a planar polygon with this unit normal.
+pub fn area(vertices: &[DVec3], normal: Vec3A) -> f32 {
+    area_and_moment(vertices, normal, |_, _| ())
+}
+
+/// The same, and the centroid (the mean of the vertices of a polygon without area).
+pub fn area_and_centroid(vertices: &[DVec3], normal: Vec3A) -> (f32, DVec3) {
+    let mut moment = Vec3A::ZERO;
+    let area = area_and_moment(vertices, normal, |a, middle| moment += middle * a);
+    let centroid = vertices[0] + (moment / (6.0 * area)).as_dvec3();
+    if area > 0.0 && centroid.is_finite() {
+        return (area, centroid);
+    }
+    (0.0, vertices.iter().sum::<DVec3>() / vertices.len() as f64)
+}
+
+/// The area, and for each triangle of a fan around the first vertex twice its area and thrice its centroid from there.
+fn area_and_moment(vertices: &[DVec3], normal: Vec3A, mut part: impl FnMut(f32, Vec3A)) -> f32 {
+    // Differences are taken in double precision: what is left of a position in a small voxel is exact enough.
+    let edge = |v: &DVec3| (*v - vertices[0]).as_vec3a();
+    let mut twice = 0.0;
+    let mut previous = Vec3A::ZERO;
+    for v in &vertices[1..] {
+        let next = edge(v);
+        let a = previous.cross(next).dot(normal).max(0.0);
+        part(a, previous + next);
+        twice += a;
+        previous = next;
+    }
+    0.5 * twice
+}
