@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 use common::bytes_of;
 use common::samples::samples;
-use esvo_format::{Octree, stats, validate_file};
+use esvo_format::{Octree, RawNormal, stats, validate_file};
 
 fn golden(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden").join(name).with_extension("esvo")
@@ -62,6 +62,8 @@ fn the_samples_cover_what_they_are_named_for() {
     assert!(stats("far_pointers").far_pointers > 1 && stats("far_pointers").blocks == 1);
     assert!(stats("blocks").far_pointers > 1 && stats("blocks").blocks > 1);
     assert_eq!(stats("constant_color").bytes.colors, 8);
+    assert!(stats("ambient").bytes.ambient > 0 && stats("corners").bytes.corners > 0);
+    assert!(stats("plain").bytes.normals > 0 && stats("plain").bytes.colors > 8);
     assert!(stats("colors").bytes.colors > 8 && stats("normals").bytes.normals > 0);
 }
 
@@ -101,6 +103,19 @@ fn node(octree: &Octree, slot: u32, path: &str, text: &mut String) {
         }
         if let Some(n) = octree.normal(slot, child) {
             write!(text, " | normal {:.5} {:.5} {:.5}", n.x, n.y, n.z).unwrap();
+        }
+        if let Some(color) = octree.plain_color(slot, child) {
+            write!(text, " | plain {color:?}").unwrap();
+        }
+        if let Some(RawNormal(normal)) = octree.plain_normal(slot, child) {
+            write!(text, " | raw {normal:08x}").unwrap();
+        }
+        if let Some(cell) = octree.corners(slot, child) {
+            let alphas = cell.corners.map(|corner| corner.color[3]);
+            write!(text, " | corners of a cube {} times as large, alphas {alphas:?}", 1.0 / cell.size).unwrap();
+        }
+        if let Some(ambient) = octree.ambient(slot, child) {
+            write!(text, " | ambient {ambient:.5}").unwrap();
         }
         writeln!(text).unwrap();
         if let Some(slot) = octree.child(slot, child) {

@@ -288,6 +288,21 @@ types:
         size: size
         type: constant_color
         if: kind == 3
+      ambient:
+        pos: at
+        size: size
+        type: ambient_blocks
+        if: kind == 4
+      plain:
+        pos: at
+        size: size
+        type: plain_values(_parent.array_slots)
+        if: kind == 5 or kind == 6
+      corners:
+        pos: at
+        size: size
+        type: corner_values(_parent.array_slots)
+        if: kind == 7
   contour:
     doc: Section 7. Every field is decoded with all bits below it; numbers are exact in binary64.
     seq:
@@ -384,6 +399,79 @@ types:
         type: u1
       - id: zero
         size: 5
+  ambient_blocks:
+    doc: Section 8.4; one for every pair of slots.
+    seq:
+      - id: pairs
+        type: ambient_block
+        repeat: eos
+  ambient_block:
+    seq:
+      - id: ref1
+        type: u1
+      - id: ref0
+        type: u1
+        doc: The bits of ref1 are its fraction.
+      - id: weights
+        type: b3
+        repeat: expr
+        repeat-expr: 16
+  plain_values:
+    doc: Section 8.5; what the values are, colours or raw normals, the type of the attachment says.
+    params:
+      - id: slots
+        type: u4
+    seq:
+      - id: entries
+        type: plain_entry
+        repeat: expr
+        repeat-expr: slots
+      - id: values
+        type: u4
+        repeat: eos
+  plain_entry:
+    seq:
+      - id: mask
+        type: u1
+      - id: first
+        type: b24
+        doc: Words from the start of the attachment.
+  corner_values:
+    doc: Section 8.6.
+    params:
+      - id: slots
+        type: u4
+    seq:
+      - id: entries
+        type: corner_entry
+        repeat: expr
+        repeat-expr: slots
+      - id: values
+        type: corner_value
+        repeat: eos
+  corner_entry:
+    seq:
+      - id: mask
+        type: b27
+      - id: own_corners
+        type: b1
+      - id: zero
+        type: b4
+      - id: first
+        type: u4
+        doc: Words from the start of the attachment.
+  corner_value:
+    seq:
+      - id: red
+        type: u1
+      - id: green
+        type: u1
+      - id: blue
+        type: u1
+      - id: alpha
+        type: u1
+      - id: normal
+        type: u4
 enums:
   codec:
     0: raw
@@ -392,3 +480,7 @@ enums:
     1: color_blocks
     2: normal_blocks
     3: constant_color
+    4: ambient_blocks
+    5: plain_colors
+    6: plain_normals
+    7: corners

@@ -275,6 +275,35 @@ const SEALED: &[Case] = &[
         let color = f.info(0) + f.u32(f.attachment(0, 0) + 4) as usize;
         f.0[color + 3] = 255;
     }),
+    ("A002", "plain", |f| {
+        // Plain normals become a second attachment of plain colours.
+        let normals = f.attachment(0, 1);
+        f.set_u32(normals, 5);
+    }),
+    ("A003", "ambient", |f| add_attachment(f, 8, 8)),
+    ("A003", "plain", |f| add_attachment(f, 8, 2)),
+    ("A003", "corners", |f| {
+        let size = f.attachment(0, 0) + 8;
+        f.set_u64(size, 8);
+    }),
+    ("A005", "ambient", |f| {
+        let values = f.info(0) + f.u32(f.attachment(0, 0) + 4) as usize;
+        f.set_u32(values + 4, 1);
+    }),
+    ("A005", "plain", |f| set_entry_word(f, 0, 3, |_| 1)),
+    ("A005", "corners", |f| set_entry_word(f, 0, 2 * 3 + 1, |_| 64)),
+    ("A007", "plain", |f| set_entry_word(f, 0, 2, |entry| entry | 1 << 1)),
+    ("A007", "plain", |f| set_entry_word(f, 1, 2, |entry| entry + (1 << 20))),
+    ("A007", "plain", |f| set_entry_word(f, 0, 2, |entry| entry & 0xff)),
+    ("A007", "corners", |f| set_entry_word(f, 0, 2 * 2, |mask| mask | 1 << 28)),
+    ("A007", "corners", |f| set_entry_word(f, 0, 2 * 2 + 1, |first| first + (1 << 20))),
+    ("A007", "corners", |f| set_entry_word(f, 0, 2 * 2, |_| 0)),
+    ("A008", "plain", |f| set_entry_word(f, 0, 2, |entry| entry & !0xff)),
+    ("A008", "plain", |f| set_entry_word(f, 1, 4, |entry| entry - (1 << 8))),
+    ("A008", "corners", |f| {
+        set_entry_word(f, 0, 2 * 2, |_| 0);
+        set_entry_word(f, 0, 2 * 2 + 1, |_| 0);
+    }),
     ("A006", "blocks", |f| {
         let at = f.attachment(1, 0);
         f.set_u32(at, 0x8000);
@@ -316,6 +345,13 @@ pub(crate) fn set_slot(f: &mut File, slot: usize, value: u64) {
 fn add_info(f: &mut File, field: usize, value: u32) {
     let at = f.info(0) + field;
     let value = f.u32(at).wrapping_add(value);
+    f.set_u32(at, value);
+}
+
+/// Changes a word of attachment `k` of block 0.
+fn set_entry_word(f: &mut File, k: usize, word: usize, change: fn(u32) -> u32) {
+    let at = f.info(0) + f.u32(f.attachment(0, k) + 4) as usize + 4 * word;
+    let value = change(f.u32(at));
     f.set_u32(at, value);
 }
 

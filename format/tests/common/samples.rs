@@ -1,6 +1,6 @@
 //! Small octrees that cover every part of a file between them.
 
-use esvo_format::{AssembleOptions, Contour, Octree, RawNormal, Tree, Voxel, assemble};
+use esvo_format::{AssembleOptions, Contour, CornerValue, NodeCorners, Octree, RawNormal, Tree, Voxel, assemble};
 use glam::{DMat4, DVec3, Vec3};
 
 /// Which attributes the voxels of a sample have.
@@ -62,6 +62,32 @@ fn rainbow(k: usize) -> [u8; 3] {
     [(k * 20) as u8, (255 - k * 16) as u8, (k * 90) as u8]
 }
 
+/// The tree with everything in it stored as it is, some colours not opaque.
+fn plain() -> Tree {
+    let mut tree = branching(With { contours: true, colors: Some(|k| rainbow(k / 2)), normals: true });
+    tree.plain = true;
+    tree.alphas = (0..tree.voxels()).map(|k| if k % 4 == 3 { 100 } else { 255 }).collect();
+    tree
+}
+
+/// Corners of every voxel of some descriptors, of the voxels that there are of others, and of the voxel itself.
+fn corners() -> Tree {
+    let mut tree = branching(With::default());
+    for (k, node) in tree.nodes.iter().enumerate() {
+        // Children 0 and 7 of the lattice: its first points and its last ones.
+        let mask = [(1 << 27) - 1, 1 << 27 | 0x361b, 0x07ff_e000][k % 3];
+        let corners = NodeCorners { mask, first: tree.corner_values.len() as u32 };
+        let value = |i: usize| CornerValue {
+            color: [(i * 9) as u8, rainbow(k)[1], 200, if i % 7 == 6 { 0 } else { 255 }],
+            normal: RawNormal::encode(Vec3::new(0.5, k as f32 - 2.5, i as f32 / 9.0 - 1.0)),
+        };
+        assert_ne!(node.valid, 0);
+        tree.corner_values.extend((0..corners.count()).map(value));
+        tree.corners.push(corners);
+    }
+    tree
+}
+
 /// The smallest octree: one leaf voxel.
 pub(crate) fn single_voxel() -> Octree {
     let mut tree = Tree::default();
@@ -90,5 +116,12 @@ pub(crate) fn samples() -> Vec<(&'static str, Octree)> {
         ("constant_color", octree(&branching(With { colors: Some(|_| [200, 100, 50]), ..plain }), &one_block)),
         ("normals", octree(&branching(With { normals: true, ..plain }), &one_block)),
         ("everything", with_meta),
+        ("ambient", {
+            let mut tree = branching(plain);
+            tree.ambient = (0..tree.voxels()).map(|k| (255 - k * k) as u8).collect();
+            octree(&tree, &one_block)
+        }),
+        ("plain", octree(&self::plain(), &one_block)),
+        ("corners", octree(&corners(), &blocks)),
     ]
 }

@@ -25,6 +25,10 @@ struct Block {
     pairs_colors: Option<usize>,
     pairs_normals: Option<usize>,
     constant: Option<usize>,
+    pairs_ambient: Option<usize>,
+    plain_colors: Option<usize>,
+    plain_normals: Option<usize>,
+    corners: Option<usize>,
 }
 
 impl File<'_> {
@@ -46,7 +50,16 @@ impl File<'_> {
                 .find(|at| u32_at(self.image, *at) == kind)
                 .map(|at| info + u32_at(self.image, at + 4) as usize)
         };
-        Block { start, pairs_colors: find(1), pairs_normals: find(2), constant: find(3) }
+        Block {
+            start,
+            pairs_colors: find(1),
+            pairs_normals: find(2),
+            constant: find(3),
+            pairs_ambient: find(4),
+            plain_colors: find(5),
+            plain_normals: find(6),
+            corners: find(7),
+        }
     }
 
     fn color(&self, block: &Block, slot: usize, child: usize) -> Option<Value> {
@@ -73,14 +86,7 @@ impl File<'_> {
         let texel = child + 8 * (slot % 2);
         let at = block.pairs_normals? + 16 * (slot / 2);
         let [w, us, axes, vs] = [0, 4, 8, 12].map(|k| u32_at(self.image, at + k));
-        let t = if w >> 31 != 0 { -1.0 } else { 1.0 };
-        let u = f64::from((w << 3) as i32) * 2f64.powi(-31);
-        let v = f64::from((w << 18) as i32) * 2f64.powi(-31);
-        let base = match w >> 29 & 3 {
-            0 => [t, u, v],
-            1 => [v, t, u],
-            _ => [u, v, t],
-        };
+        let base = raw_normal(w);
         let axis = |h: u32| {
             let scale = 2f64.powi((h >> 16 & 15) as i32 - 41);
             [h, h << 4, h << 8].map(|c| f64::from(c as i32) * scale)
@@ -89,8 +95,77 @@ impl File<'_> {
         let (cu, cv) = (c[(us >> (2 * texel) & 3) as usize], c[(vs >> (2 * texel) & 3) as usize]);
         let (ua, va) = (axis(axes << 16), axis(axes));
         let sum = [0, 1, 2].map(|k| base[k] + cu * ua[k] + cv * va[k]);
-        let length = sum.iter().map(|x| x * x).sum::<f64>().sqrt();
-        Some(if length == 0.0 { json!([0.0, 0.0, 1.0]) } else { json!(sum.map(|x| x / length)) })
+        Some(json!(normalised(sum)))
+    }
+
+    /// The word of a voxel in the plain attachment at `at`.
+    fn plain(&self, at: usize, slot: usize, child: usize, valid: u32) -> u32 {
+        let entry = u32_at(self.image, at + 4 * slot);
+        let (mask, first) = (entry & 0xff, (entry >> 8) as usize);
+        let own = (0..8).filter(|i| mask & valid & 1 << i != 0);
+        let rank = if mask >> child & 1 != 0 { own.filter(|i| *i < child).count() } else { own.count() };
+        u32_at(self.image, at + 4 * (first + rank))
+    }
+
+    /// What is stored as it is, and ambient light, by their names.
+    fn values(&self, block: &Block, slot: usize, child: usize, valid: u32, voxel: &mut Value) {
+        if let Some(at) = block.plain_colors {
+            let [r, g, b, alpha] = self.plain(at, slot, child, valid).to_le_bytes();
+            voxel["color"] = json!([r, g, b].map(|c| f64::from(c) / 255.0));
+            voxel["alpha"] = json!(alpha);
+        }
+        if let Some(at) = block.plain_normals {
+            voxel["normal"] = json!(normalised(raw_normal(self.plain(at, slot, child, valid))));
+        }
+        if let Some(at) = block.corners {
+            self.corners(at, slot, child, voxel);
+        }
+        if let Some(at) = block.pairs_ambient {
+            let word = u64_at(self.image, at + 8 * (slot / 2));
+            let weight = (word >> (16 + 3 * (child + 8 * (slot % 2))) & 7) as f64;
+            let (ref0, ref1) = ((word & 0xffff) as f64 / 256.0, (word & 0xff) as f64);
+            voxel["ambient"] = json!(((weight * ref0 + (7.0 - weight) * ref1) / (7.0 * 255.0)).min(1.0));
+        }
+    }
+
+    fn corners(&self, at: usize, slot: usize, child: usize, voxel: &mut Value) {
+        let (mask, first) = (u32_at(self.image, at + 8 * slot), u32_at(self.image, at + 8 * slot + 4) as usize);
+        let bit = |n: usize, axis: usize| n >> axis & 1;
+        let point = |k: usize| [1, 3, 9].iter().enumerate().map(|(a, step)| (bit(child, a) + bit(k, a)) * step).sum();
+        let points: [usize; 8] = std::array::from_fn(point);
+        let count = |below: usize| (0..below).filter(|n| mask >> n & 1 != 0).count();
+        let own = points.iter().all(|n| mask >> n & 1 != 0);
+        if !own && mask >> 27 & 1 == 0 {
+            return;
+        }
+        let values = [0, 1, 2, 3, 4, 5, 6, 7].map(|k| {
+            let index = if own { count(points[k]) } else { count(27) + k };
+            [0, 4].map(|word| u32_at(self.image, at + 4 * first + 8 * index + word))
+        });
+        voxel["own_corners"] = json!(own);
+        let shown = values.map(|[color, normal]| {
+            let [r, g, b, alpha] = color.to_le_bytes().map(u32::from);
+            [r, g, b, alpha, normal]
+        });
+        voxel["corners"] = json!(shown);
+        let q = [0, 1, 2].map(|axis| if own { 0.5 } else { (bit(child, axis) as f64 + 0.5) / 2.0 });
+        let (mut total, mut color, mut normal) = (0.0, [0.0; 3], [0.0; 3]);
+        for (k, [r, g, b, alpha, raw]) in shown.into_iter().enumerate() {
+            if alpha == 0 {
+                continue;
+            }
+            let weight: f64 = (0..3).map(|axis| if bit(k, axis) != 0 { q[axis] } else { 1.0 - q[axis] }).product();
+            total += weight;
+            let unit = normalised(raw_normal(raw));
+            for axis in 0..3 {
+                color[axis] += weight * f64::from([r, g, b][axis]) / 255.0;
+                normal[axis] += weight * unit[axis];
+            }
+        }
+        if total > 0.0 {
+            voxel["color"] = json!(color.map(|c| c / total));
+            voxel["normal"] = json!(normalised(normal));
+        }
     }
 
     /// One line for the descriptor at `slot` of the image, then those below it, in the order of the slots.
@@ -116,6 +191,7 @@ impl File<'_> {
                     voxel[name] = value;
                 }
             }
+            self.values(&block, local, child, valid, &mut voxel);
             voxels.push(voxel);
         }
         out.push(json!({
@@ -140,6 +216,23 @@ impl File<'_> {
             first += 1;
         }
     }
+}
+
+/// A point on the surface of the cube from -1 to 1.
+fn raw_normal(w: u32) -> [f64; 3] {
+    let t = if w >> 31 != 0 { -1.0 } else { 1.0 };
+    let u = f64::from((w << 3) as i32) * 2f64.powi(-31);
+    let v = f64::from((w << 18) as i32) * 2f64.powi(-31);
+    match w >> 29 & 3 {
+        0 => [t, u, v],
+        1 => [v, t, u],
+        _ => [u, v, t],
+    }
+}
+
+fn normalised(n: [f64; 3]) -> [f64; 3] {
+    let length = n.iter().map(|x| x * x).sum::<f64>().sqrt();
+    if length == 0.0 { [0.0, 0.0, 1.0] } else { n.map(|x| x / length) }
 }
 
 fn contour(w: u32) -> Value {

@@ -35,6 +35,7 @@ pub(crate) fn vectors() -> Vec<Vector> {
     blocks(&mut add);
     contours(&mut add);
     attributes(&mut add);
+    values(&mut add);
     objects(&mut add);
     container(&mut add);
     compressed(&mut add);
@@ -255,7 +256,7 @@ fn noise(size: usize, pairs: &[usize], unit: usize, seed: u64) -> Vec<u8> {
 
 /// Attribute blocks for every pair of a block that has a descriptor, given one slot of each.
 fn with_noise(block: &mut Block, kind: u32, slots: &[usize]) {
-    let unit = if kind == 1 { 8 } else { 16 };
+    let unit = if kind == 2 { 16 } else { 8 };
     let pairs: Vec<usize> = slots.iter().map(|slot| slot / 2).collect();
     let size = block.slots().div_ceil(2) * unit;
     block.attachment(kind, noise(size, &pairs, unit, u64::from(kind)));
@@ -396,6 +397,111 @@ fn attributes(add: &mut Add<'_>) {
     with_noise(&mut block, 1, &slots);
     with_noise(&mut block, 2, &slots);
     add("levels_23_everything", "23 levels, far pointers, contours, colours and normals", one(23, block));
+}
+
+/// Plain values: for each slot with a descriptor, the mask and as many values as it takes; the entries of `order` are
+/// the places of their values.
+fn plain(block: &Block, entries: &[(usize, u8, &[u32])], order: &[usize]) -> Vec<u8> {
+    let mut words = vec![0u32; block.slots()];
+    for &k in order {
+        let (slot, mask, values) = entries[k];
+        words[slot] = (words.len() as u32) << 8 | u32::from(mask);
+        words.extend(values);
+    }
+    words.iter().flat_map(|word| word.to_le_bytes()).collect()
+}
+
+/// The same with all values of the three-level octree on their own, noise.
+fn plain_noise(block: &Block, seed: u64) -> Vec<u8> {
+    let mut rng = Rng(seed);
+    let masks = [(2, 0b0100_1010u8), (4, 0b1001_0001), (5, 0b1111_0000), (6, 1), (7, 0b1000_0100)];
+    let values: Vec<Vec<u32>> =
+        masks.iter().map(|(_, mask)| (0..mask.count_ones()).map(|_| rng.bits() as u32).collect()).collect();
+    let entries: Vec<(usize, u8, &[u32])> =
+        masks.iter().zip(&values).map(|((slot, mask), values)| (*slot, *mask, &values[..])).collect();
+    plain(block, &entries, &[0, 1, 2, 3, 4])
+}
+
+/// Corners: for each slot with a descriptor, the mask, and noise as values.
+fn corners(block: &Block, entries: &[(usize, u32)], seed: u64) -> Vec<u8> {
+    let mut rng = Rng(seed);
+    let mut words = vec![0u32; 2 * block.slots()];
+    for &(slot, mask) in entries {
+        let count = (mask & 0x7ff_ffff).count_ones() + if mask >> 27 != 0 { 8 } else { 0 };
+        if count > 0 {
+            (words[2 * slot], words[2 * slot + 1]) = (mask, words.len() as u32);
+        }
+        for _ in 0..count {
+            // Every fourth corner has no value.
+            let color = rng.bits() as u32;
+            words.extend([if rng.chance(64) { color & 0xff_ffff } else { color | 0xff00_0000 }, rng.bits() as u32]);
+        }
+    }
+    words.iter().flat_map(|word| word.to_le_bytes()).collect()
+}
+
+fn values(add: &mut Add<'_>) {
+    let all = [2, 4, 6];
+    let mut block = branching(8);
+    with_noise(&mut block, 4, &all);
+    add("ambient", "ambient occlusion blocks", one(3, block));
+    let mut block = Block::new(8);
+    block.node(2, 0xff, 0xf0);
+    leaf_children(&mut block, &[0xff; 4], 2, 4);
+    let longs = [0u64, 0x1af_58d1_af58_ffff, 0xffff_ffff_ffff_00ff, 0x5397_7053_9770_ff00];
+    block.attachment(4, longs.iter().flat_map(|word| word.to_le_bytes()).collect());
+    add("ambient_extreme", "every weight; references at the ends of the range, in either order", one(2, block));
+    let mut block = branching(8);
+    let bytes = plain_noise(&block, 5);
+    block.attachment(5, bytes);
+    add("plain_colors", "plain colours, one for each voxel", one(3, block));
+    let mut block = branching(8);
+    let bytes = plain_noise(&block, 6);
+    block.attachment(6, bytes);
+    add("plain_normals", "plain normals, one for each voxel", one(3, block));
+    let mut block = branching(8);
+    let entries: [(usize, u8, &[u32]); 5] = [
+        (2, 0b0100_0000, &[0xff11_2233, 0x0044_5566]),
+        (4, 0, &[0x8000_0000]),
+        (5, 0b1111_0000, &[1, 2, 3, 4]),
+        (6, 0, &[0xffff_ffff]),
+        (7, 0b0000_0100, &[5, 6]),
+    ];
+    let bytes = plain(&block, &entries, &[3, 0, 4, 1, 2]);
+    block.attachment(5, bytes);
+    let bytes = plain(&block, &entries, &[4, 3, 2, 1, 0]);
+    block.attachment(6, bytes);
+    add("plain_shared", "values that voxels share, and values not in the order of the descriptors", one(3, block));
+    let mut block = branching(8);
+    let bytes = plain_noise(&block, 7);
+    block.attachment(6, bytes).attachment(3, vec![9, 8, 7, 0, 0, 0, 0, 0]);
+    with_noise(&mut block, 4, &all);
+    add("plain_normals_constant_color", "plain normals beside a constant colour and ambient occlusion", one(3, block));
+    let mut block = branching(8);
+    with_noise(&mut block, 2, &all);
+    let bytes = plain_noise(&block, 8);
+    block.attachment(5, bytes);
+    add("plain_colors_normal_blocks", "plain colours beside normal blocks", one(3, block));
+    let mut block = smallest(5);
+    let bytes = plain(&block, &[(2, 1 << 5, &[0x1234_5678])], &[0]);
+    block.attachment(5, bytes.clone()).attachment(6, bytes).attachment(4, noise(24, &[1], 8, 5));
+    add("plain_array_odd", "plain values and ambient occlusion in an array of an odd number of slots", one(1, block));
+    let whole = (1u32 << 27) - 1;
+    let mut block = branching(8);
+    let bytes = corners(&block, &[(2, whole), (4, whole), (5, whole), (6, whole), (7, whole)], 1);
+    block.attachment(7, bytes);
+    add("corners", "colours and normals at all corners", one(3, block));
+    let mut block = branching(8);
+    // Of slot 4 the corners of child 0 only; of slot 5 none; of slots 6 and 7 those of the voxel.
+    let masks = [(2, whole), (4, 0x361b), (5, 0), (6, 1 << 27), (7, 1 << 27 | 0x07ff_e000)];
+    let bytes = corners(&block, &masks, 2);
+    block.attachment(7, bytes);
+    with_noise(&mut block, 4, &all);
+    add("corners_some", "corners of some voxels, of the voxel above, and none", one(3, block));
+    let mut block = smallest(4);
+    let bytes = [0, 0, 0, 0, whole, 8, 0, 0].into_iter().chain([0x00ff_ffff, 0x1234_5678].repeat(27));
+    block.attachment(7, bytes.flat_map(u32::to_le_bytes).collect());
+    add("corners_without_values", "corners that all count for nothing", one(1, block));
 }
 
 fn objects(add: &mut Add<'_>) {

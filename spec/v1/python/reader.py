@@ -16,7 +16,17 @@ from kaitaistruct import BytesIO, KaitaiStream
 PAGE_SLOTS = 1024
 PAGE_BYTES = 8192
 NO_PARENT = 0xFFFFFFFF
-COLOR_BLOCKS, NORMAL_BLOCKS, CONSTANT_COLOR = 1, 2, 3
+COLOR_BLOCKS, NORMAL_BLOCKS, CONSTANT_COLOR, AMBIENT_BLOCKS, PLAIN_COLORS, PLAIN_NORMALS, CORNERS = range(1, 8)
+WITH_COLORS = {COLOR_BLOCKS, CONSTANT_COLOR, PLAIN_COLORS, CORNERS}
+WITH_NORMALS = {NORMAL_BLOCKS, PLAIN_NORMALS, CORNERS}
+# The corners of child slot i, in their order, as bits of the lattice of 3 x 3 x 3 points.
+CHILD_CORNERS = [
+    [
+        sum(((i >> axis & 1) + (k >> axis & 1)) * (1, 3, 9)[axis] for axis in range(3))
+        for k in range(8)
+    ]
+    for i in range(8)
+]
 
 
 class Refused(Exception):
@@ -30,6 +40,23 @@ class Refused(Exception):
 def require(condition, rule, what):
     if not condition:
         raise Refused(rule, what)
+
+
+def normalised(n):
+    """A vector of length 1; +z if it is zero."""
+    length = math.sqrt(sum(x * x for x in n))
+    return [x / length for x in n] if length else [0.0, 0.0, 1.0]
+
+
+def raw_normal(w):
+    """A point on the cube (section 8.2)."""
+
+    def signed(value, bits):
+        value &= (1 << bits) - 1
+        return (value - (1 << bits) if value >> bits - 1 else value) / (1 << bits - 1)
+
+    t, u, v = (-1.0 if w >> 31 else 1.0), signed(w, 29), signed(w, 14)
+    return {0: (t, u, v), 1: (v, t, u)}.get(w >> 29 & 3, (u, v, t))
 
 
 def ranges_overlap(ranges):
@@ -94,18 +121,24 @@ class Block:
     def check_attachments(self, size):
         entries = self.info.attachments
         pairs = (self.array + 1) // 2
-        sizes = {COLOR_BLOCKS: 8 * pairs, NORMAL_BLOCKS: 16 * pairs, CONSTANT_COLOR: 8}
+        sizes = {COLOR_BLOCKS: 8 * pairs, NORMAL_BLOCKS: 16 * pairs, CONSTANT_COLOR: 8, AMBIENT_BLOCKS: 8 * pairs}
+        units = {PLAIN_COLORS: 4, PLAIN_NORMALS: 4, CORNERS: 8}
         self.attachments = {}
         for entry in entries:
             name = f"block {self.index}: attachment {entry.kind}"
-            require(entry.kind in sizes or 0x8000 <= entry.kind <= 0xFFFF, "A002", f"{name} is not registered")
+            known = entry.kind in sizes or entry.kind in units
+            require(known or 0x8000 <= entry.kind <= 0xFFFF, "A002", f"{name} is not registered")
             require(entry.kind not in self.attachments, "A002", f"{name} occurs twice")
             require(entry.size == sizes.get(entry.kind, entry.size), "A003", f"{name} has {entry.size} bytes")
+            unit = units.get(entry.kind, 1)
+            enough = entry.kind not in units or entry.size >= unit * self.array
+            require(enough and entry.size % unit == 0, "A003", f"{name} has {entry.size} bytes")
             inside = self.pool_end <= entry.at and entry.at + entry.size <= size
             require(inside and entry.at % 8 == 0, "A001", f"{name} at {entry.at}")
             self.attachments[entry.kind] = entry
-        both = COLOR_BLOCKS in self.attachments and CONSTANT_COLOR in self.attachments
-        require(not both, "A002", f"block {self.index} has colour blocks and a constant colour")
+        for what, kinds in (("colours", WITH_COLORS), ("normals", WITH_NORMALS)):
+            several = len(kinds & self.attachments.keys()) > 1
+            require(not several, "A002", f"block {self.index} has several types with {what}")
         require(not ranges_overlap([(e.at, e.at + e.size) for e in entries]), "A001", "attachments overlap")
         if CONSTANT_COLOR in self.attachments:
             unused = self.attachments[CONSTANT_COLOR].constant_color.zero
@@ -121,12 +154,119 @@ class Block:
         unused = self.info.contour_count - len(self.contours_used)
         require(unused == 0, "K005", f"block {self.index}: {unused} contours belong to no voxel")
         used = {slot // 2 for slot in self.described}
-        for kind, unit in ((COLOR_BLOCKS, 8), (NORMAL_BLOCKS, 16)):
+        for kind in (PLAIN_COLORS, PLAIN_NORMALS, CORNERS):
+            if kind in self.attachments:
+                self.check_entries(kind)
+        for kind, unit in ((COLOR_BLOCKS, 8), (NORMAL_BLOCKS, 16), (AMBIENT_BLOCKS, 8)):
             if kind in self.attachments:
                 body = self.attachments[kind].body
                 for pair in range(len(body) // unit):
                     empty = not any(body[unit * pair:unit * (pair + 1)])
                     require(pair in used or empty, "A005", f"block {self.index}: values for pair {pair}")
+
+    def check_entries(self, kind):
+        """Every descriptor has values of its own, every value a descriptor."""
+        entry = self.attachments[kind]
+        name = f"block {self.index}: attachment {kind}"
+        unit = 2 if kind == CORNERS else 1
+        words = struct.unpack(f"<{entry.size // 4}I", entry.body)
+        used = set()
+        for slot in range(self.array):
+            own = words[unit * slot:unit * slot + unit]
+            if slot not in self.described:
+                require(not any(own), "A005", f"{name} has an entry for slot {slot}")
+                continue
+            if kind == CORNERS:
+                parsed = entry.corners.entries[slot]
+                count = 2 * (parsed.mask.bit_count() + 8 * parsed.own_corners)
+                fits = parsed.zero == 0 and (count or parsed.first == 0)
+            else:
+                parsed = entry.plain.entries[slot]
+                valid = self.slots[slot].descriptor.valid_mask
+                count = parsed.mask.bit_count() + (valid & ~parsed.mask != 0)
+                fits = parsed.mask & ~valid == 0
+            inside = not count or unit * self.array <= parsed.first and parsed.first + count <= len(words)
+            require(fits and inside, "A007", f"{name}, slot {slot}")
+            values = range(parsed.first, parsed.first + count)
+            require(used.isdisjoint(values), "A008", f"{name}, slot {slot}: values of another")
+            used.update(values)
+        require(len(used) == len(words) - unit * self.array, "A008", f"{name}: values that belong to no descriptor")
+
+    def plain_value(self, kind, slot, child):
+        """The word of a voxel in plain colours or normals (section 8.5), or None."""
+        if kind not in self.attachments:
+            return None
+        plain = self.attachments[kind].plain
+        entry = plain.entries[slot]
+        below = (1 << child) - 1 if entry.mask >> child & 1 else 0xFF
+        at = entry.first + (entry.mask & below).bit_count() - self.array
+        # Behind the values there is nothing; entries are checked once all descriptors are known.
+        return plain.values[at] if 0 <= at < len(plain.values) else None
+
+    def cell(self, slot, child):
+        """Values at the corners of a voxel or of the one above, and whether they are its own (section 8.6), or None."""
+        if CORNERS not in self.attachments:
+            return None
+        corners = self.attachments[CORNERS].corners
+        entry = corners.entries[slot]
+        first = entry.first // 2 - self.array
+        bits = CHILD_CORNERS[child]
+        own = all(entry.mask >> bit & 1 for bit in bits)
+        if not own and not entry.own_corners:
+            return None
+        ranks = [(entry.mask & (1 << bit) - 1).bit_count() for bit in bits]
+        if not own:
+            ranks = [entry.mask.bit_count() + k for k in range(8)]
+        if first < 0 or first + max(ranks) >= len(corners.values):
+            return None
+        return [corners.values[first + rank] for rank in ranks], own
+
+    def middle(self, slot, child):
+        """Colour and normal of the middle of a voxel by its corners (section 8.6), or None."""
+        found = self.cell(slot, child)
+        if found is None:
+            return None
+        values, own = found
+        q = [0.5 if own else ((child >> axis & 1) + 0.5) / 2 for axis in range(3)]
+        total, color, normal = 0.0, [0.0] * 4, [0.0] * 3
+        for k, value in enumerate(values):
+            weight = math.prod(q[axis] if k >> axis & 1 else 1 - q[axis] for axis in range(3))
+            if value.alpha == 0:
+                continue
+            total += weight
+            for c, channel in enumerate((value.red, value.green, value.blue, value.alpha)):
+                color[c] += weight * channel / 255
+            for c, component in enumerate(normalised(raw_normal(value.normal))):
+                normal[c] += weight * component
+        if total == 0:
+            return None
+        return [c / total for c in color[:3]], normalised(normal)
+
+    def ambient(self, slot, child):
+        """What of the light from all around reaches a voxel (section 8.4), or None."""
+        if AMBIENT_BLOCKS not in self.attachments:
+            return None
+        block = self.attachments[AMBIENT_BLOCKS].ambient.pairs[slot // 2]
+        k = block.weights[child + 8 * (slot % 2)]
+        ref0 = block.ref0 + block.ref1 / 256
+        return min((k * ref0 + (7 - k) * block.ref1) / (7 * 255), 1.0)
+
+    def attributes(self, slot, child):
+        """What a voxel has, by the names in the JSON."""
+        found = {"color": self.color(slot, child), "normal": self.normal(slot, child)}
+        color = self.plain_value(PLAIN_COLORS, slot, child)
+        if color is not None:
+            found["color"], found["alpha"] = [(color >> shift & 255) / 255 for shift in (0, 8, 16)], color >> 24
+        normal = self.plain_value(PLAIN_NORMALS, slot, child)
+        if normal is not None:
+            found["normal"] = normalised(raw_normal(normal))
+        cell = self.cell(slot, child)
+        if cell is not None:
+            found["own_corners"] = cell[1]
+            found["corners"] = [[v.red, v.green, v.blue, v.alpha, v.normal] for v in cell[0]]
+            found["color"], found["normal"] = self.middle(slot, child) or (None, None)
+        found["ambient"] = self.ambient(slot, child)
+        return {name: value for name, value in found.items() if value is not None}
 
     def color(self, slot, child):
         """Colour of a voxel (section 8.1, 8.3), or None."""
@@ -154,8 +294,7 @@ class Block:
         cu, cv = grid[block.u_indices[texel]], grid[block.v_indices[texel]]
         u_axis, v_axis = self.axis(block.axes << 16 & 0xFFFFFFFF), self.axis(block.axes)
         n = [p + cu * a + cv * b for p, a, b in zip(base, u_axis, v_axis)]
-        length = math.sqrt(sum(x * x for x in n))
-        return [x / length for x in n] if length else [0.0, 0.0, 1.0]
+        return normalised(n)
 
     @staticmethod
     def axis(half):
@@ -366,9 +505,7 @@ class Reader:
                 voxel["contour"] = {
                     "word": c.word, "normal": normal, "position": c.position, "thickness": c.thickness,
                 }
-            for key, value in (("color", block.color(slot, child)), ("normal", block.normal(slot, child))):
-                if value is not None:
-                    voxel[key] = value
+            voxel.update(block.attributes(slot, child))
             voxels.append(voxel)
         return voxels
 
