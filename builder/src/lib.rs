@@ -19,6 +19,7 @@
 mod attributes;
 mod build;
 mod clip;
+mod displace;
 mod error;
 pub mod import;
 mod journal;
@@ -32,6 +33,7 @@ mod shaper;
 mod surface;
 
 pub use build::{BuildStats, Built, BuiltFile, FileOptions, Progress, build, build_file};
+pub use displace::{DisplaceOptions, displace};
 pub use error::BuildError;
 pub use maps::{HeightMap, LinearMip, LinearTexture, NormalMap, UvTransform, mapped_normal};
 pub use mesh::{Material, Mesh, MipLevel, Texture};

@@ -116,7 +116,7 @@ fn append_attribute<T: Copy>(all: &mut Vec<T>, more: &[T], before: usize, added:
 
 /// Gives triangles without normals their geometric one. Where triangles that share a vertex disagree, the vertex is
 /// doubled: a file that has no normals for a face means it to look flat.
-fn fill_missing_normals(mesh: &mut Mesh) {
+pub(crate) fn fill_missing_normals(mesh: &mut Mesh) {
     if mesh.normals.is_empty() || mesh.positions.len() >= MAX_ELEMENTS {
         return;
     }

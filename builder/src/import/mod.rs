@@ -22,6 +22,7 @@ use crate::maps::{HeightMap, UvTransform};
 use crate::mesh::{Mesh, MeshError};
 use image::{Channel, TextureStore};
 
+pub(crate) use assembly::fill_missing_normals;
 pub use texture::TextureError;
 
 /// Most triangles, and most vertices, that one mesh may have. Instances in a glTF scene can multiply a small file into

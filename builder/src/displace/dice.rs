@@ -1,0 +1,314 @@
+//! Cuts a triangle into small ones, given into how many segments each of its edges is cut.
+
+use std::collections::HashMap;
+use std::hash::{BuildHasherDefault, Hasher};
+
+use glam::DVec3;
+
+/// A triangle in pieces. Vertices are numbered locally: the corners 0, 1, 2; then the points on edge 0 (from corner 0 to 1),
+/// on edge 1 and on edge 2, each counted from the beginning of that edge, which is the end it has in common with its
+/// neighbours' idea of it; then `interior`.
+#[derive(Debug, Default)]
+pub(super) struct Diced {
+    /// Barycentric coordinates of the vertices inside.
+    pub(super) interior: Vec<[f64; 3]>,
+    /// Triples of local vertices, wound as the triangle is.
+    pub(super) triangles: Vec<[u32; 3]>,
+}
+
+/// The edges of a triangle as they are cut.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Borders {
+    /// Segments per edge, at least 1.
+    pub(super) segments: [u32; 3],
+    /// Whether the points of edge `i` are counted from corner `i + 1`.
+    pub(super) reversed: [bool; 3],
+}
+
+impl Borders {
+    /// Local number of the first point on each edge, and of the first vertex inside.
+    pub(super) fn first(&self) -> [u32; 4] {
+        let [a, b, c] = self.segments.map(|n| n - 1);
+        [3, 3 + a, 3 + a + b, 3 + a + b + c]
+    }
+
+    /// Barycentric coordinates of point `j` of `edge`.
+    pub(super) fn weights(&self, edge: usize, j: u32) -> [f64; 3] {
+        let n = f64::from(self.segments[edge]);
+        let (from, to) = if self.reversed[edge] { ((edge + 1) % 3, edge) } else { (edge, (edge + 1) % 3) };
+        let mut weights = [0.0; 3];
+        weights[from] = f64::from(self.segments[edge] - j) / n;
+        weights[to] = f64::from(j) / n;
+        weights
+    }
+
+    /// Barycentric coordinates of all local vertices that are not inside.
+    pub(super) fn all_weights(self) -> impl Iterator<Item = [f64; 3]> {
+        let corners = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let points = (0..3).flat_map(move |edge| (1..self.segments[edge]).map(move |j| self.weights(edge, j)));
+        corners.into_iter().chain(points)
+    }
+}
+
+/// A side of a piece.
+#[derive(Clone, Copy, Debug)]
+enum Side {
+    /// From one point of an edge of the triangle to another (0 and the number of segments are its ends).
+    Border { edge: u8, from: u32, to: u32 },
+    /// Inside.
+    Inner { segments: u32 },
+}
+
+impl Side {
+    fn segments(self) -> u32 {
+        match self {
+            Self::Border { from, to, .. } => from.abs_diff(to),
+            Self::Inner { segments } => segments,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Piece {
+    corners: [u32; 3],
+    sides: [Side; 3],
+}
+
+/// Dices triangles one after the other; holds memory that each of them needs.
+#[derive(Debug, Default)]
+pub(super) struct Dicer {
+    positions: Vec<DVec3>,
+    weights: Vec<[f64; 3]>,
+    stack: Vec<Piece>,
+    /// Vertices on inner sides of which one of the two pieces is cut already.
+    open: HashMap<u64, u32, BuildHasherDefault<PairHasher>>,
+}
+
+impl Dicer {
+    /// Cuts a triangle until no side is longer than `step` and all points of `borders` are used. For every edge,
+    /// `borders.segments` must be at least its length by `step`.
+    ///
+    /// Each piece is cut across its longest sides, counted in segments. A side inside is never longer than the longest side
+    /// around it, so that the largest count of a piece shrinks with every second cut at the latest.
+    pub(super) fn dice(&mut self, corners: [DVec3; 3], borders: &Borders, step: f64) -> Diced {
+        let mut diced = Diced::default();
+        if borders.segments == [1; 3] {
+            diced.triangles.push([0, 1, 2]);
+            return diced;
+        }
+        self.positions.clear();
+        self.weights.clear();
+        self.stack.clear();
+        self.open.clear();
+        let position = |[a, b, c]: [f64; 3]| corners[0] * a + corners[1] * b + corners[2] * c;
+        self.weights.extend(borders.all_weights());
+        self.positions.extend(self.weights.iter().map(|&w| position(w)));
+        let inside = self.weights.len();
+        let sides = std::array::from_fn(|edge| {
+            let n = borders.segments[edge];
+            let (from, to) = if borders.reversed[edge] { (n, 0) } else { (0, n) };
+            Side::Border { edge: edge as u8, from, to }
+        });
+        let first = borders.first();
+        self.stack.push(Piece { corners: [0, 1, 2], sides });
+        while let Some(piece) = self.stack.pop() {
+            let counts = piece.sides.map(Side::segments);
+            let most = counts[0].max(counts[1]).max(counts[2]);
+            if most <= 1 {
+                diced.triangles.push(piece.corners);
+                continue;
+            }
+            let long = counts.map(|n| n > 1 && 2 * u64::from(n) > u64::from(most));
+            self.cut(piece, long, &first, step);
+        }
+        diced.interior.extend_from_slice(&self.weights[inside..]);
+        diced
+    }
+
+    /// Cuts a piece across its `long` sides.
+    fn cut(&mut self, piece: Piece, long: [bool; 3], first: &[u32; 4], step: f64) {
+        // Turned so that the first side is cut, and the last is not if there is one that is not.
+        let turn = match long {
+            [true, true, true] | [true, true, false] | [true, false, false] => 0,
+            [false, true, _] => 1,
+            _ => 2,
+        };
+        let [a, b, c] = std::array::from_fn(|i| piece.corners[(i + turn) % 3]);
+        let [ab, bc, ca] = std::array::from_fn(|i| piece.sides[(i + turn) % 3]);
+        let number = long.iter().filter(|&&l| l).count();
+        let (m, am, mb) = self.halve(a, b, ab, first);
+        let mut push = |corners, sides| self.stack.push(Piece { corners, sides });
+        if number == 1 {
+            let inner = inner(&self.positions, m, c, step);
+            push([a, m, c], [am, inner, ca]);
+            push([m, b, c], [mb, bc, inner]);
+            return;
+        }
+        let (k, bk, kc) = self.halve(b, c, bc, first);
+        if number == 2 {
+            let mk = inner(&self.positions, m, k, step);
+            let length = |u: u32, v: u32| self.positions[u as usize].distance_squared(self.positions[v as usize]);
+            let shorter = length(a, k) <= length(m, c);
+            let diagonal =
+                if shorter { inner(&self.positions, a, k, step) } else { inner(&self.positions, m, c, step) };
+            let mut push = |corners, sides| self.stack.push(Piece { corners, sides });
+            push([m, b, k], [mb, bk, mk]);
+            if shorter {
+                push([a, m, k], [am, mk, diagonal]);
+                push([a, k, c], [diagonal, kc, ca]);
+            } else {
+                push([a, m, c], [am, diagonal, ca]);
+                push([m, k, c], [mk, kc, diagonal]);
+            }
+            return;
+        }
+        let (l, cl, la) = self.halve(c, a, ca, first);
+        let [mk, kl, lm] = [(m, k), (k, l), (l, m)].map(|(u, v)| inner(&self.positions, u, v, step));
+        let mut push = |corners, sides| self.stack.push(Piece { corners, sides });
+        push([a, m, l], [am, lm, la]);
+        push([m, b, k], [mb, bk, mk]);
+        push([l, k, c], [kl, kc, cl]);
+        push([m, k, l], [mk, kl, lm]);
+    }
+
+    /// The vertex near the middle of the side from `a` to `b`, and the two halves of the side.
+    fn halve(&mut self, a: u32, b: u32, side: Side, first: &[u32; 4]) -> (u32, Side, Side) {
+        match side {
+            Side::Border { edge, from, to } => {
+                let middle = from.min(to) + from.abs_diff(to) / 2;
+                let vertex = first[edge as usize] + middle - 1;
+                (vertex, Side::Border { edge, from, to: middle }, Side::Border { edge, from: middle, to })
+            }
+            Side::Inner { segments } => {
+                let (low, high) = (a.min(b), a.max(b));
+                let near_low = segments / 2;
+                let key = u64::from(low) << 32 | u64::from(high);
+                // The piece on the other side comes to the same place: it is there already, or will find it.
+                let vertex = match self.open.remove(&key) {
+                    Some(vertex) => vertex,
+                    None => {
+                        let vertex = self.positions.len() as u32;
+                        let t = f64::from(near_low) / f64::from(segments);
+                        let (u, v) = (low as usize, high as usize);
+                        self.positions.push(self.positions[u].lerp(self.positions[v], t));
+                        let (p, q) = (self.weights[u], self.weights[v]);
+                        self.weights.push(std::array::from_fn(|i| p[i] + (q[i] - p[i]) * t));
+                        self.open.insert(key, vertex);
+                        vertex
+                    }
+                };
+                let part = |segments| Side::Inner { segments };
+                let (low_part, high_part) = (part(near_low), part(segments - near_low));
+                if a == low { (vertex, low_part, high_part) } else { (vertex, high_part, low_part) }
+            }
+        }
+    }
+}
+
+/// A new side inside.
+fn inner(positions: &[DVec3], u: u32, v: u32, step: f64) -> Side {
+    Side::Inner { segments: segments(positions[u as usize].distance(positions[v as usize]), step) }
+}
+
+/// How many segments of at most `step` a length has, at least 1.
+pub(super) fn segments(length: f64, step: f64) -> u32 {
+    // A length that is a multiple of the step but for rounding gets no segment more.
+    (length / step * (1.0 - 1e-9)).ceil().max(1.0) as u32
+}
+
+/// Hashes pairs of small numbers (the standard hasher takes most of the time otherwise).
+#[derive(Debug, Default)]
+struct PairHasher(u64);
+
+impl Hasher for PairHasher {
+    fn finish(&self) -> u64 {
+        self.0
+    }
+
+    fn write(&mut self, bytes: &[u8]) {
+        for &byte in bytes {
+            self.write_u64(byte.into());
+        }
+    }
+
+    fn write_u64(&mut self, value: u64) {
+        // The odd number is 2^64 by the golden ratio; the map reads high and low bits.
+        let mixed = (self.0 ^ value).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        self.0 = mixed ^ (mixed >> 32);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::HashMap;
+
+    use super::*;
+
+    /// Dices, and checks that the pieces cover the triangle once and use every point of its edges.
+    fn check(corners: [DVec3; 3], borders: Borders, step: f64) -> usize {
+        let mut dicer = Dicer::default();
+        let diced = dicer.dice(corners, &borders, step);
+        let weights: Vec<[f64; 3]> = borders.all_weights().chain(diced.interior.iter().copied()).collect();
+        let mut area = 0.0;
+        let mut sides: HashMap<(u32, u32), i32> = HashMap::new();
+        let mut used = vec![false; weights.len()];
+        for t in &diced.triangles {
+            let [a, b, c] = t.map(|v| weights[v as usize]);
+            let part = (b[1] - a[1]) * (c[2] - a[2]) - (b[2] - a[2]) * (c[1] - a[1]);
+            assert!(part > 0.0, "a piece is turned over or flat: {t:?}");
+            area += part;
+            for i in 0..3 {
+                used[t[i] as usize] = true;
+                let (u, v) = (t[i], t[(i + 1) % 3]);
+                *sides.entry((u.min(v), u.max(v))).or_default() += if u < v { 1 } else { -1 };
+                assert!(sides[&(u.min(v), u.max(v))].abs() <= 1, "two pieces on one side of {u} {v}");
+            }
+        }
+        assert!((area - 1.0).abs() < 1e-9, "{area}");
+        assert!(used.iter().all(|&u| u));
+        // What is left over are the segments of the three edges.
+        let border = sides.values().filter(|&&n| n != 0).count();
+        assert_eq!(border as u32, borders.segments.iter().sum::<u32>());
+        assert!(dicer.open.is_empty(), "both pieces at an inner side were cut");
+        diced.triangles.len()
+    }
+
+    fn lengths(corners: [DVec3; 3], step: f64) -> [u32; 3] {
+        std::array::from_fn(|i| segments(corners[i].distance(corners[(i + 1) % 3]), step))
+    }
+
+    #[test]
+    fn triangles_of_many_shapes_are_covered_once() {
+        let even = [DVec3::ZERO, DVec3::X, DVec3::new(0.5, 0.9, 0.0)];
+        let needle = [DVec3::ZERO, DVec3::X * 30.0, DVec3::new(15.0, 0.2, 0.0)];
+        let sliver = [DVec3::ZERO, DVec3::X * 9.0, DVec3::new(9.0, 0.01, 0.0)];
+        for corners in [even, needle, sliver] {
+            for step in [2.0, 0.7, 0.3, 0.11, 0.05] {
+                let base = lengths(corners, step);
+                for extra in [[0, 0, 0], [1, 0, 0], [0, 5, 0], [7, 0, 20], [3, 2, 1]] {
+                    for reversed in [[false; 3], [true, false, true]] {
+                        let segments = std::array::from_fn(|i| base[i] + extra[i]);
+                        check(corners, Borders { segments, reversed }, step);
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn pieces_are_as_many_as_the_step_asks_for() {
+        let corners = [DVec3::ZERO, DVec3::X, DVec3::new(0.5, 0.75f64.sqrt(), 0.0)];
+        let borders = Borders { segments: lengths(corners, 1.0 / 64.0), reversed: [false; 3] };
+        assert_eq!(check(corners, borders, 1.0 / 64.0), 64 * 64);
+        let borders = Borders { segments: lengths(corners, 1.0 / 50.0), reversed: [false; 3] };
+        let found = check(corners, borders, 1.0 / 50.0);
+        assert!((2500..5000).contains(&found), "{found}");
+    }
+
+    #[test]
+    fn a_neighbours_points_alone_make_a_fan() {
+        let corners = [DVec3::ZERO, DVec3::X, DVec3::Y];
+        let borders = Borders { segments: [100, 1, 1], reversed: [true, false, false] };
+        assert_eq!(check(corners, borders, f64::INFINITY), 100);
+    }
+}
