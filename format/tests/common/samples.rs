@@ -115,7 +115,6 @@ pub(crate) fn samples() -> Vec<(&'static str, Octree)> {
         ("colors", octree(&branching(With { colors: Some(rainbow), ..plain }), &one_block)),
         ("constant_color", octree(&branching(With { colors: Some(|_| [200, 100, 50]), ..plain }), &one_block)),
         ("normals", octree(&branching(With { normals: true, ..plain }), &one_block)),
-        ("everything", with_meta),
         ("ambient", {
             let mut tree = branching(plain);
             tree.ambient = (0..tree.voxels()).map(|k| (255 - k * k) as u8).collect();
@@ -123,5 +122,6 @@ pub(crate) fn samples() -> Vec<(&'static str, Octree)> {
         }),
         ("plain", octree(&self::plain(), &one_block)),
         ("corners", octree(&corners(), &blocks)),
+        ("everything", with_meta),
     ]
 }
