@@ -62,7 +62,7 @@ impl Octree {
         for object in &mut objects {
             object.root_slot = blocks[object.root_block as usize].image_offset / 8 + u64::from(FIRST_SLOT);
         }
-        Ok(Self::new(objects, blocks, self.meta.clone(), self.unknown.clone(), Image::Owned(image), None)?)
+        Self::new(objects, blocks, self.meta.clone(), self.unknown.clone(), Image::Owned(image), None)
     }
 }
 

@@ -146,7 +146,8 @@ impl Tree {
         let refuse = |what: String| Err(FormatError::Limit(what));
         let blocks = !(self.color_blocks.is_empty() && self.normal_blocks.is_empty());
         let voxels = !(self.colors.is_empty() && self.normals.is_empty());
-        if self.plain && blocks || !self.plain && !(self.alphas.is_empty() && self.own.is_empty()) {
+        let of_plain = !(self.alphas.is_empty() && self.own.is_empty());
+        if self.plain && blocks || of_plain && !self.plain {
             return refuse("alphas and masks of plain values take a plain tree, and that has no blocks".into());
         }
         for (what, count) in [("masks of plain values", self.own.len()), ("corner masks", self.corners.len())] {

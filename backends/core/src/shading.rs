@@ -81,13 +81,14 @@ impl Light {
         std::array::from_fn(|i| SKY[0][i] + (SKY[1][i] - SKY[0][i]) * at)
     }
 
-    /// Phong's model, both sides alike.
-    fn lit(&self, surface: &Surface, direction: DVec3) -> [f32; 3] {
+    /// Phong's model, both sides alike. `open` is the part of the light from around that reaches the surface; as with the
+    /// paper's authors it takes from all that is scattered, not from the highlight.
+    fn lit(&self, surface: &Surface, open: f32, direction: DVec3) -> [f32; 3] {
         let to_eye = -direction.normalize_or_zero();
         let normal = facing(surface.normal, direction).try_normalize().unwrap_or(to_eye);
         let toward = normal.dot(self.to_light);
         let mirrored = normal * (2.0 * toward) - self.to_light;
-        let diffuse = AMBIENT + DIFFUSE * toward.max(0.0) as f32;
+        let diffuse = open * (AMBIENT + DIFFUSE * toward.max(0.0) as f32);
         let specular =
             if toward > 0.0 { SPECULAR.0 * (mirrored.dot(to_eye).max(0.0) as f32).powf(SPECULAR.1) } else { 0.0 };
         surface.color.map(|c| encode_srgb(decode_srgb(c) * diffuse + specular))
@@ -123,7 +124,8 @@ pub fn octree_to_mesh(octree: &Octree, view: &View) -> DMat4 {
 /// The hit is not of this octree, or a miss.
 pub fn voxel_normal(octree: &Octree, octree_to_mesh: &DMat4, ray: &Ray, hit: &Hit) -> DVec3 {
     let direction = octree_to_mesh.transform_vector3(ray.direction.as_dvec3());
-    let normal = octree.normal(hit.slot, hit.child()).map(Vec3::as_dvec3).filter(|n| *n != DVec3::ZERO);
+    let normal =
+        octree.normal_at(hit.slot, hit.child(), place(ray, hit)).map(Vec3::as_dvec3).filter(|n| *n != DVec3::ZERO);
     let normal = normal.unwrap_or_else(|| {
         let contour = octree.contour(hit.slot, hit.child()).map(|c| DVec3::from(c.decode().normal));
         let normal = contour.unwrap_or_else(|| entry_side(ray, hit));
@@ -141,12 +143,28 @@ fn entry_side(ray: &Ray, hit: &Hit) -> DVec3 {
     side
 }
 
-/// Colour of a hit voxel, sRGB-encoded, or [`PLAIN_COLOR`].
+/// Where in its voxel, whose corners are 0 and 1, a ray hits. Attributes at corners are interpolated to there.
+fn place(ray: &Ray, hit: &Hit) -> Vec3 {
+    // A little further on: on the side that the ray came in by, rounding might name the voxel before it.
+    let point = ray.origin + ray.direction * hit.t + ray.direction.normalize_or_zero() * (hit.size() * 1e-3);
+    let cells = point / hit.size();
+    cells - cells.floor()
+}
+
+/// Colour of a hit voxel where it was hit, sRGB-encoded, or [`PLAIN_COLOR`].
 ///
 /// # Panics
 /// The hit is not of this octree, or a miss.
-pub fn voxel_color(octree: &Octree, hit: &Hit) -> [f32; 3] {
-    octree.color(hit.slot, hit.child()).unwrap_or(PLAIN_COLOR)
+pub fn voxel_color(octree: &Octree, ray: &Ray, hit: &Hit) -> [f32; 3] {
+    octree.color_at(hit.slot, hit.child(), place(ray, hit)).unwrap_or(PLAIN_COLOR)
+}
+
+/// Part of the light from all around that reaches a hit voxel: 1 if the octree has no ambient occlusion.
+///
+/// # Panics
+/// The hit is not of this octree, or a miss.
+pub fn voxel_ambient(octree: &Octree, hit: &Hit) -> f32 {
+    octree.ambient(hit.slot, hit.child()).unwrap_or(1.0)
 }
 
 /// The octree, shaded: a lamp at the camera, voxels by their own colours and normals, a sky where nothing was hit.
@@ -162,8 +180,10 @@ pub fn shade(octree: &Octree, view: &View, hits: &[Hit]) -> Picture {
         if hit.is_miss() {
             return light.sky(y);
         }
-        let normal = voxel_normal(octree, &to_mesh, &view.ray(x, y), hit);
-        light.lit(&Surface { normal, color: voxel_color(octree, hit) }, rays.ray(x, y).direction)
+        let ray = view.ray(x, y);
+        let surface =
+            Surface { normal: voxel_normal(octree, &to_mesh, &ray, hit), color: voxel_color(octree, &ray, hit) };
+        light.lit(&surface, voxel_ambient(octree, hit), rays.ray(x, y).direction)
     })
 }
 
@@ -183,7 +203,7 @@ pub fn shade_triangles(
             return light.sky(y);
         }
         let ray = rays.ray(x, y);
-        light.lit(&surface(hit.triangle, ray.origin + ray.direction * hit.t), ray.direction)
+        light.lit(&surface(hit.triangle, ray.origin + ray.direction * hit.t), 1.0, ray.direction)
     })
 }
 
@@ -246,7 +266,7 @@ mod tests {
     use super::*;
     use crate::reference::cast_fine;
     use crate::{Camera, CastOptions};
-    use esvo_format::{AssembleOptions, Contour, Tree, Voxel, assemble};
+    use esvo_format::{AssembleOptions, Contour, CornerValue, NodeCorners, RawNormal, Tree, Voxel, assemble};
 
     const SIZE: (u32, u32) = (48, 32);
 
@@ -327,6 +347,66 @@ mod tests {
         assert!(worst.unwrap() <= 6, "{worst:?}");
         let turned = shade_triangles(&rays, &triangles, |_, _| Surface { normal: DVec3::X, color });
         assert_ne!(turned, expected, "the normal matters");
+    }
+
+    #[test]
+    fn ambient_occlusion_takes_from_what_is_scattered() {
+        let bright = octree(Voxel { color: Some([40, 160, 90]), ..Voxel::default() });
+        let (view, hits) = view_and_hits(&bright);
+        let green = |octree: &Octree| decode_srgb(f32::from(shade(octree, &view, &hits).pixel(24, 16)[1]) / 255.0);
+        assert_eq!(
+            shade(&bright, &view, &hits),
+            shade(&bright.with_ambient_occlusion(|_, _| 255).unwrap(), &view, &hits)
+        );
+        // What is left where no light reaches is the highlight.
+        let [all, half, none] = [255, 128, 0].map(|value| green(&bright.with_ambient_occlusion(|_, _| value).unwrap()));
+        assert!(all > half + 0.05 && half > none + 0.05, "{all} {half} {none}");
+        assert!((half - (all + none) / 2.0).abs() < 0.01, "{all} {half} {none}");
+    }
+
+    #[test]
+    fn values_at_corners_are_interpolated_over_the_voxel() {
+        let mut tree = Tree::default();
+        let mut children = [None; 8];
+        children[0] = Some(Voxel { leaf: true, ..Voxel::default() });
+        let root = tree.open(&children);
+        tree.close(root);
+        // Black on the left side of the voxel, white on the right one, facing along z.
+        let normal = RawNormal::encode(Vec3::NEG_Z);
+        let value = |x: usize| CornerValue { color: [[0, 0, 0, 255], [255; 4], [9, 9, 9, 0]][x], normal };
+        tree.corners = vec![NodeCorners { mask: (1 << 27) - 1, first: 0 }];
+        tree.corner_values = (0..27).map(|point| value(point % 3)).collect();
+        let to_mesh = DMat4::from_translation(DVec3::splat(-1.0)) * DMat4::from_scale(DVec3::splat(2.0));
+        let octree = assemble(&tree, to_mesh, &AssembleOptions::default()).unwrap();
+        let (view, hits) = view_and_hits(&octree);
+        for x in 15..33 {
+            let (ray, hit) = (view.ray(x, 16), &hits[16 * 48 + x as usize]);
+            assert!(!hit.is_miss());
+            let at = ((ray.origin + ray.direction * hit.t).x - 1.0) * 2.0;
+            let [red, ..] = voxel_color(&octree, &ray, hit);
+            assert!((red - at).abs() < 2e-3, "{red} at {at}");
+            assert_eq!(voxel_normal(&octree, &to_mesh, &ray, hit), DVec3::NEG_Z);
+        }
+    }
+
+    #[test]
+    fn plain_values_are_seen_as_they_are() {
+        let mut tree = Tree::default();
+        tree.plain = true;
+        let mut children = [None; 8];
+        let normal = RawNormal::encode(Vec3::new(0.3, 0.2, -0.9));
+        children[0] = Some(Voxel { color: Some([13, 77, 201]), normal: Some(normal), leaf: true, ..Voxel::default() });
+        children[7] = Some(Voxel { color: Some([1, 2, 3]), ..children[0].unwrap() });
+        let root = tree.open(&children);
+        tree.close(root);
+        let octree = assemble(&tree, DMat4::IDENTITY, &AssembleOptions::default()).unwrap();
+        let ray = view_and_hits(&octree).0.ray(24, 16);
+        let hit = Hit::new(0.5, 2, 0, 22, 1);
+        assert_eq!(voxel_color(&octree, &ray, &hit), [13.0, 77.0, 201.0].map(|c: f32| c / 255.0));
+        assert_eq!(
+            voxel_normal(&octree, &DMat4::IDENTITY, &ray, &hit),
+            facing(normal.decode().as_dvec3(), ray.direction.as_dvec3()).normalize()
+        );
     }
 
     #[test]
