@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use esvo_core::CastError;
+use esvo_format::FormatError;
 
 /// Why the harness gave up. Each message is one line: what, where, what to do.
 #[derive(Debug, thiserror::Error)]
@@ -31,6 +32,9 @@ pub enum BenchError {
         /// What is wrong.
         what: String,
     },
+    /// A file or an octree that cannot be used.
+    #[error(transparent)]
+    Format(FormatError),
     /// A caster that had worked failed.
     #[error("caster {backend}: {source}")]
     Cast {

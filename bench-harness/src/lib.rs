@@ -9,6 +9,7 @@ mod clock;
 pub mod error;
 mod failure;
 pub mod flip;
+pub mod format_bench;
 mod levels;
 pub mod machine;
 pub mod matrix;

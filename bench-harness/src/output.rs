@@ -5,10 +5,11 @@ use std::path::{Path, PathBuf};
 use esvo_core::shading::Picture;
 use esvo_format::write_atomically;
 
-use crate::machine::slug;
+use crate::format_bench::FormatReport;
+use crate::machine::{Machine, slug};
 use crate::picture::write_png;
 use crate::run::Outcome;
-use crate::{BenchError, tables};
+use crate::{BenchError, format_bench, tables};
 
 /// A picture and where it goes.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -38,24 +39,50 @@ pub fn check(results: &Path) -> Result<(), BenchError> {
 /// The system's.
 pub fn write(outcome: &Outcome, results: &Path, machine: Option<&str>) -> Result<PathBuf, BenchError> {
     let report = &outcome.report;
-    let parent = results.join(machine.map_or_else(|| report.machine.slug(), slug));
+    write_folder(results, &report.machine, machine, "", |folder| {
+        put(folder, "report.json", &report.to_json())?;
+        put(folder, "tables.md", &tables::to_markdown(report))?;
+        for picture in &outcome.pictures {
+            let path = folder.join(&picture.name);
+            write_png(&path, &picture.picture).map_err(|e| BenchError::io(&path, e))?;
+        }
+        Ok(())
+    })
+}
+
+/// Writes `report.json` and `tables.md` of the format to `<results>/<machine>/<date>-format/`, like [`write`].
+///
+/// # Errors
+/// The system's.
+pub fn write_format(report: &FormatReport, results: &Path, machine: Option<&str>) -> Result<PathBuf, BenchError> {
+    write_folder(results, &report.machine, machine, "-format", |folder| {
+        put(folder, "report.json", &format_bench::to_json(report))?;
+        put(folder, "tables.md", &format_bench::to_markdown(report))
+    })
+}
+
+fn put(folder: &Path, name: &str, text: &str) -> Result<(), BenchError> {
+    let path = folder.join(name);
+    write_atomically(&path, |out| out.write_all(text.as_bytes())).map_err(|e| BenchError::io(&path, e))
+}
+
+/// A new folder `<results>/<machine>/<date><kind>`, with a number behind it if there is one already.
+fn write_folder(
+    results: &Path,
+    machine: &Machine,
+    name: Option<&str>,
+    kind: &str,
+    fill: impl FnOnce(&Path) -> Result<(), BenchError>,
+) -> Result<PathBuf, BenchError> {
+    let parent = results.join(name.map_or_else(|| machine.slug(), slug));
     std::fs::create_dir_all(&parent).map_err(|e| BenchError::io(&parent, e))?;
     let temporary =
         tempfile::Builder::new().prefix(".esvo-").tempdir_in(&parent).map_err(|e| BenchError::io(&parent, e))?;
-    let put = |name: &str, bytes: &[u8]| {
-        let path = temporary.path().join(name);
-        write_atomically(&path, |out| out.write_all(bytes)).map_err(|e| BenchError::io(&path, e))
-    };
-    put("report.json", report.to_json().as_bytes())?;
-    put("tables.md", tables::to_markdown(report).as_bytes())?;
-    for picture in &outcome.pictures {
-        let path = temporary.path().join(&picture.name);
-        write_png(&path, &picture.picture).map_err(|e| BenchError::io(&path, e))?;
-    }
+    fill(temporary.path())?;
     readable(temporary.path())?;
-    let day = report.machine.day();
+    let day = machine.day();
     for number in 1..10_000 {
-        let name = if number == 1 { day.to_string() } else { format!("{day}.{number}") };
+        let name = if number == 1 { format!("{day}{kind}") } else { format!("{day}{kind}.{number}") };
         let folder = parent.join(name);
         if folder.exists() {
             continue;

@@ -5,6 +5,8 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use esvo_bench::Backend;
 
+use crate::bench_format::BenchFormat;
+
 /// Sparse voxel octrees: build, inspect, render and benchmark.
 #[derive(Debug, Parser)]
 #[command(
@@ -227,6 +229,7 @@ pub(crate) struct Render {
 
 /// Measure the paper's two tables on this machine.
 #[derive(Debug, Args)]
+#[command(args_conflicts_with_subcommands = true)]
 #[command(after_help = "\
 Builds octrees of the paper's scenes (real meshes where they are found, procedural stand-ins otherwise), checks the answers
 of every engine against the reference caster, times them, prints the tables and writes report.json, tables.md and pictures
@@ -237,6 +240,9 @@ Examples:
   esvo bench --full --memory 16                 the paper's whole matrix
   esvo bench --scenes sibenik --levels 9,10,11 --backends cpu")]
 pub(crate) struct Bench {
+    /// What else can be measured; without one of these, the paper's tables
+    #[command(subcommand)]
+    pub(crate) command: Option<BenchCommand>,
     /// The paper's whole matrix: every scene, resolution and viewpoint, levels up to what the memory allows
     #[arg(long, conflicts_with = "matrix")]
     pub(crate) full: bool,
@@ -282,6 +288,12 @@ pub(crate) struct Bench {
     /// Print the record as JSON instead of the tables
     #[arg(long)]
     pub(crate) json: bool,
+}
+
+/// What else can be measured.
+#[derive(Debug, Subcommand)]
+pub(crate) enum BenchCommand {
+    Format(BenchFormat),
 }
 
 /// An engine, as it is typed.

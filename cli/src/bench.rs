@@ -2,10 +2,19 @@
 
 use esvo_bench::{Backend, Matrix, Progress, output, run, tables};
 
-use crate::args::Bench;
+use crate::args::{Bench, BenchCommand};
+use crate::bench_format;
 use crate::fail::{Failure, complain, print};
 
 pub(crate) fn run(arguments: &Bench) -> Result<(), Failure> {
+    match &arguments.command {
+        None => tables_run(arguments),
+        Some(BenchCommand::Format(arguments)) => bench_format::run(arguments),
+    }
+}
+
+/// The matrix: the paper's two tables.
+fn tables_run(arguments: &Bench) -> Result<(), Failure> {
     let matrix = matrix(arguments)?;
     if let Some(folder) = arguments.scenes_dir.as_ref().filter(|f| !f.is_dir()) {
         return Err(format!("--scenes-dir {}: there is no such folder", folder.display()).into());

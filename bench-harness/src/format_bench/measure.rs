@@ -1,0 +1,189 @@
+//! The measurements.
+
+use std::cell::RefCell;
+use std::collections::BTreeSet;
+use std::fs::File;
+use std::io;
+use std::path::Path;
+use std::time::Instant;
+
+use esvo_format::{FormatError, Octree, RangeRead, Region, StreamReader, WriteOptions, validate_file};
+
+use super::source::{Folder, Source, copies};
+use super::{AccessRow, FormatReport, LargeFile, SCHEMA, Settings, StorageRow, Timed, ValidationRow};
+use crate::machine::Machine;
+use crate::{BenchError, Progress};
+
+/// Bytes of a page of the page cache.
+const PAGE: u64 = 4096;
+
+/// Least number of runs for a figure.
+const RUNS: usize = 5;
+
+/// Level down to which an object is loaded as a viewer would do first.
+const COARSE: u32 = 6;
+
+/// Everything, on the thread that this is called on.
+pub(super) fn all(settings: &Settings, sources: &[Source], progress: &Progress) -> Result<FormatReport, BenchError> {
+    let machine = Machine::detect();
+    let start = Instant::now();
+    let first = &sources[0];
+    let storage = storage(settings, first, progress)?;
+    let folder = Folder::new()?;
+    let mut validation = Vec::new();
+    for source in sources {
+        progress.say(format!("validating, {}", source.row.name));
+        let path = folder.file("octree.esvo");
+        source.octree.write(&path).map_err(BenchError::Format)?;
+        validation.push(validate(settings, &source.row.name, &path)?);
+    }
+    progress.say("writing the large file");
+    let path = folder.file("large.esvo");
+    copies(&first.octree, settings.large_bytes).and_then(|octree| octree.write(&path)).map_err(BenchError::Format)?;
+    progress.say("validating the large file");
+    validation.push(validate(settings, "large file", &path)?);
+    progress.say("reading the large file");
+    let large = access(settings, &path)?;
+    Ok(FormatReport {
+        schema: SCHEMA,
+        machine,
+        octrees: sources.iter().map(|source| source.row.clone()).collect(),
+        storage,
+        validation,
+        large,
+        seconds: start.elapsed().as_secs_f64(),
+    })
+}
+
+/// Runs it as often as the settings say; returns what the last run did.
+fn time<T>(settings: &Settings, mut run: impl FnMut() -> Result<T, FormatError>) -> Result<(Timed, T), BenchError> {
+    let started = Instant::now();
+    let mut seconds = Vec::new();
+    loop {
+        let before = Instant::now();
+        let result = run().map_err(BenchError::Format)?;
+        seconds.push(before.elapsed().as_secs_f64());
+        if seconds.len() >= RUNS && started.elapsed().as_secs_f64() >= settings.seconds {
+            return Ok((Timed { seconds }, result));
+        }
+        drop(result);
+    }
+}
+
+fn storage(settings: &Settings, source: &Source, progress: &Progress) -> Result<Vec<StorageRow>, BenchError> {
+    let mut rows = Vec::new();
+    for zstd in [None, Some(1), Some(3), Some(9)] {
+        progress.say(match zstd {
+            None => "storing".into(),
+            Some(level) => format!("storing, Zstandard at level {level}"),
+        });
+        let (write, file) = time(settings, || {
+            let mut file = Vec::new();
+            let written = source.octree.write_to_with(&mut file, &WriteOptions { compress: zstd });
+            written.map(|()| file).map_err(|source| FormatError::Io { path: "memory".into(), source })
+        })?;
+        let reader = StreamReader::open(&file).map_err(BenchError::Format)?;
+        // As a program does that loads blocks.
+        let blocks = reader.blocks().len() as u32;
+        let (read, ()) = time(settings, || (0..blocks).try_for_each(|index| reader.read_block(index).map(drop)))?;
+        let file_bytes = file.len() as u64;
+        let bytes_per_voxel = file_bytes as f64 / source.row.voxels.max(1) as f64;
+        rows.push(StorageRow { zstd, file_bytes, bytes_per_voxel, write, read });
+    }
+    Ok(rows)
+}
+
+fn validate(settings: &Settings, name: &str, path: &Path) -> Result<ValidationRow, BenchError> {
+    let (time, report) = time(settings, || validate_file(path))?;
+    if !report.is_ok() {
+        let first = report.findings.first().map(|finding| finding.broken.clone());
+        return Err(first.map_or_else(
+            || BenchError::scene(name, "breaks the specification"),
+            |broken| BenchError::Format(broken.into()),
+        ));
+    }
+    Ok(ValidationRow { name: name.into(), file_bytes: length(path)?, time })
+}
+
+fn length(path: &Path) -> Result<u64, BenchError> {
+    std::fs::metadata(path).map(|metadata| metadata.len()).map_err(|e| BenchError::io(path, e))
+}
+
+/// A file that remembers what is read of it.
+struct Watched {
+    file: File,
+    reads: RefCell<Vec<(u64, u64)>>,
+}
+
+impl RangeRead for Watched {
+    fn read_at(&self, offset: u64, buf: &mut [u8]) -> io::Result<()> {
+        self.reads.borrow_mut().push((offset, buf.len() as u64));
+        self.file.read_at(offset, buf)
+    }
+
+    fn length(&self) -> io::Result<Option<u64>> {
+        self.file.length()
+    }
+}
+
+/// A row from its runs and from the reads of one more run.
+fn row(what: String, time: Timed, reads: &[(u64, u64)]) -> AccessRow {
+    let pages: BTreeSet<u64> =
+        reads.iter().filter(|read| read.1 > 0).flat_map(|(at, n)| at / PAGE..=(at + n - 1) / PAGE).collect();
+    AccessRow {
+        what,
+        time,
+        bytes: Some(reads.iter().map(|read| read.1).sum()),
+        reads: Some(reads.len() as u64),
+        pages: Some(pages.len() as u64),
+    }
+}
+
+fn open_file(path: &Path) -> Result<File, FormatError> {
+    File::open(path).map_err(|source| FormatError::Io { path: path.to_owned(), source })
+}
+
+/// Offset and length of everything that is read when the file is opened and this is done with it.
+fn reads(
+    path: &Path,
+    run: impl Fn(&StreamReader<&Watched>) -> Result<(), FormatError>,
+) -> Result<Vec<(u64, u64)>, BenchError> {
+    let file = Watched { file: open_file(path).map_err(BenchError::Format)?, reads: RefCell::default() };
+    StreamReader::open(&file).and_then(|reader| run(&reader)).map_err(BenchError::Format)?;
+    Ok(file.reads.into_inner())
+}
+
+fn access(settings: &Settings, path: &Path) -> Result<LargeFile, BenchError> {
+    let open = || open_file(path).and_then(StreamReader::open);
+    let reader = open().map_err(BenchError::Format)?;
+    let (objects, blocks) = (reader.objects().len(), reader.blocks().len());
+    // A block that nothing before it is needed for, halfway through the file.
+    let middle = blocks as u32 / 2;
+    let object = objects / 2;
+    let coarse = reader.blocks_for(object, &Region::ALL, COARSE);
+    let mut access = Vec::new();
+
+    let (seconds, _) = time(settings, open)?;
+    access.push(row("open: header, directory, tables".into(), seconds, &reads(path, |_| Ok(()))?));
+    let (seconds, _) = time(settings, || open()?.read_block(middle))?;
+    let what = "open and read one block, checked".into();
+    access.push(row(what, seconds, &reads(path, |reader| reader.read_block(middle).map(drop))?));
+    let (seconds, _) = time(settings, || open()?.partial(&coarse))?;
+    let what = format!("open and load an object down to level {COARSE}, ready to cast");
+    access.push(row(what, seconds, &reads(path, |reader| reader.partial(&coarse).map(drop))?));
+    let (seconds, octree) = time(settings, || Octree::open(path))?;
+    let pages = mapped_pages(path);
+    drop(octree);
+    let what = "open by mapping, every block's parts checked".into();
+    access.push(AccessRow { what, time: seconds, bytes: None, reads: None, pages });
+    Ok(LargeFile { file_bytes: length(path)?, objects: objects as u64, blocks: blocks as u64, access })
+}
+
+/// Pages of a file that are mapped into this process; `None` where the system does not say.
+fn mapped_pages(path: &Path) -> Option<u64> {
+    let text = std::fs::read_to_string("/proc/self/smaps").ok()?;
+    let name = path.canonicalize().ok()?;
+    let mut lines = text.lines().skip_while(|line| !line.ends_with(&*name.to_string_lossy()));
+    let resident = lines.find_map(|line| line.strip_prefix("Rss:"))?;
+    Some(resident.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()? * 1024 / PAGE)
+}

@@ -1,0 +1,154 @@
+//! The octrees that are measured, and the large file that is made of one.
+
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+
+use esvo_builder::BuildSettings;
+use esvo_format::file::NO_PARENT;
+use esvo_format::{AssembleOptions, FormatError, Octree, stats};
+use tempfile::TempDir;
+
+use super::{OctreeRow, Settings};
+use crate::{BenchError, Progress};
+
+/// The mesh of the octrees: small to make, and with walls, columns and ornaments.
+const MESH: &str = "sibenik";
+
+/// An octree and what the record says of it.
+pub(super) struct Source {
+    pub(super) octree: Octree,
+    pub(super) row: OctreeRow,
+}
+
+impl Source {
+    fn new(name: String, source: String, octree: Octree) -> Self {
+        let counted = stats(&octree);
+        let row = OctreeRow {
+            name,
+            source,
+            levels: counted.levels,
+            voxels: counted.voxels,
+            descriptors: counted.descriptors,
+            contours: counted.contours,
+            blocks: counted.blocks,
+            image_bytes: counted.image_bytes,
+        };
+        Self { octree, row }
+    }
+}
+
+/// The files that are asked for, or octrees of the procedural mesh: with everything, and of descriptors alone, which take
+/// longest to validate.
+pub(super) fn octrees(settings: &Settings, progress: &Progress) -> Result<Vec<Source>, BenchError> {
+    if !settings.files.is_empty() {
+        return settings.files.iter().map(|path| from_file(path)).collect();
+    }
+    let mesh = esvo_scenes::procedural(MESH).ok_or_else(|| BenchError::scene(MESH, "there is no such generator"))?;
+    let build = |name: &str, extra: u32, all: bool| {
+        let levels = settings.levels + extra;
+        progress.say(format!("building an octree of {levels} levels, {name}"));
+        let build = BuildSettings {
+            levels,
+            contours: all,
+            colors: all,
+            normals: all,
+            assemble: AssembleOptions { block_slots: settings.block_slots, ..AssembleOptions::default() },
+            ..BuildSettings::default()
+        };
+        let built = esvo_builder::build(&mesh, &build, &|_| {}).map_err(|e| BenchError::scene(MESH, e))?;
+        let source = format!("procedural {MESH}, {levels} levels, blocks of at most {} slots", settings.block_slots);
+        Ok(Source::new(name.into(), source, built.octree))
+    };
+    Ok(vec![build("contours, colours, normals", 0, true)?, build("descriptors alone", 1, false)?])
+}
+
+fn from_file(path: &Path) -> Result<Source, BenchError> {
+    let octree = Octree::open(path).map_err(BenchError::Format)?;
+    octree.sound().map_err(|e| BenchError::Format(e.into()))?;
+    let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    Ok(Source::new(name.clone(), name, octree))
+}
+
+/// The octree as the objects of one whose image is about so many bytes large; at least one object.
+pub(super) fn copies(octree: &Octree, bytes: u64) -> Result<Octree, FormatError> {
+    let one = octree.slots().len();
+    let count = (bytes / 8 / one as u64).max(1);
+    let mut image = Vec::with_capacity(one * count as usize);
+    let (mut objects, mut blocks) = (Vec::new(), Vec::new());
+    for _ in 0..count {
+        let (start, first_block, first_object) = (image.len(), blocks.len() as u32, objects.len() as u32);
+        image.extend_from_slice(octree.slots());
+        for (block, parts) in octree.blocks().iter().zip(octree.parts()) {
+            let mut block = *block;
+            block.object += first_object;
+            if block.parent != NO_PARENT {
+                block.parent += first_block;
+            }
+            block.image_offset += start as u64 * 8;
+            // The first field of the info section is the number of the block.
+            image[start + (parts.start + parts.array_slots) as usize] += u64::from(first_block);
+            blocks.push(block);
+        }
+        for object in octree.objects() {
+            let mut object = *object;
+            object.root_block += first_block;
+            object.root_slot += start as u64;
+            objects.push(object);
+        }
+    }
+    Octree::from_parts(objects, blocks, image)
+}
+
+/// The folder of the run that is going on.
+static FOLDER: Mutex<Option<PathBuf>> = Mutex::new(None);
+
+/// A folder for large files, which is removed when it is dropped or by [`remove_temporaries`].
+pub(super) struct Folder(TempDir);
+
+impl Folder {
+    pub(super) fn new() -> Result<Self, BenchError> {
+        let folder = tempfile::Builder::new().prefix("esvo-").tempdir();
+        let folder = folder.map_err(|e| BenchError::io(&std::env::temp_dir(), e))?;
+        *FOLDER.lock().unwrap_or_else(PoisonError::into_inner) = Some(folder.path().into());
+        Ok(Self(folder))
+    }
+
+    pub(super) fn file(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        remove_temporaries();
+    }
+}
+
+/// Removes the large files of a run that is going on: for a program that is interrupted.
+pub fn remove_temporaries() {
+    if let Some(folder) = FOLDER.lock().unwrap_or_else(PoisonError::into_inner).take() {
+        // What cannot be removed stays; there is nobody to tell.
+        let _ = std::fs::remove_dir_all(folder);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn copies_are_valid_and_about_as_large_as_asked_for() {
+        let settings = Settings { levels: 4, block_slots: 64, ..Settings::default() };
+        let sources = octrees(&settings, &Progress::hidden()).unwrap();
+        assert_eq!(sources.len(), 2);
+        assert!(sources[0].row.contours > 0 && sources[1].row.contours == 0);
+        assert_eq!(sources[1].row.levels, 5);
+        let one = sources[0].row.image_bytes;
+        let many = copies(&sources[0].octree, 5 * one + 8).unwrap();
+        assert_eq!((many.objects().len(), many.slots().len() as u64 * 8), (5, 5 * one));
+        assert_eq!(many.blocks().len() as u64, 5 * sources[0].row.blocks);
+        assert!(sources[0].row.blocks > 1);
+        let report = esvo_format::validate(&many);
+        assert!(report.is_ok(), "{report}");
+    }
+}

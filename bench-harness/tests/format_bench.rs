@@ -1,0 +1,54 @@
+//! The benchmark of the format, small.
+
+use esvo_bench::format_bench::{FormatReport, Settings, run, to_json, to_markdown, to_text};
+use esvo_bench::{BenchError, Progress, output};
+
+fn small() -> Settings {
+    Settings { large_bytes: 4 << 20, levels: 5, block_slots: 256, seconds: 0.0, files: Vec::new() }
+}
+
+#[test]
+fn everything_is_measured_written_and_read_back() {
+    let report = run(&small(), &Progress::hidden()).unwrap();
+    assert_eq!(report.octrees.len(), 2);
+    let stored: Vec<_> = report.storage.iter().map(|row| row.zstd).collect();
+    assert_eq!(stored, [None, Some(1), Some(3), Some(9)]);
+    assert!(report.storage.iter().all(|row| row.file_bytes <= report.storage[0].file_bytes));
+    let names: Vec<_> = report.validation.iter().map(|row| row.name.as_str()).collect();
+    assert_eq!(names, ["contours, colours, normals", "descriptors alone", "large file"]);
+    assert!((3 << 20..5 << 20).contains(&report.large.file_bytes), "{}", report.large.file_bytes);
+    assert!(report.validation.iter().all(|row| row.time.seconds.len() >= 5 && row.time.best() > 0.0));
+
+    // Opening reads the tables, and one block more is one block more.
+    let [open, block, coarse, mapped] = &report.large.access[..] else { panic!("{:?}", report.large.access) };
+    let table = report.large.blocks * 72;
+    assert!((table..table + 100_000).contains(&open.bytes.unwrap()), "{open:?}");
+    assert!(block.reads == open.reads.map(|n| n + 1) && block.bytes > open.bytes && block.pages > open.pages);
+    assert!(coarse.bytes > open.bytes && coarse.bytes.unwrap() < report.large.file_bytes);
+    assert!(mapped.bytes.is_none() && (cfg!(not(target_os = "linux")) || mapped.pages.unwrap() > 0));
+
+    let again: FormatReport = serde_json::from_str(&to_json(&report)).unwrap();
+    assert_eq!(again, report);
+    for text in [to_text(&report), to_markdown(&report)] {
+        assert!(text.contains("zstd 3") && text.contains("large file") && text.contains("open by mapping"), "{text}");
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let written = output::write_format(&report, folder.path(), Some("Some machine")).unwrap();
+    let second = output::write_format(&report, folder.path(), Some("Some machine")).unwrap();
+    assert!(written.ends_with(format!("some-machine/{}-format", report.machine.day())));
+    assert!(second.ends_with(format!("some-machine/{}-format.2", report.machine.day())));
+    assert_eq!(std::fs::read_to_string(written.join("report.json")).unwrap(), to_json(&report));
+    assert_eq!(std::fs::read_to_string(written.join("tables.md")).unwrap(), to_markdown(&report));
+}
+
+#[test]
+fn what_cannot_be_measured_is_an_error() {
+    let fails = |settings: Settings, what: &str| {
+        let error: BenchError = run(&settings, &Progress::hidden()).unwrap_err();
+        assert!(error.to_string().contains(what), "{error}");
+    };
+    fails(Settings { large_bytes: 1, ..small() }, "1 MiB to 32 GiB");
+    fails(Settings { levels: 1, ..small() }, "2 to 14");
+    fails(Settings { seconds: f64::NAN, ..small() }, "NaN seconds");
+    fails(Settings { files: vec!["absent.esvo".into()], ..small() }, "absent.esvo");
+}

@@ -1,0 +1,63 @@
+//! `esvo bench format`.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use esvo_bench::{Progress, format_bench, output};
+
+use crate::fail::{Failure, complain, print};
+
+/// Measure the file format: storing, validating, opening a large file to read one block of it.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Builds octrees of a procedural mesh, or takes files; stores them in every way, validates them, and makes a large file of copies
+of the first in the temporary folder ($TMPDIR), which is removed afterwards. All on one core. Prints tables and writes
+report.json and tables.md to results/<machine>/<date>-format/.
+
+Examples:
+  esvo bench format                          a file of 1000 MB; a minute and a half, and 1.2 GB of memory
+  esvo bench format --size 100 --seconds 1
+  esvo bench format sibenik.esvo --json")]
+pub(crate) struct BenchFormat {
+    /// Octrees to measure instead of those of a procedural mesh; the large file is made of the first
+    pub(crate) files: Vec<PathBuf>,
+    /// Size of the large file in MB (10^6 bytes), 2 to 32000
+    #[arg(long, value_name = "MB", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(2..=32_000))]
+    pub(crate) size: u64,
+    /// Levels of the procedural octree, 2 to 14; that of descriptors alone has one more
+    #[arg(long, value_name = "N", default_value_t = 9, value_parser = clap::value_parser!(u32).range(2..=14))]
+    pub(crate) levels: u32,
+    /// Seconds for each figure, at least; five runs are made in any case
+    #[arg(long, value_name = "SECONDS", default_value_t = 2.0)]
+    pub(crate) seconds: f64,
+    /// Where the folder MACHINE/DATE-format/ is made
+    #[arg(long, value_name = "FOLDER", default_value = "results")]
+    pub(crate) out: PathBuf,
+    /// Name of the machine's folder [default: made from the processor's]
+    #[arg(long, value_name = "NAME")]
+    pub(crate) machine: Option<String>,
+    /// Print the record as JSON instead of the tables
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+pub(crate) fn run(arguments: &BenchFormat) -> Result<(), Failure> {
+    output::check(&arguments.out)?;
+    let settings = format_bench::Settings {
+        large_bytes: arguments.size * 1_000_000,
+        levels: arguments.levels,
+        seconds: arguments.seconds,
+        files: arguments.files.clone(),
+        ..format_bench::Settings::default()
+    };
+    let progress = Progress::terminal();
+    let report = format_bench::run(&settings, &progress);
+    progress.finish();
+    let report = report?;
+    let folder = output::write_format(&report, &arguments.out, arguments.machine.as_deref())?;
+    if arguments.json {
+        complain("written", &folder.display().to_string());
+        return print(&format_bench::to_json(&report));
+    }
+    print(&format!("{}\nWritten to {}\n", format_bench::to_text(&report), folder.display()))
+}
