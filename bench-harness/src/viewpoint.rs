@@ -12,6 +12,12 @@ const LEVELS: u32 = 6;
 /// The octree must be [sound](Octree::sound).
 pub fn bounds(octree: &Octree) -> (DVec3, DVec3) {
     let (mut low, mut high) = (DVec3::ONE, DVec3::ZERO);
+    coarse_cubes(octree, |from, to| (low, high) = (low.min(from), high.max(to)));
+    (low, high)
+}
+
+/// Visits the voxels of object 0 at level 6, and the leaves above: lower and upper corner in octree space.
+fn coarse_cubes(octree: &Octree, mut visit: impl FnMut(DVec3, DVec3)) {
     let mut stack = vec![(octree.objects()[0].root_slot as u32, DVec3::ZERO, 0)];
     while let Some((slot, corner, level)) = stack.pop() {
         let descriptor = octree.descriptor(slot);
@@ -21,42 +27,53 @@ pub fn bounds(octree: &Octree) -> (DVec3, DVec3) {
             let at = corner + offset * edge;
             match octree.child(slot, child).filter(|_| level + 1 < LEVELS) {
                 Some(node) => stack.push((node, at, level + 1)),
-                None => (low, high) = (low.min(at), high.max(at + edge)),
+                None => visit(at, at + edge),
             }
         }
     }
-    (low, high)
 }
 
-/// A camera in mesh units that sees all of object 0 from outside, from the front, the right and above; `up` is up.
+/// A camera in mesh units that sees all of object 0 from outside, from the front, the right and above, as large as it
+/// fits into a picture of this width over height; `up` is up, the field of view is that of the shorter side.
 ///
 /// The octree must be [sound](Octree::sound).
-pub fn overview(octree: &Octree, up: [f64; 3], fov_degrees: f64) -> Camera {
-    let (low, high) = bounds(octree);
+pub fn overview(octree: &Octree, up: [f64; 3], fov_degrees: f64, aspect: f64) -> Camera {
     let to_mesh = octree.octree_to_mesh(0);
-    let centre = to_mesh.transform_point3((low + high) / 2.0);
+    let centre = to_mesh.transform_point3(DVec3::splat(0.5));
     let up = DVec3::from(up).try_normalize().unwrap_or(DVec3::Y);
     let front = if up == DVec3::Y { DVec3::Z } else { up.any_orthonormal_vector() };
     let outward = (front + up.cross(front) * 0.6 + up * 0.5).normalize();
     let right = up.cross(outward).normalize();
     let top = outward.cross(right);
-    // Every corner stays inside the sides of the pyramid of vision, with a margin of a twentieth.
-    let tangent = (fov_degrees.to_radians() / 2.0).tan();
-    let (mut distance, mut front_most, mut behind_most) = (f64::MIN_POSITIVE, 0.0f64, 0.0f64);
-    for corner in corners(&to_mesh, low, high) {
-        let p = corner - centre;
-        let ahead = p.dot(outward);
-        let aside = p.dot(right).abs().max(p.dot(top).abs());
-        distance = distance.max(ahead + aside * 1.05 / tangent);
-        (front_most, behind_most) = (front_most.max(ahead), behind_most.max(-ahead));
-    }
+    // Of the pyramid of vision, with a margin of a twentieth.
+    let tangent = (fov_degrees.to_radians() / 2.0).tan() / 1.05;
+    let tangents = [tangent * aspect.max(1.0), tangent * (1.0 / aspect).max(1.0)];
+    // How far the object reaches beyond a pyramid whose tip is at the centre: right and left, top and bottom; to the
+    // front and to the back.
+    let mut beyond = [[f64::NEG_INFINITY; 2]; 2];
+    let (mut front_most, mut behind_most) = (f64::NEG_INFINITY, f64::NEG_INFINITY);
+    coarse_cubes(octree, |low, high| {
+        for corner in corners(&to_mesh, low, high) {
+            let p = corner - centre;
+            let ahead = p.dot(outward);
+            (front_most, behind_most) = (front_most.max(ahead), behind_most.max(-ahead));
+            for (axis, direction) in [right, top].into_iter().enumerate() {
+                let (aside, toward) = (p.dot(direction), ahead * tangents[axis]);
+                beyond[axis] = [beyond[axis][0].max(toward + aside), beyond[axis][1].max(toward - aside)];
+            }
+        }
+    });
+    // Back until it fits, and aside until it is in the middle.
+    let [back_x, back_y] = std::array::from_fn(|axis| (beyond[axis][0] + beyond[axis][1]) / (2.0 * tangents[axis]));
+    let [aside_x, aside_y] = beyond.map(|[one, other]| (one - other) / 2.0);
+    let distance = back_x.max(back_y);
     Camera {
-        eye: (centre + outward * distance).to_array(),
+        eye: (centre + outward * distance + right * aside_x + top * aside_y).to_array(),
         forward: (-outward).to_array(),
         up: up.to_array(),
         fov_degrees,
-        near: ((distance - front_most) * 0.9).max(distance * 1e-4),
-        far: distance + behind_most * 1.1,
+        near: ((distance - front_most) * 0.9).max((distance + behind_most) * 1e-4),
+        far: (distance + behind_most) * 1.05,
     }
 }
 
@@ -99,20 +116,31 @@ mod tests {
     }
 
     #[test]
-    fn the_overview_sees_everything_and_a_margin() {
+    fn the_overview_fills_the_picture_but_for_a_margin() {
         let octree = std::sync::Arc::new(octree());
-        for up in [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 2.0, -3.0]] {
-            let camera = overview(&octree, up, 50.0);
-            let root = octree.objects()[0].root_slot as u32;
-            let view = View::new(&camera, octree.octree_to_mesh(0), root, (64, 48), &CastOptions::default()).unwrap();
-            let mut caster = ReferenceCaster::default();
-            caster.load(&octree).unwrap();
-            let mut hits = Vec::new();
-            caster.cast(&view, &mut hits).unwrap();
-            let seen = |x: usize, y: usize| !hits[y * 64 + x].is_miss();
-            assert!(seen(32, 24), "{up:?}");
-            assert!((0..64).all(|x| !seen(x, 0) && !seen(x, 47)), "{up:?}");
-            assert!(hits.iter().filter(|h| !h.is_miss()).count() > 300, "{up:?}");
+        for (width, height) in [(64, 48), (48, 64), (160, 40)] {
+            for up in [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 2.0, -3.0]] {
+                let camera = overview(&octree, up, 50.0, width as f64 / height as f64);
+                let root = octree.objects()[0].root_slot as u32;
+                let size = (width as u32, height as u32);
+                let view = View::new(&camera, octree.octree_to_mesh(0), root, size, &CastOptions::default()).unwrap();
+                let mut caster = ReferenceCaster::default();
+                caster.load(&octree).unwrap();
+                let mut hits = Vec::new();
+                caster.cast(&view, &mut hits).unwrap();
+                let seen = |x: usize, y: usize| !hits[y * width + x].is_miss();
+                let columns: Vec<usize> = (0..width).filter(|x| (0..height).any(|y| seen(*x, y))).collect();
+                let rows: Vec<usize> = (0..height).filter(|y| (0..width).any(|x| seen(x, *y))).collect();
+                let span = |lines: &[usize]| (lines[0], *lines.last().unwrap());
+                let ((left, right), (top, bottom)) = (span(&columns), span(&rows));
+                let what = format!("{width}x{height}, {up:?}: {left}..={right}, {top}..={bottom}");
+                assert!(left > 0 && right < width - 1 && top > 0 && bottom < height - 1, "{what}");
+                // In one direction all but as large as the picture, and in its middle.
+                let fills = |(first, last): (usize, usize), size: usize| {
+                    (last - first) * 10 >= size * 8 && first.abs_diff(size - 1 - last) <= 2
+                };
+                assert!(fills((left, right), width) || fills((top, bottom), height), "{what}");
+            }
         }
     }
 

@@ -2,11 +2,11 @@
 
 use std::path::Path;
 
-use esvo_bench::text::short;
-use esvo_format::{Octree, WriteOptions, oct};
+use esvo_format::{WriteOptions, oct};
 
 use crate::args::Convert;
-use crate::fail::{Failure, check_output, name_file, print};
+use crate::fail::{Failure, check_output, extension, name_file, open, print};
+use crate::words::size;
 
 /// A kind of file, told by the extension.
 #[derive(Clone, Copy, PartialEq)]
@@ -25,20 +25,20 @@ pub(crate) fn run(arguments: &Convert) -> Result<(), Failure> {
     check_output(&arguments.output)?;
     let input = |e| name_file(&arguments.input, e);
     let (octree, mut lost) = match from {
-        Kind::Esvo => (Octree::open(&arguments.input).map_err(input)?, Vec::new()),
+        Kind::Esvo => (open(&arguments.input)?, Vec::new()),
         Kind::Oct => {
             let imported = oct::open(&arguments.input).map_err(input)?;
+            imported.octree.sound().map_err(|e| name_file(&arguments.input, e))?;
             (imported.octree, imported.lost)
         }
     };
-    octree.sound().map_err(|e| name_file(&arguments.input, e))?;
     match to {
         Kind::Esvo => octree.write_with(&arguments.output, &WriteOptions { compress: arguments.compress }),
         Kind::Oct => oct::write(&octree, &arguments.output).map(|more| lost.extend(more)),
     }
     .map_err(|e| name_file(&arguments.output, e))?;
-    let megabytes = |path: &Path| std::fs::metadata(path).map_or(0.0, |m| m.len() as f64 / (1u64 << 20) as f64);
-    let mut text = format!("{}: {} MB", arguments.output.display(), short(megabytes(&arguments.output)));
+    let bytes = std::fs::metadata(&arguments.output).map_or(0, |m| m.len());
+    let mut text = format!("{}: {}", arguments.output.display(), size(bytes));
     if lost.is_empty() {
         text += ", nothing lost\n";
     } else {
@@ -49,10 +49,13 @@ pub(crate) fn run(arguments: &Convert) -> Result<(), Failure> {
 }
 
 fn kind(path: &Path) -> Result<Kind, Failure> {
-    let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase());
-    match extension.as_deref() {
-        Some("esvo") => Ok(Kind::Esvo),
-        Some("oct") => Ok(Kind::Oct),
-        _ => Err(format!("{}: what kind of file this is, its name must say: .esvo or .oct", path.display()).into()),
+    let name = path.display();
+    match extension(path).as_str() {
+        "esvo" => Ok(Kind::Esvo),
+        "oct" => Ok(Kind::Oct),
+        "obj" | "gltf" | "glb" | "ply" | "stl" => {
+            Err(format!("{name}: is a mesh; octrees are made of meshes by esvo build").into())
+        }
+        _ => Err(format!("{name}: what kind of file this is, its name must say: .esvo or .oct").into()),
     }
 }

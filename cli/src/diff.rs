@@ -1,19 +1,13 @@
 //! `esvo diff`.
 
+use esvo_format::diff;
 use std::fmt::Write;
-use std::path::Path;
-
-use esvo_format::{Octree, diff};
 
 use crate::args::Diff;
-use crate::fail::{Failure, name_file, print};
+use crate::fail::{Failure, open, print};
+use crate::words::count;
 
 pub(crate) fn run(arguments: &Diff) -> Result<(), Failure> {
-    let open = |path: &Path| -> Result<Octree, Failure> {
-        let octree = Octree::open(path).map_err(|e| name_file(path, e))?;
-        octree.sound().map_err(|e| name_file(path, e))?;
-        Ok(octree)
-    };
     let (first, second) = (open(&arguments.first)?, open(&arguments.second)?);
     let differences = diff::diff(&first, &second, arguments.limit)?;
     let text = if arguments.json {
@@ -34,7 +28,7 @@ pub(crate) fn run(arguments: &Diff) -> Result<(), Failure> {
     let printed = print(&text);
     if !differences.is_empty() {
         let names = (arguments.first.display(), arguments.second.display());
-        return Err(format!("{} and {} differ in {} places", names.0, names.1, differences.total).into());
+        return Err(format!("{} and {} differ in {}", names.0, names.1, count(differences.total, "place")).into());
     }
     printed
 }

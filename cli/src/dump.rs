@@ -2,13 +2,14 @@
 
 use std::fmt::Display;
 
-use esvo_format::{Octree, dump};
+use esvo_format::{FormatError, Octree, dump};
 
 use crate::args::Dump;
-use crate::fail::{Failure, name_file, print};
+use crate::fail::{Failure, name_file, print, wrong_kind};
 
 pub(crate) fn run(arguments: &Dump) -> Result<(), Failure> {
-    let named = |error: esvo_format::FormatError| name_file(&arguments.file, error);
+    let named =
+        |error: FormatError| wrong_kind(&arguments.file, &error).unwrap_or_else(|| name_file(&arguments.file, error));
     // Not asked to be sound: a damaged file is looked at to find the damage.
     let octree = Octree::open(&arguments.file).map_err(named)?;
     if let Some(block) = arguments.block {

@@ -2,16 +2,16 @@
 
 use std::fmt::Write;
 
-use esvo_bench::text::{TextTable, short};
+use esvo_bench::text::TextTable;
 use esvo_format::{Octree, Stats};
 use serde_json::{Value, json};
 
 use crate::args::Info;
-use crate::fail::{Failure, name_file, print};
+use crate::fail::{Failure, open, print};
+use crate::words::{count, size};
 
 pub(crate) fn run(arguments: &Info) -> Result<(), Failure> {
-    let octree = Octree::open(&arguments.file).map_err(|e| name_file(&arguments.file, e))?;
-    octree.sound().map_err(|e| name_file(&arguments.file, e))?;
+    let octree = open(&arguments.file)?;
     let stats = esvo_format::stats(&octree);
     if arguments.json {
         return print(&(serde_json::to_string_pretty(&as_json(&octree, &stats))? + "\n"));
@@ -23,8 +23,8 @@ pub(crate) fn run(arguments: &Info) -> Result<(), Failure> {
         let edge = to_mesh.determinant().abs().cbrt();
         let _ = writeln!(
             text,
-            "object {index}: {} levels, root cube of edge {edge} at {corner}, finest voxel {}",
-            object.levels,
+            "object {index}: {}, root cube of edge {edge} at {corner}, finest voxel {}",
+            count(object.levels, "level"),
             edge * (-f64::from(object.levels)).exp2()
         );
     }
@@ -39,15 +39,15 @@ pub(crate) fn run(arguments: &Info) -> Result<(), Failure> {
     let _ = writeln!(text, "has {}", if parts.is_empty() { "nothing but voxels".into() } else { parts.join(", ") });
     let _ = writeln!(
         text,
-        "{} voxels, {} of them leaves; {} descriptors, {} contours, {} far pointers, {} blocks",
-        stats.voxels, stats.leaf_voxels, stats.descriptors, stats.contours, stats.far_pointers, stats.blocks
+        "{}, {} of them leaves; {}, {}, {}, {}",
+        count(stats.voxels, "voxel"),
+        stats.leaf_voxels,
+        count(stats.descriptors, "descriptor"),
+        count(stats.contours, "contour"),
+        count(stats.far_pointers, "far pointer"),
+        count(stats.blocks, "block")
     );
-    let _ = writeln!(
-        text,
-        "{} MB in memory, {:.2} bytes per voxel",
-        short(stats.image_bytes as f64 / (1u64 << 20) as f64),
-        stats.bytes_per_voxel
-    );
+    let _ = writeln!(text, "{} in memory, {:.2} bytes per voxel", size(stats.image_bytes), stats.bytes_per_voxel);
     if !octree.meta().is_empty() {
         let _ = writeln!(text, "metadata {}", octree.meta());
     }

@@ -11,6 +11,7 @@ mod fail;
 mod info;
 mod render;
 mod validate;
+mod words;
 
 use std::process::ExitCode;
 

@@ -7,18 +7,22 @@ use esvo_bench::{Backend, Progress, scene, viewpoint};
 use esvo_core::{Camera, CastOptions, View, shading};
 use esvo_format::Octree;
 use esvo_scenes::SceneVariant;
+use glam::DVec3;
 
 use crate::args::{Render, ViewMode};
-use crate::fail::{Failure, check_not_input, check_output, complain, name_file, print};
+use crate::fail::{Failure, check_extension, check_not_input, check_output, complain, open, print};
 
 /// Iterations that `--view-mode iterations` shows as white: about what grazing rays take at 12 levels.
 const MOST_ITERATIONS: u32 = 100;
 
 pub(crate) fn run(arguments: &Render) -> Result<(), Failure> {
     check_output(&arguments.output)?;
+    check_extension(&arguments.output, "png", "pictures are written as PNG")?;
     check_not_input(&arguments.output, &arguments.file)?;
-    let octree = Arc::new(Octree::open(&arguments.file).map_err(|e| name_file(&arguments.file, e))?);
-    octree.sound().map_err(|e| name_file(&arguments.file, e))?;
+    if !(arguments.max_voxel_pixels >= 0.0 && arguments.max_voxel_pixels.is_finite()) {
+        return Err(format!("--max-voxel-pixels {}: zero or a positive number", arguments.max_voxel_pixels).into());
+    }
+    let octree = Arc::new(open(&arguments.file)?);
     let camera = camera(arguments, &octree)?;
     let options = CastOptions {
         contours: !arguments.no_contours,
@@ -41,13 +45,29 @@ pub(crate) fn run(arguments: &Render) -> Result<(), Failure> {
     };
     write_png(&arguments.output, &picture).map_err(|e| format!("{}: {e}", arguments.output.display()))?;
     progress.finish();
-    let covered = hits.iter().filter(|h| !h.is_miss()).count() as f64 / hits.len() as f64;
+    let hit = hits.iter().filter(|h| !h.is_miss()).count();
+    if octree.objects().len() > 1 {
+        let others = octree.objects().len() - 1;
+        complain("warning", &format!("only object 0 is drawn; {} has {others} more", arguments.file.display()));
+    }
+    if hit == 0 {
+        let (low, high) = viewpoint::bounds(&octree);
+        let place = [low, high].map(|p| octree.octree_to_mesh(0).transform_point3(p));
+        let what = format!(
+            "no ray hits anything: the object lies between {:.4} and {:.4}, the camera at {:.4} looks along {:.4}",
+            place[0],
+            place[1],
+            DVec3::from(camera.eye),
+            DVec3::from(camera.forward)
+        );
+        complain("warning", &what);
+    }
     print(&format!(
         "{}: {}x{}, {:.1} % of the pixels hit, cast by {} on {}\n",
         arguments.output.display(),
         view.width,
         view.height,
-        100.0 * covered,
+        100.0 * hit as f64 / hits.len() as f64,
         caster.name(),
         caster.device().name
     ))
@@ -57,23 +77,38 @@ fn camera(arguments: &Render, octree: &Octree) -> Result<Camera, Failure> {
     let up: [f64; 3] = numbers(&arguments.up)
         .and_then(|n| n.try_into().ok())
         .ok_or_else(|| format!("--up {}: three numbers, as 0,1,0", arguments.up))?;
-    let fov = arguments.fov.unwrap_or(60.0);
+    if up == [0.0; 3] {
+        return Err(format!("--up {}: no direction; give one, as 0,1,0", arguments.up).into());
+    }
+    let wide = |option: String, degrees: f64| -> Result<f64, Failure> {
+        let fits = degrees > 0.0 && degrees < 180.0;
+        if fits { Ok(degrees) } else { Err(format!("{option}: the field of view is between 0 and 180 degrees").into()) }
+    };
+    let fov = arguments.fov.map(|degrees| wide(format!("--fov {degrees}"), degrees)).transpose()?;
     if let Some(text) = &arguments.camera {
         let n = numbers(text).filter(|n| n.len() == 6 || n.len() == 7).ok_or_else(|| {
             format!(
                 "--camera {text}: six numbers, eye and direction, or seven with the field of view: ex,ey,ez,fx,fy,fz,60"
             )
         })?;
-        let eye = [n[0], n[1], n[2]];
+        let (eye, forward) = ([n[0], n[1], n[2]], [n[3], n[4], n[5]]);
+        let own = n.get(6).map(|degrees| wide(format!("--camera {text}"), *degrees)).transpose()?;
+        let Some(direction) = DVec3::from(forward).try_normalize() else {
+            return Err(format!("--camera {text}: the direction, its fourth to sixth number, is zero").into());
+        };
+        if DVec3::from(up).normalize_or_zero().cross(direction).length() < 1e-9 {
+            let what = "is the direction that the camera looks in, or its opposite; give another, as --up 0,0,1";
+            return Err(format!("--up {}: {what}", arguments.up).into());
+        }
         let (near, far) = viewpoint::planes(octree, eye);
-        let fov_degrees = arguments.fov.or(n.get(6).copied()).unwrap_or(60.0);
-        return Ok(Camera { eye, forward: [n[3], n[4], n[5]], up, fov_degrees, near, far });
+        if !far.is_finite() {
+            return Err(format!("--camera {text}: the eye is too far away").into());
+        }
+        return Ok(Camera { eye, forward, up, fov_degrees: fov.or(own).unwrap_or(60.0), near, far });
     }
     let Some(name) = &arguments.scene else {
-        if !(fov > 0.0 && fov < 180.0) {
-            return Err(format!("--fov {fov}: between 0 and 180 degrees").into());
-        }
-        return Ok(viewpoint::overview(octree, up, fov));
+        let [width, height] = arguments.size.map(f64::from);
+        return Ok(viewpoint::overview(octree, up, fov.unwrap_or(60.0), width / height));
     };
     let manifest = esvo_scenes::SceneManifest::builtin()?;
     let entry = scene::entry(&manifest, name)?;
@@ -86,7 +121,7 @@ fn camera(arguments: &Render, octree: &Octree) -> Result<Camera, Failure> {
         complain("warning", &format!("--scene {name}: {what}"));
     }
     let mut camera = view.camera;
-    camera.fov_degrees = arguments.fov.unwrap_or(camera.fov_degrees);
+    camera.fov_degrees = fov.unwrap_or(camera.fov_degrees);
     Ok(camera)
 }
 

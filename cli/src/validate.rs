@@ -3,7 +3,8 @@
 use std::fmt::Write;
 
 use crate::args::Validate;
-use crate::fail::{Failure, name_file, print};
+use crate::fail::{Failure, name_file, print, wrong_kind};
+use crate::words::count;
 
 pub(crate) fn run(arguments: &Validate) -> Result<(), Failure> {
     let name = arguments.file.display();
@@ -26,8 +27,11 @@ pub(crate) fn run(arguments: &Validate) -> Result<(), Failure> {
     };
     let printed = print(&text);
     if !report.is_ok() {
-        let places = if report.errors == 1 { "place" } else { "places" };
-        return Err(format!("{name}: breaks the specification in {} {places}", report.errors).into());
+        let first = report.findings.first().map(|finding| finding.broken.clone().into());
+        return Err(first
+            .and_then(|error| wrong_kind(&arguments.file, &error))
+            .unwrap_or_else(|| format!("{name}: breaks the specification in {}", count(report.errors, "place")))
+            .into());
     }
     printed
 }

@@ -8,7 +8,8 @@ use common::Folder;
 fn build_info_validate_render() {
     let folder = Folder::with_octree();
     let info = folder.ok(&["info", "box.esvo"]);
-    assert!(info.contains("levels") && info.contains("bytes per voxel"), "{info}");
+    assert!(info.contains("object 0: 6 levels, ") && info.contains(" KiB in memory, "), "{info}");
+    assert!(info.contains(" 1 block\n"), "{info}");
     let json = folder.ok(&["info", "box.esvo", "--json"]);
     let json: serde_json::Value = serde_json::from_str(&json).unwrap();
     assert_eq!(json["objects"][0]["levels"], 6);
@@ -117,6 +118,21 @@ backends = ["cpu"]
 name = "sibenik"
 levels = [4, 5]
 "#;
+
+#[test]
+fn bench_format_writes_its_record() {
+    let folder = Folder::with_octree();
+    let text =
+        folder.ok(&["bench", "format", "box.esvo", "--size", "2", "--seconds", "0", "--machine", "Test Machine"]);
+    for part in ["Storage", "zstd 9", "Validation", "large file", "open and read one block"] {
+        assert!(text.contains(part), "{part} is not in:\n{text}");
+    }
+    let day = std::fs::read_dir(folder.path("results/test-machine")).unwrap().next().unwrap().unwrap();
+    assert!(day.file_name().to_string_lossy().ends_with("-format"));
+    assert!(day.path().join("report.json").is_file() && day.path().join("tables.md").is_file());
+    folder.fails(&["bench", "format", "--size", "1"], 2, "2..=32000");
+    folder.fails(&["bench", "format", "box.obj", "--size", "2"], 1, "not an esvo file");
+}
 
 #[test]
 fn bench_writes_its_record() {

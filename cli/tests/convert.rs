@@ -46,7 +46,7 @@ fn what_cannot_be_converted_is_said_in_one_line() {
     let folder = Folder::with_octree();
     folder.put("broken.oct", "Clusters");
     for (arguments, expected) in [
-        (&["convert", "box.obj", "-o", "x.oct"][..], ".esvo or .oct"),
+        (&["convert", "box.obj", "-o", "x.oct"][..], "box.obj: is a mesh"),
         (&["convert", "box.esvo", "-o", "x"], ".esvo or .oct"),
         (&["convert", "broken.oct", "-o", "x.esvo"], "broken.oct: .oct file, start: 8 bytes"),
         (&["convert", "none.oct", "-o", "x.esvo"], "none.oct"),

@@ -24,11 +24,22 @@ fn settings_out_of_range() {
     folder.fails(&["build", "box.obj", "-o", "x.esvo", "--normal-error", "nan"], 1, "normal-error");
     folder.fails(&["build", "box.obj", "-o", "x.esvo", "--paper", "teapot"], 1, "sibenik");
     folder.fails(&["render", "box.esvo", "-o", "x.png", "--camera", "1,2,3"], 1, "six numbers");
-    folder.fails(&["render", "box.esvo", "-o", "x.png", "--camera", "0,0,0,0,0,0"], 1, "forward is not zero");
-    folder.fails(&["render", "box.esvo", "-o", "x.png", "--camera", "0,0,0,0,1,0"], 1, "up is not parallel");
+    folder.fails(
+        &["render", "box.esvo", "-o", "x.png", "--camera", "0,0,0,0,0,0"],
+        1,
+        "the direction, its fourth to sixth number, is zero",
+    );
+    folder.fails(&["render", "box.esvo", "-o", "x.png", "--camera", "0,0,0,0,1,0"], 1, "--up 0,1,0: is the direction");
+    folder.fails(&["render", "box.esvo", "-o", "x.png", "--camera", "1e200,0,0,0,0,1"], 1, "too far away");
+    folder.fails(&["render", "box.esvo", "-o", "x.png", "--camera", "0,0,0,0,0,1,190"], 1, "between 0 and 180");
+    folder.fails(&["render", "box.esvo", "-o", "x.png", "--up", "0,0,0"], 1, "--up 0,0,0: no direction");
     folder.fails(&["render", "box.esvo", "-o", "x.png", "--up", "0,1"], 1, "three numbers");
     folder.fails(&["render", "box.esvo", "-o", "x.png", "--fov", "180"], 1, "between 0 and 180");
-    folder.fails(&["render", "box.esvo", "-o", "x.png", "--max-voxel-pixels=-2"], 1, "largest voxel");
+    folder.fails(
+        &["render", "box.esvo", "-o", "x.png", "--max-voxel-pixels=-2"],
+        1,
+        "--max-voxel-pixels -2: zero or a positive number",
+    );
     folder.fails(&["render", "box.esvo", "-o", "x.png", "--scene", "hairball", "--view", "99"], 1, "views 1 to");
     folder.fails(&["render", "box.esvo", "-o", "x.png", "--scene", "teapot"], 1, "unknown");
 }
@@ -87,6 +98,32 @@ fn files_of_the_wrong_kind() {
     every("half.esvo", "half.esvo: ");
     folder.put("header.esvo", &whole[..40]);
     every("header.esvo", "too short");
+}
+
+#[test]
+fn files_of_another_kind_are_called_by_their_names() {
+    let folder = Folder::with_octree();
+    folder.put("old.oct", "Octree");
+    for command in [&["info"][..], &["validate"], &["dump"], &["diff", "box.esvo"], &["render", "-o", "x.png"]] {
+        let with = |file: &'static str| [command, &[file]].concat();
+        folder.fails(
+            &with("box.obj"),
+            1,
+            "box.obj: is a mesh, not an octree; make one of it first: esvo build box.obj",
+        );
+        folder.fails(&with("old.oct"), 1, "convert it first: esvo convert old.oct -o old.esvo");
+    }
+    folder.fails(&["convert", "box.obj", "-o", "x.esvo"], 1, "box.obj: is a mesh");
+    folder.fails(&["render", "box.esvo", "-o", "x.jpg"], 1, "x.jpg: pictures are written as PNG");
+    folder.fails(&["render", "box.esvo", "-o", "x"], 1, "ends in .png");
+}
+
+#[test]
+fn a_camera_that_sees_nothing_is_told_where_the_object_is() {
+    let folder = Folder::with_octree();
+    let out = folder.run(&["render", "box.esvo", "-o", "x.png", "--size", "8x8", "--camera", "0,0,90,0,0,1"]);
+    let error = String::from_utf8_lossy(&out.stderr);
+    assert!(out.status.success() && error.contains("no ray hits anything: the object lies between ["), "{error}");
 }
 
 #[test]
