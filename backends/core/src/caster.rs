@@ -6,7 +6,7 @@ use std::time::Duration;
 use esvo_format::{Broken, Octree};
 use serde::Serialize;
 
-use crate::{Hit, View};
+use crate::{Fans, Hit, View};
 
 /// Casts the rays of a frame against one octree.
 pub trait Caster: Send {
@@ -34,6 +34,22 @@ pub trait Caster: Send {
     /// # Errors
     /// As `cast`.
     fn time(&mut self, view: &View) -> Result<FrameTime, CastError>;
+
+    /// Casts the rays of `fans` down to the leaves: `hits[fan * directions + direction]`. Resizes `hits`.
+    ///
+    /// Engines that have nothing better cast each ray as a picture of one pixel.
+    ///
+    /// # Errors
+    /// As `cast`.
+    fn cast_fans(&mut self, fans: &Fans, hits: &mut Vec<Hit>) -> Result<(), CastError> {
+        hits.clear();
+        let mut one = Vec::new();
+        for ray in fans.rays() {
+            self.cast(&fans.view(&ray), &mut one)?;
+            hits.extend_from_slice(&one);
+        }
+        Ok(())
+    }
 
     /// Bytes of octree data that the device holds for casting.
     fn resident_bytes(&self) -> u64;

@@ -11,7 +11,7 @@ use glam::Vec3;
 
 use crate::frame::mad;
 use crate::hit::exp2;
-use crate::{CastError, Caster, Device, DeviceKind, FrameTime, Hit, Ray, View};
+use crate::{CastError, Caster, Device, DeviceKind, Fans, FrameTime, Hit, Ray, View};
 
 /// Scale of the root cube.
 pub const MAX_SCALE: u32 = 23;
@@ -259,6 +259,13 @@ impl Caster for ReferenceCaster {
         cast_fine(octree, view, &values, &mut hits);
         std::hint::black_box(&hits);
         Ok(FrameTime { total: start.elapsed(), coarse })
+    }
+
+    fn cast_fans(&mut self, fans: &Fans, hits: &mut Vec<Hit>) -> Result<(), CastError> {
+        let octree = self.octree.as_deref().ok_or(CastError::NotLoaded)?;
+        hits.clear();
+        hits.extend(fans.rays().map(|ray| cast_ray(octree, fans.root, &ray, fans.contours)));
+        Ok(())
     }
 
     fn resident_bytes(&self) -> u64 {

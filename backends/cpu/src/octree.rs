@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use esvo_core::{CastError, Caster, Device, DeviceKind, FrameTime, Hit, View};
+use esvo_core::{CastError, Caster, Device, DeviceKind, Fan, Fans, FrameTime, Hit, View};
 use esvo_format::Octree;
 use rayon::prelude::*;
 
@@ -13,6 +13,8 @@ use crate::wide;
 
 /// Rows of pixels per task; also the edge of the tiles that a task goes through.
 const TILE: usize = 8;
+/// Rays of fans per task, roughly.
+const RAYS_PER_TASK: usize = 4096;
 
 /// Casts against octrees on all cores.
 ///
@@ -58,6 +60,15 @@ impl Engine {
             return unsafe { wide::band(scene, view, coarse, first_row, hits) };
         }
         scalar::band(scene, view, coarse, first_row, hits);
+    }
+
+    fn fans(self, scene: &Scene, all: &Fans, some: &[Fan], hits: &mut [Hit]) {
+        #[cfg(target_arch = "x86_64")]
+        if self == Self::Wide && wide::can_cast(scene) {
+            // SAFETY: that it can has just been asked, and `load` has checked that the octree is sound.
+            return unsafe { wide::fans(scene, all, some, hits) };
+        }
+        scalar::fans(scene, all, some, hits);
     }
 
     fn coarse_row(self, scene: &Scene, view: &View, j: u32, row: &mut [f32]) {
@@ -156,6 +167,21 @@ impl Caster for CpuCaster {
         let total = start.elapsed();
         std::hint::black_box(&hits);
         Ok(FrameTime { total, coarse })
+    }
+
+    fn cast_fans(&mut self, fans: &Fans, hits: &mut Vec<Hit>) -> Result<(), CastError> {
+        let octree = self.octree.as_deref().ok_or(CastError::NotLoaded)?;
+        let scene = Scene::new(octree, fans.root);
+        hits.resize(fans.len(), Hit::miss(0));
+        if fans.is_empty() {
+            return Ok(());
+        }
+        let per_task = RAYS_PER_TASK.div_ceil(fans.directions.len());
+        self.pool.install(|| {
+            let tasks = hits.par_chunks_mut(per_task * fans.directions.len()).zip(fans.fans.par_chunks(per_task));
+            tasks.for_each(|(hits, some)| self.engine.fans(&scene, fans, some, hits));
+        });
+        Ok(())
     }
 
     fn resident_bytes(&self) -> u64 {

@@ -4,7 +4,7 @@
 //! the descriptor is kept while siblings are visited, and vectors are spelled out.
 
 use esvo_core::reference::{EPSILON, MAX_COMPONENT, MAX_ITERATIONS, MAX_SCALE};
-use esvo_core::{Hit, Ray, View, exp2};
+use esvo_core::{Fan, Fans, Hit, Ray, View, exp2};
 use esvo_format::{ChildDescriptor, Octree};
 
 /// The parts of an octree that casting reads.
@@ -71,6 +71,32 @@ pub fn coarse_row(scene: &Scene, view: &View, j: u32, row: &mut [f32]) {
         return unsafe { coarse_row_v3(scene, view, j, row) };
     }
     coarse_row_any(scene, view, j, row);
+}
+
+/// Casts the rays of some of the fans.
+pub fn fans(scene: &Scene, all: &Fans, some: &[Fan], hits: &mut [Hit]) {
+    #[cfg(target_arch = "x86_64")]
+    if has_v3() {
+        // SAFETY: the features that the function is compiled for have just been found.
+        return unsafe { fans_v3(scene, all, some, hits) };
+    }
+    fans_any(scene, all, some, hits);
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
+fn fans_v3(scene: &Scene, all: &Fans, some: &[Fan], hits: &mut [Hit]) {
+    fans_any(scene, all, some, hits);
+}
+
+#[inline(always)]
+fn fans_any(scene: &Scene, all: &Fans, some: &[Fan], hits: &mut [Hit]) {
+    for (fan, hits) in some.iter().zip(hits.chunks_exact_mut(all.directions.len())) {
+        for (direction, hit) in all.directions.iter().zip(hits) {
+            let ray = Fans::ray(fan, *direction);
+            *hit = if all.contours { cast::<true, false>(scene, &ray) } else { cast::<false, false>(scene, &ray) };
+        }
+    }
 }
 
 #[cfg(target_arch = "x86_64")]

@@ -10,7 +10,7 @@ use std::arch::x86_64::*;
 use std::mem::MaybeUninit;
 
 use esvo_core::reference::{EPSILON, MAX_COMPONENT, MAX_ITERATIONS, MAX_SCALE};
-use esvo_core::{Hit, View};
+use esvo_core::{Fan, Fans, Hit, View};
 
 use crate::scalar::Scene;
 
@@ -110,6 +110,37 @@ fn band_with<const CONTOURS: bool, const LOD: bool>(
             let found = cast::<CONTOURS, LOD>(scene, &packet);
             for lane in (0..LANES).filter(|lane| packet.active >> lane & 1 != 0) {
                 hits[(top + lane / BLOCK) * width + left + lane % BLOCK] = found.get(lane);
+            }
+        }
+    }
+}
+
+/// Casts the rays of some of the fans.
+///
+/// # Safety
+/// As for [`band`].
+#[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx512cd,avx512vpopcntdq,bmi1,bmi2,lzcnt,popcnt")]
+pub unsafe fn fans(scene: &Scene, all: &Fans, some: &[Fan], hits: &mut [Hit]) {
+    for (fan, hits) in some.iter().zip(hits.chunks_exact_mut(all.directions.len())) {
+        for (directions, hits) in all.directions.chunks(LANES).zip(hits.chunks_mut(LANES)) {
+            let mut packet = Packet {
+                origin: fan.origin.into(),
+                direction: [[0.0; LANES]; 3],
+                t_min: [0.0; LANES],
+                t_max: 1.0,
+                size_per_t: 0.0,
+                active: ((1u32 << hits.len()) - 1) as u16,
+            };
+            for (lane, direction) in directions.iter().enumerate() {
+                let ray = Fans::ray(fan, *direction);
+                for axis in 0..3 {
+                    packet.direction[axis][lane] = ray.direction[axis];
+                }
+            }
+            let found =
+                if all.contours { cast::<true, false>(scene, &packet) } else { cast::<false, false>(scene, &packet) };
+            for (lane, hit) in hits.iter_mut().enumerate() {
+                *hit = found.get(lane);
             }
         }
     }

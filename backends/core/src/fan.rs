@@ -1,0 +1,143 @@
+//! Rays that no camera makes: bundles of them from many points.
+
+use glam::{Mat3, Vec3};
+
+use crate::{FLAG_CONTOURS, Ray, View};
+
+/// Where a bundle of rays starts, and how it is turned.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Fan {
+    /// Common origin, in the octree `[1, 2]³`.
+    pub origin: Vec3,
+    /// Takes the directions that all fans share to those of this one.
+    pub axes: Mat3,
+}
+
+/// Bundles of rays, all of the same number and shape. The rays of one have their origin in common.
+#[derive(Clone, Copy, Debug)]
+pub struct Fans<'a> {
+    /// Slot of the root's child descriptor.
+    pub root: u32,
+    /// Clip voxels by their contours; otherwise they are cubes.
+    pub contours: bool,
+    /// The bundles.
+    pub fans: &'a [Fan],
+    /// The rays of each before it is turned: from `t` = 0 to `t` = 1. Neighbours in the list should be of similar
+    /// direction: engines cast several at once.
+    pub directions: &'a [Vec3],
+}
+
+impl Fans<'_> {
+    /// Number of rays.
+    pub fn len(&self) -> usize {
+        self.fans.len() * self.directions.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// One of the rays of a fan.
+    #[inline]
+    pub fn ray(fan: &Fan, direction: Vec3) -> Ray {
+        let direction = fan.axes * direction;
+        Ray { origin: fan.origin, direction, t_min: 0.0, t_max: 1.0, size_at_origin: 0.0, size_per_t: 0.0 }
+    }
+
+    /// All rays, fan by fan.
+    pub fn rays(&self) -> impl Iterator<Item = Ray> + '_ {
+        self.fans.iter().flat_map(|fan| self.directions.iter().map(|direction| Self::ray(fan, *direction)))
+    }
+
+    /// A picture of one pixel that has this ray.
+    pub fn view(&self, ray: &Ray) -> View {
+        View {
+            origin: ray.origin.into(),
+            t_near: ray.t_min,
+            base: ray.direction.into(),
+            pixel_size: 0.0,
+            dx: [0.0; 3],
+            max_voxel_pixels: 0.0,
+            dy: [0.0; 3],
+            t_per_depth: 1.0 / ray.direction.length().max(f32::MIN_POSITIVE),
+            width: 1,
+            height: 1,
+            root: self.root,
+            flags: u32::from(self.contours) * FLAG_CONTOURS,
+            padding: [0; 4],
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use esvo_format::Octree;
+
+    use super::*;
+    use crate::reference::{ReferenceCaster, cast_ray};
+    use crate::sample::Sample;
+    use crate::{CastError, Caster, Device, FrameTime, Hit};
+
+    /// A caster that can do no more than a caster must.
+    struct FramesOnly(ReferenceCaster);
+
+    impl Caster for FramesOnly {
+        fn name(&self) -> &'static str {
+            self.0.name()
+        }
+
+        fn device(&self) -> &Device {
+            self.0.device()
+        }
+
+        fn load(&mut self, octree: &Arc<Octree>) -> Result<(), CastError> {
+            self.0.load(octree)
+        }
+
+        fn cast(&mut self, view: &View, hits: &mut Vec<Hit>) -> Result<(), CastError> {
+            self.0.cast(view, hits)
+        }
+
+        fn time(&mut self, view: &View) -> Result<FrameTime, CastError> {
+            self.0.time(view)
+        }
+
+        fn resident_bytes(&self) -> u64 {
+            self.0.resident_bytes()
+        }
+    }
+
+    #[test]
+    fn fans_are_cast_as_their_rays_are() {
+        let octree = Sample::plain(6, true).octree().expect("assembles");
+        let root = octree.objects()[0].root_slot as u32;
+        let fans: Vec<Fan> = (0..20)
+            .map(|i| Fan {
+                origin: Vec3::splat(1.5) + Vec3::new(0.02, -0.013, 0.007) * i as f32,
+                axes: Mat3::from_rotation_y(i as f32) * 0.35,
+            })
+            .collect();
+        let directions: Vec<Vec3> = (0..40).map(|i| Vec3::new((i as f32).sin(), 0.4, (i as f32).cos())).collect();
+        let casters: [&mut dyn Caster; 2] =
+            [&mut ReferenceCaster::default(), &mut FramesOnly(ReferenceCaster::default())];
+        for caster in casters {
+            let mut hits = Vec::new();
+            let nothing = Fans { root, contours: true, fans: &[], directions: &directions };
+            assert!(matches!(caster.cast_fans(&Fans { fans: &fans, ..nothing }, &mut hits), Err(CastError::NotLoaded)));
+            caster.load(&octree).expect("is sound");
+            for contours in [false, true] {
+                let fans = Fans { root, contours, fans: &fans, directions: &directions };
+                caster.cast_fans(&fans, &mut hits).expect("casts");
+                let expected: Vec<_> = fans.rays().map(|ray| cast_ray(&octree, root, &ray, contours)).collect();
+                let found = expected.iter().filter(|hit| !hit.is_miss()).count();
+                assert!(found > 100 && found < expected.len() - 100, "{found}");
+                assert_eq!(hits, expected);
+            }
+            caster.cast_fans(&nothing, &mut hits).expect("casts nothing");
+            assert!(hits.is_empty() && nothing.is_empty());
+        }
+    }
+}
