@@ -11,6 +11,7 @@ use bytemuck::{Pod, Zeroable};
 /// Each field is decoded together with all the bits below it, which act as its fraction. In voxel units, with `p`
 /// measured from the centre of the voxel (so that the voxel is the cube of edge 1 around the origin), the contour is the
 /// slab `|n·p - position| <= thickness / 2`. The normal is not of unit length; its components reach ±32.
+/// It is not zero (K004). A voxel is its cube, cut by its own contour and by those of all its ancestors (spec 7).
 #[repr(transparent)]
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Pod, Zeroable, serde::Serialize, serde::Deserialize)]
 pub struct Contour(pub u32);

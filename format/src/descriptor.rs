@@ -15,7 +15,8 @@ pub const MAX_CONTOUR_POINTER: u32 = (1 << 24) - 1;
 /// ```
 ///
 /// Bit `i` of a mask belongs to child slot `i` (x = 1, y = 2, z = 4). A slot whose valid bit is clear is empty, one
-/// with both bits set is a leaf voxel, one with only the valid bit set is a voxel with a descriptor of its own.
+/// with both bits set is a leaf voxel, one with only the valid bit set is a voxel with a descriptor of its own. A leaf bit
+/// without its valid bit, and a descriptor of empty slots alone, break rule C001.
 #[repr(transparent)]
 #[derive(Clone, Copy, PartialEq, Eq, Pod, Zeroable, Default)]
 pub struct ChildDescriptor(pub u64);
@@ -54,7 +55,8 @@ impl ChildDescriptor {
         self.valid_mask() & !self.leaf_mask()
     }
 
-    /// Distance in slots to the first child descriptor, or to the far pointer if [`far`](Self::far).
+    /// Distance in slots to the first child descriptor, or to the far pointer if [`far`](Self::far); 0 without non-leaf
+    /// children (C002, C006).
     pub const fn child_ptr(self) -> u32 {
         self.low() >> 17
     }

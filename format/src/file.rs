@@ -27,52 +27,52 @@ pub const MAX_SECTIONS: u32 = 1024;
 /// Attachments that a block can have.
 pub const MAX_ATTACHMENTS: u32 = 64;
 
-/// File header, 64 bytes at offset 0.
+/// File header, 64 bytes at offset 0 (spec 2.1). The fields follow each other without gaps, in this order.
 #[derive(BinRead, BinWrite, Clone, Copy, PartialEq, Eq, Debug)]
 #[brw(little)]
 pub struct Header {
-    /// [`IDENTIFIER`].
+    /// [`IDENTIFIER`] (H001).
     pub identifier: [u8; 12],
-    /// [`MAJOR_VERSION`].
+    /// [`MAJOR_VERSION`] (H002).
     pub major: u16,
     /// [`MINOR_VERSION`]; a reader accepts any.
     pub minor: u16,
-    /// Feature bits that a reader must know or refuse the file.
+    /// Feature bits that a reader must know or refuse the file (H003).
     pub required_features: u64,
     /// Feature bits that a reader may ignore.
     pub optional_features: u64,
-    /// Length of the whole file in bytes.
+    /// Length of the whole file in bytes (H004).
     pub file_length: u64,
-    /// Offset of the directory in bytes.
+    /// Offset of the directory in bytes, a multiple of 8 (D001).
     pub directory_offset: u64,
-    /// Number of directory entries.
+    /// Number of directory entries, at most [`MAX_SECTIONS`] (D008).
     pub directory_count: u32,
-    /// CRC-32 of the directory.
+    /// CRC-32 of the directory (D002).
     pub directory_crc: u32,
-    /// Zero.
+    /// Zero (H006).
     pub reserved: u32,
-    /// CRC-32 of the 60 bytes before.
+    /// CRC-32 of the 60 bytes before (H005).
     pub header_crc: u32,
 }
 
 /// Size of a [`Header`] in bytes.
 pub const HEADER_BYTES: u64 = 64;
 
-/// Directory entry, 32 bytes.
+/// Directory entry, 32 bytes (spec 2.2). The fields follow each other without gaps, in this order.
 #[derive(BinRead, BinWrite, Clone, Copy, PartialEq, Eq, Debug)]
 #[brw(little)]
 pub struct SectionEntry {
-    /// Four ASCII characters.
+    /// Four ASCII characters; none stands twice (D006).
     pub tag: [u8; 4],
-    /// [`SECTION_REQUIRED`], [`SECTION_OWN_CHECKSUMS`].
+    /// [`SECTION_REQUIRED`] (D005), [`SECTION_OWN_CHECKSUMS`]; all other bits are zero (D007).
     pub flags: u32,
-    /// Offset in the file in bytes.
+    /// Offset in the file in bytes, a multiple of 8 (D003).
     pub offset: u64,
-    /// Length in bytes.
+    /// Length in bytes (D003).
     pub length: u64,
-    /// CRC-32 of the section, or 0 with [`SECTION_OWN_CHECKSUMS`].
+    /// CRC-32 of the section, or 0 with [`SECTION_OWN_CHECKSUMS`] (D004).
     pub crc: u32,
-    /// Zero.
+    /// Zero (D007).
     pub reserved: u32,
 }
 
@@ -89,30 +89,32 @@ pub const TAG_OBJECTS: [u8; 4] = *b"OBJT";
 pub const TAG_BLOCKS: [u8; 4] = *b"BLKT";
 /// Tag of the block data.
 pub const TAG_DATA: [u8; 4] = *b"BLKS";
-/// Tag of the metadata: a JSON object in UTF-8.
+/// Tag of the metadata: a JSON object in UTF-8 (M001).
 pub const TAG_META: [u8; 4] = *b"META";
 
-/// Object table entry, 192 bytes: one octree and its place in the mesh's space.
+/// Object table entry, 192 bytes: one octree and its place in the mesh's space (spec 3). The fields follow each other
+/// without gaps, in this order.
 #[derive(BinRead, BinWrite, Clone, Copy, PartialEq, Debug)]
 #[brw(little)]
 pub struct ObjectEntry {
-    /// Octree space (the root cube is `[0, 1]³`) to mesh space; 4 x 4, column-major, column vectors.
+    /// Octree space (the root cube is `[0, 1]³`) to mesh space; 4 x 4, column-major, column vectors (O004).
     pub octree_to_mesh: [f64; 16],
-    /// Index of the root block in the block table.
+    /// Index of the root block in the block table (O002).
     pub root_block: u32,
-    /// Level of the deepest voxel, 1..=23; the root is level 0.
+    /// Level of the deepest voxel, 1..=23; the root is level 0 (O003).
     pub levels: u32,
-    /// Slot of the root's child descriptor, counted from the start of the image.
+    /// Slot of the root's child descriptor, counted from the start of the image: slot [`FIRST_SLOT`] of the root block
+    /// (O002).
     pub root_slot: u64,
-    /// Number of child descriptors, that is, of non-leaf voxels.
+    /// Number of child descriptors, that is, of non-leaf voxels, the root included (O005).
     pub descriptors: u64,
-    /// Number of leaf voxels.
+    /// Number of leaf voxels (O005).
     pub leaf_voxels: u64,
-    /// Number of contour values.
+    /// Number of contour values (O005).
     pub contours: u64,
-    /// Number of far pointers.
+    /// Number of far pointers (O005).
     pub far_pointers: u64,
-    /// Zero.
+    /// Zero (O006).
     pub reserved: [u32; 4],
 }
 
@@ -127,31 +129,32 @@ impl ObjectEntry {
     }
 }
 
-/// Block table entry, 72 bytes.
+/// Block table entry, 72 bytes (spec 4.1). The fields follow each other without gaps, in this order.
 #[derive(BinRead, BinWrite, Clone, Copy, PartialEq, Eq, Debug)]
 #[brw(little)]
 pub struct BlockEntry {
     /// Index of the object.
     pub object: u32,
-    /// Index of the block that refers to this one, or [`NO_PARENT`].
+    /// Index of the block that refers to this one, smaller than its own, or [`NO_PARENT`] (B007, B010, B012).
     pub parent: u32,
-    /// Lower corner of the cube whose descendants the block holds, in units of 2^-23 of the root cube.
+    /// Lower corner of the cube whose descendants the block holds, in units of 2^-23 of the root cube; a
+    /// multiple of the cube's edge (B008).
     pub cube_position: [u32; 3],
-    /// Scale of that cube: its edge is `2^(scale - 23)` of the root cube.
+    /// Scale of that cube, 1..=23: its edge is `2^(scale - 23)` of the root cube (B008).
     pub cube_scale: u32,
-    /// Offset in the image in bytes.
+    /// Offset in the image in bytes, a multiple of [`PAGE_BYTES`]; blocks lie without gaps (B002, B003).
     pub image_offset: u64,
-    /// Size in the image in bytes.
+    /// Size in the image in bytes, a multiple of [`PAGE_BYTES`] and not 0 (B002).
     pub image_size: u64,
-    /// Offset in the file in bytes.
+    /// Offset in the file in bytes, a multiple of [`PAGE_BYTES`] (B004).
     pub file_offset: u64,
-    /// Size as stored in bytes.
+    /// Size as stored in bytes (B004, B005).
     pub stored_size: u64,
-    /// [`CODEC_RAW`] or [`CODEC_ZSTD`]. Says how the block is stored; in memory it never is compressed.
+    /// [`CODEC_RAW`] or [`CODEC_ZSTD`] (B005). Says how the block is stored; in memory it never is compressed.
     pub codec: u32,
-    /// CRC-32 of the stored bytes.
+    /// CRC-32 of the stored bytes (B006).
     pub crc: u32,
-    /// Zero.
+    /// Zero (B009).
     pub reserved: u64,
 }
 
@@ -164,40 +167,43 @@ pub const CODEC_RAW: u32 = 0;
 /// The block is stored as one Zstandard frame; needs [`FEATURE_COMPRESSED`].
 pub const CODEC_ZSTD: u32 = 1;
 
-/// Fixed part of a block's info section, 32 bytes, followed by `attachment_count` [`AttachmentEntry`].
+/// Fixed part of a block's info section, 32 bytes, followed by `attachment_count` [`AttachmentEntry`]
+/// (spec 6).
 ///
-/// Starts in the slot right behind the descriptor array.
+/// Starts in the slot right behind the descriptor array (P002). The fields follow each other without gaps, in this order.
 #[derive(BinRead, BinWrite, Clone, Copy, PartialEq, Eq, Debug)]
 #[brw(little)]
 pub struct InfoSection {
-    /// Index of the block in the block table.
+    /// Index of the block in the block table (P003).
     pub block: u32,
-    /// Length of the descriptor array in slots; also the distance back to the start of the block.
+    /// Length of the descriptor array in slots; also the distance back to the start of the block (P002).
     pub array_slots: u32,
-    /// Distance back, in slots, from the info section to the first child descriptor.
+    /// Distance back, in slots, from the info section to the first child descriptor: `array_slots - 2`
+    /// (P004).
     pub first_descriptor: u32,
-    /// Distance in 32-bit words from the info section to the contour pool.
+    /// Distance in 32-bit words from the info section to the contour pool (P005).
     pub contour_offset: u32,
-    /// Number of contour values in the pool.
+    /// Number of contour values in the pool (P005).
     pub contour_count: u32,
-    /// Number of attachments.
+    /// Number of attachments, at most [`MAX_ATTACHMENTS`] (A004).
     pub attachment_count: u32,
-    /// Zero.
+    /// Zero (P006).
     pub reserved: u64,
 }
 
 /// Size of an [`InfoSection`] in bytes.
 pub const INFO_BYTES: u64 = 32;
 
-/// Entry of a block's attachment directory, 16 bytes.
+/// Entry of a block's attachment directory, 16 bytes (spec 6 and 8). The fields follow each other without gaps, in this
+/// order.
 #[derive(BinRead, BinWrite, Clone, Copy, PartialEq, Eq, Debug)]
 #[brw(little)]
 pub struct AttachmentEntry {
-    /// Registered type, see [`attachment`].
+    /// Registered type, see [`attachment`] (A002).
     pub kind: u32,
-    /// Distance in bytes from the info section to the data; a multiple of 8.
+    /// Distance in bytes from the info section to the data; a multiple of 8 (A001).
     pub offset: u32,
-    /// Size of the data in bytes.
+    /// Size of the data in bytes; of the types of version 1 it follows from the descriptor array (A003).
     pub size: u64,
 }
 

@@ -73,7 +73,7 @@ impl Origin {
 /// A section that this library does not know; kept when a file is rewritten.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct UnknownSection {
-    /// Four characters.
+    /// Four ASCII characters.
     pub tag: [u8; 4],
     /// As in the directory.
     pub flags: u32,
@@ -213,7 +213,8 @@ impl Octree {
         self.sound.get_or_init(|| crate::topology::check(self)).clone()
     }
 
-    /// The descriptor at `slot`.
+    /// The descriptor at slot `slot` of the image. All methods that take a slot want one that holds a descriptor: an
+    /// object's root slot, or what [`child`](Self::child) returns.
     ///
     /// # Panics
     /// Slots outside the image.
@@ -228,7 +229,10 @@ impl Octree {
         if descriptor.far() { slot.wrapping_add(self.slots()[near as usize] as u32) } else { near }
     }
 
-    /// Slot of the descriptor of child `child`, if it has one.
+    /// Slot of the descriptor of child slot `child`, 0..8, if it has one: neither an empty slot nor a leaf voxel does.
+    ///
+    /// # Panics
+    /// Slots outside the image, and pointers out of it in an octree that is not [sound](Self::sound).
     pub fn child(&self, slot: u32, child: u8) -> Option<u32> {
         let descriptor = self.descriptor(slot);
         (descriptor.nonleaf_mask() >> child & 1 != 0).then(|| self.first_child(slot) + descriptor.child_rank(child))
