@@ -150,6 +150,9 @@ impl Tree {
         if self.plain && blocks || of_plain && !self.plain {
             return refuse("alphas and masks of plain values take a plain tree, and that has no blocks".into());
         }
+        if !self.alphas.is_empty() && self.alphas.len() != self.colors.len() {
+            return refuse(format!("{} alphas for {} colours", self.alphas.len(), self.colors.len()));
+        }
         for (what, count) in [("masks of plain values", self.own.len()), ("corner masks", self.corners.len())] {
             if count != 0 && count != self.nodes.len() {
                 return refuse(format!("{count} {what} for {} nodes: one each, or none", self.nodes.len()));

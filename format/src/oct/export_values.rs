@@ -41,7 +41,7 @@ impl Inherited {
     /// For corners.
     pub(super) fn corners(exporter: &Exporter, root: u32, gaps: &mut Gaps) -> Self {
         let octree = exporter.octree;
-        let mut corners = HashMap::new();
+        let mut corners: HashMap<u32, (u32, Vec<CornerValue>)> = HashMap::new();
         let mut stack: Vec<(u32, Option<CornerCell>)> = vec![(root, None)];
         while let Some((slot, above)) = stack.pop() {
             let valid = octree.descriptor(slot).valid_mask();
@@ -50,13 +50,16 @@ impl Inherited {
             let lacking = slots(valid).any(|child| !node.has_child(child));
             let own = (node.mask & OWN_CUBE != 0).then(|| values.get(node.rank(OWN_CUBE)..node.count())).flatten();
             let expected = above.map(|cell| cell.of_voxel());
+            // What the file says of this descriptor, and its voxels hand down.
+            let mut said = (node, values);
             if lacking && own != expected.as_ref().map(|corners| &corners[..]) {
                 gaps.lattice += 1;
-                corners.insert(slot, lattice(node, values));
+                let (mask, values) = corners.entry(slot).or_insert_with(|| lattice(node, values));
+                said = (NodeCorners { mask: *mask, first: 0 }, &values[..]);
             }
             for child in slots(valid) {
                 let below = octree.child(slot, child);
-                stack.extend(below.map(|below| (below, node.cell(child, values))));
+                stack.extend(below.map(|below| (below, said.0.cell(child, said.1))));
             }
         }
         Self { corners, ..Self::default() }

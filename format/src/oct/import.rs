@@ -116,14 +116,8 @@ fn import_object<R: Read + Seek>(
         tree.alphas.clear();
     }
     let octree = assemble(&tree, object.transform, &AssembleOptions::default())?;
-    match source {
-        Some(kind::CORNERS) if bare > 0 => {
-            lose(format!("{bare} voxels have no colour and normal at some corner, nor has any voxel above them"));
-        }
-        _ if bare > 0 => {
-            lose(format!("{bare} voxels have no colour and normal, nor has any above them; they are white and face +z"))
-        }
-        _ => {}
+    if bare > 0 {
+        lose(format!("{bare} voxels have no colour and normal, nor has any above them; they are white and face +z"));
     }
     if rounded > 0 {
         lose(format!(
@@ -137,7 +131,7 @@ fn import_object<R: Read + Seek>(
 struct Planter<'a> {
     layers: &'a Layers,
     tree: Tree,
-    /// Voxels that lack attributes.
+    /// Voxels that have no value, nor has any above them.
     bare: u64,
     /// Voxels whose corners had to be interpolated.
     rounded: u64,
@@ -166,7 +160,6 @@ impl Planter<'_> {
                     self.bare += 1;
                     self.value(&mut voxel, CornerValue { color: [u8::MAX; 4], normal: RawNormal::encode(Vec3::Z) });
                 }
-                (Some(kind::CORNERS), Attributes::None) => self.bare += 1,
                 _ => {}
             }
             below[slot as usize] = (!voxel.leaf).then_some((next, own));

@@ -40,6 +40,10 @@ pub(crate) fn visit(octree: &Octree) {
             octree.contour(slot, child).map(|contour| contour.decode());
             octree.color(slot, child);
             octree.normal(slot, child);
+            octree.plain_color(slot, child);
+            octree.plain_normal(slot, child);
+            octree.ambient(slot, child);
+            octree.corners(slot, child).map(|cell| cell.middle());
             stack.extend(octree.child(slot, child));
         }
     }
