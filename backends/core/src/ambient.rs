@@ -222,9 +222,10 @@ impl Run<'_> {
     /// The rays of a leaf: from above its surface.
     ///
     /// The surface is taken to be in the middle of the leaf's own contour, or within those of its ancestors, or else in the
-    /// middle of the cube. Rays start where the normal leads out of the leaf's shape and past the shapes of its neighbours
-    /// on the same surface. Where a flat surface is made of cubes, all of them are within an `s` of it, the extent of a
-    /// cube along the normal; the surface is within half of that of the leaf's centre.
+    /// middle of the cube. Rays start where the normal leads out of the leaf's shape, and a quarter of its edge further,
+    /// past the shapes of its neighbours on the same surface. Where a flat surface is made of cubes without contours, all
+    /// of them are within an `s` of it, the extent of a cube along the normal, and so is the surface within half of that
+    /// of the leaf's centre: rays start one and a half `s` above that.
     fn fan(&self, centre: DVec3, size: f64, normal: DVec3, bounds: &[Bound]) -> Fan {
         let mut p = centre;
         for bound in bounds {
@@ -239,10 +240,10 @@ impl Run<'_> {
         });
         let exit_of_cube = exit_of_cube.fold(f64::MAX, f64::min);
         let exit = bounds.iter().map(|b| b.exit(p, normal)).fold(f64::MAX, f64::min);
-        let lift = if exit < exit_of_cube {
-            exit + 0.25 * size
-        } else {
+        let lift = if bounds.is_empty() {
             exit_of_cube.max(1.5 * size * normal.abs().element_sum()) + 0.01 * size
+        } else {
+            exit.min(exit_of_cube) + 0.25 * size
         };
         let origin = p + normal * lift;
         let normal = normal.as_vec3();

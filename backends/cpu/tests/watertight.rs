@@ -1,11 +1,14 @@
 //! A closed mesh gives a closed octree: no ray from inside leaves it, contours or not, at any level.
 
+use std::sync::Arc;
+
 use esvo_builder::{BuildSettings, Mesh, build};
-use esvo_core::Ray;
 use esvo_core::reference::cast_ray;
+use esvo_core::{Caster, Fan, Fans, Ray};
+use esvo_cpu::CpuCaster;
 use esvo_format::Octree;
 use esvo_scenes::generate::{cube, sphere};
-use glam::{DMat4, DQuat, DVec3, Vec3};
+use glam::{DMat4, DQuat, DVec3, Mat3, Vec3};
 
 /// A small deterministic generator (splitmix64), in `-1.0..1.0`.
 struct Random(u64);
@@ -20,6 +23,16 @@ impl Random {
 
     fn vector(&mut self) -> Vec3 {
         Vec3::new(self.next(), self.next(), self.next())
+    }
+
+    /// In the unit ball, not at its centre.
+    fn in_ball(&mut self) -> Vec3 {
+        loop {
+            let v = self.vector();
+            if (1e-3..=1.0).contains(&v.length()) {
+                return v;
+            }
+        }
     }
 }
 
@@ -48,9 +61,38 @@ fn rays(count: usize) -> impl Iterator<Item = Ray> {
     })
 }
 
+/// How many of the special rays leave.
 fn leaks(octree: &Octree, count: usize) -> usize {
     let root = octree.objects()[0].root_slot as u32;
     rays(count).filter(|ray| cast_ray(octree, root, ray, true).is_miss()).count()
+}
+
+/// Rays per origin: as many as a packet of the caster takes.
+const FAN: usize = 16;
+
+/// How many of `count` rays leave that start at random within a quarter of the root cube's edge from its middle, in random
+/// directions.
+fn leaving(octree: &Arc<Octree>, caster: &mut CpuCaster, count: usize, seed: u64) -> usize {
+    caster.load(octree).unwrap();
+    let root = octree.objects()[0].root_slot as u32;
+    let mut random = Random(seed);
+    let (mut left, mut leaving, mut hits) = (count / FAN, 0, Vec::new());
+    while left > 0 {
+        // A bundle of directions for every 4096 origins, turned and stretched for each of these.
+        let directions: [Vec3; FAN] = std::array::from_fn(|_| random.in_ball().normalize());
+        let fans: Vec<Fan> = (0..left.min(4096))
+            .map(|_| {
+                let (a, b, c) = (random.in_ball(), random.in_ball(), random.in_ball());
+                let axes = Mat3::from_cols(a, b, c);
+                let axes = if axes.determinant().abs() > 0.05 { axes * 100.0 } else { Mat3::IDENTITY * 4.0 };
+                Fan { origin: Vec3::splat(1.5) + random.in_ball() * 0.25, axes }
+            })
+            .collect();
+        caster.cast_fans(&Fans { root, contours: true, fans: &fans, directions: &directions }, &mut hits).unwrap();
+        leaving += hits.iter().filter(|hit| hit.is_miss()).count();
+        left -= fans.len();
+    }
+    leaving
 }
 
 /// The mesh turned, so that its faces lie in no plane of voxels.
@@ -58,6 +100,11 @@ fn turned(mut mesh: Mesh) -> Mesh {
     let turn = DQuat::from_axis_angle(DVec3::new(1.0, 2.0, 3.0).normalize(), 0.7);
     mesh.transform(&DMat4::from_scale_rotation_translation(DVec3::splat(3.7), turn, DVec3::new(12.0, -5.0, 900.0)));
     mesh
+}
+
+/// Colours and normals would ask for the finest voxels along every edge.
+fn shape_only(levels: u32, contour_error: f64) -> BuildSettings {
+    BuildSettings { levels, contour_error, color_error: 256.0, normal_error: 2.0, ..BuildSettings::default() }
 }
 
 #[test]
@@ -69,10 +116,7 @@ fn no_ray_leaves_a_closed_mesh() {
             // Coarse bounds, so that the shapes of voxels are cut as far as they may be; few voxels at the deep end.
             let contour_error = f64::from(levels.min(9)) - 1.0;
             for contour_error in [contour_error, 9.0] {
-                // Colours and normals would ask for the finest voxels along every edge.
-                let attributes = BuildSettings { color_error: 256.0, normal_error: 2.0, ..BuildSettings::default() };
-                let settings = BuildSettings { levels, contour_error, ..attributes };
-                let octree = build(&mesh, &settings, &|_| ()).unwrap().octree;
+                let octree = build(&mesh, &shape_only(levels, contour_error), &|_| ()).unwrap().octree;
                 assert!(levels < 5 || contour_error < 9.0 || octree.needs().contours, "{name}, {levels} levels");
                 let count = leaks(&octree, 20_000);
                 assert_eq!(count, 0, "{name}, {levels} levels, contour error {contour_error}");
@@ -81,12 +125,43 @@ fn no_ray_leaves_a_closed_mesh() {
     }
 }
 
+/// At every level from 1 to 12, with contours as tight as the level allows and with coarse ones.
+fn check_random_rays(count: usize) {
+    let mut caster = CpuCaster::new(None).unwrap();
+    for (name, mesh) in [("turned cube", turned(cube())), ("turned sphere", turned(sphere(3)))] {
+        for levels in 1..=12 {
+            for contour_error in [f64::from(levels).min(11.0), f64::from(levels) - 1.0] {
+                let octree = Arc::new(build(&mesh, &shape_only(levels, contour_error), &|_| ()).unwrap().octree);
+                let leaving = leaving(&octree, &mut caster, count, u64::from(levels));
+                println!(
+                    "| {name} | {levels} | {contour_error} | {} | {} | {count} | {leaving} |",
+                    octree.objects()[0].leaf_voxels,
+                    octree.parts().iter().map(|p| u64::from(p.contour_count)).sum::<u64>()
+                );
+                assert_eq!(leaving, 0, "{name}, {levels} levels, contour error {contour_error}");
+            }
+        }
+    }
+}
+
+#[test]
+fn no_random_ray_leaves_a_closed_mesh_at_any_level() {
+    check_random_rays(1 << 16);
+}
+
+#[test]
+#[ignore = "long: a minute in release"]
+fn ten_million_random_rays_never_leave() {
+    check_random_rays(10_000_000);
+}
+
 #[test]
 fn a_missing_triangle_is_a_leak() {
     let mut mesh = sphere(2);
     mesh.triangles.remove(17);
     mesh.triangle_materials.remove(17);
     let settings = BuildSettings { levels: 8, ..BuildSettings::default() };
-    let octree = build(&mesh, &settings, &|_| ()).unwrap().octree;
+    let octree = Arc::new(build(&mesh, &settings, &|_| ()).unwrap().octree);
     assert!(leaks(&octree, 20_000) > 10);
+    assert!(leaving(&octree, &mut CpuCaster::new(None).unwrap(), 20_000, 1) > 10);
 }
