@@ -1,5 +1,6 @@
 //! The esvo command line: build, inspect, validate, render and benchmark sparse voxel octrees.
 
+mod ambient;
 mod args;
 mod bench;
 mod bench_format;
@@ -48,6 +49,7 @@ fn main() -> ExitCode {
         Command::Diff(arguments) => diff::run(&arguments),
         Command::Validate(arguments) => validate::run(&arguments),
         Command::Convert(arguments) => convert::run(&arguments),
+        Command::Ambient(arguments) => ambient::run(&arguments),
         Command::Render(arguments) => render::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
     };
