@@ -34,10 +34,15 @@ impl Clock {
 
 /// Bytes that this process holds in memory, or 0 where the system does not say.
 pub fn resident_bytes() -> u64 {
-    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let kilobytes =
-        status.lines().find_map(|l| l.strip_prefix("VmRSS:")?.trim().strip_suffix("kB")?.trim().parse().ok());
-    kilobytes.unwrap_or(0u64) * 1024
+    status_bytes("self", "VmRSS:").unwrap_or(0)
+}
+
+/// A line of the system's account of a process (`self` or a number), in bytes; `None` where there is none.
+pub fn status_bytes(process: &str, line: &str) -> Option<u64> {
+    let status = std::fs::read_to_string(format!("/proc/{process}/status")).ok()?;
+    let kilobytes: u64 =
+        status.lines().find_map(|l| l.strip_prefix(line)?.trim().strip_suffix("kB")?.trim().parse().ok())?;
+    Some(kilobytes * 1024)
 }
 
 /// What the next level is expected to take, from what the levels before it took: the last one times its growth over the

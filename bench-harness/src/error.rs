@@ -75,32 +75,60 @@ impl DepthError {
     /// # Panics
     /// The number of hits is not that of the rays.
     pub fn between(rays: &CameraRays, exact: &[TriangleHit], hits: &[Hit], finest_voxel: f64) -> Self {
+        let mut all = DepthErrors::default();
+        all.add(rays, exact, hits, finest_voxel);
+        all.finish()
+    }
+}
+
+/// Depth errors of several pictures, gathered ray by ray.
+#[derive(Clone, Default, Debug)]
+pub struct DepthErrors {
+    counts: DepthError,
+    pixels: Vec<f64>,
+    scene: Vec<f64>,
+    voxels: Vec<f64>,
+}
+
+impl DepthErrors {
+    /// Adds a picture, as [`DepthError::between`] takes it.
+    ///
+    /// # Panics
+    /// The number of hits is not that of the rays.
+    pub fn add(&mut self, rays: &CameraRays, exact: &[TriangleHit], hits: &[Hit], finest_voxel: f64) {
         assert!(exact.len() == rays.pixels() && hits.len() == rays.pixels(), "one hit for every ray");
-        let mut error = Self { rays: hits.len() as u64, ..Self::default() };
-        let (mut pixels, mut scene, mut voxels) = (Vec::new(), Vec::new(), Vec::new());
+        let counts = &mut self.counts;
+        counts.rays += hits.len() as u64;
         for (index, (exact, hit)) in exact.iter().zip(hits).enumerate() {
             let t = f64::from(hit.t);
             match (exact.is_miss(), hit.is_miss()) {
-                (_, false) if !(0.0..=1.0).contains(&t) => error.strange += 1,
-                (_, true) if hit.t != Hit::MISS_T => error.strange += 1,
+                (_, false) if !(0.0..=1.0).contains(&t) => counts.strange += 1,
+                (_, true) if hit.t != Hit::MISS_T => counts.strange += 1,
                 (true, true) => {}
-                (false, true) => error.only_exact += 1,
-                (true, false) => error.only_octree += 1,
+                (false, true) => counts.only_exact += 1,
+                (true, false) => counts.only_octree += 1,
                 (false, false) => {
                     let distance = (t - exact.t) * rays.ray_at(index).direction.length();
                     let footprint = rays.pixel_size() * exact.t;
-                    error.bias_pixels += distance / footprint;
-                    pixels.push(distance.abs() / footprint);
-                    scene.push(distance.abs());
-                    voxels.push(distance.abs() / finest_voxel);
+                    counts.bias_pixels += distance / footprint;
+                    self.pixels.push(distance.abs() / footprint);
+                    self.scene.push(distance.abs());
+                    self.voxels.push(distance.abs() / finest_voxel);
                 }
             }
         }
-        error.both_hit = pixels.len() as u64;
-        error.bias_pixels /= pixels.len().max(1) as f64;
+    }
+
+    /// What all of them come to.
+    pub fn finish(self) -> DepthError {
+        let mut error = self.counts;
+        error.both_hit = self.pixels.len() as u64;
+        error.bias_pixels /= self.pixels.len().max(1) as f64;
         let disagreeing = error.only_exact + error.only_octree + error.strange;
-        error.disagreement = disagreeing as f64 / hits.len().max(1) as f64;
-        (error.pixels, error.scene, error.voxels) = (Summary::of(pixels), Summary::of(scene), Summary::of(voxels));
+        error.disagreement = disagreeing as f64 / error.rays.max(1) as f64;
+        error.pixels = Summary::of(self.pixels);
+        error.scene = Summary::of(self.scene);
+        error.voxels = Summary::of(self.voxels);
         error
     }
 }

@@ -4,8 +4,11 @@
 //! [`output`] what is written.
 
 mod backend;
+pub mod build_bench;
+pub mod build_summary;
 pub mod check;
 mod clock;
+mod cutout;
 pub mod error;
 mod failure;
 pub mod flip;

@@ -130,12 +130,7 @@ impl Matrix {
 
     /// Keeps these scenes only, in this order. One that the matrix has not takes the levels of its first scene.
     pub fn select_scenes(&mut self, names: &[String]) {
-        let levels = self.scenes.first().map(|s| s.levels.clone()).unwrap_or_default();
-        let pick = |name: &String| {
-            let known = self.scenes.iter().find(|s| s.name.eq_ignore_ascii_case(name));
-            known.cloned().unwrap_or_else(|| SceneEntry { name: name.clone(), levels: levels.clone() })
-        };
-        self.scenes = names.iter().map(pick).collect();
+        self.scenes = selected(&self.scenes, names);
         self.left_out.clear();
     }
 
@@ -159,19 +154,37 @@ impl Matrix {
         if let Some([w, h]) = self.resolutions.iter().find(|r| r.iter().any(|n| !(1..=16384).contains(n))) {
             return Err(format!("a resolution is between 1x1 and 16384x16384, not {w}x{h}"));
         }
-        for scene in &self.scenes {
-            if scene.levels.is_empty() {
-                return Err(format!("scene {}: levels is empty", scene.name));
-            }
-            if let Some(levels) = scene.levels.iter().find(|l| !(1..=23).contains(*l)) {
-                return Err(format!("scene {}: levels are between 1 and 23, not {levels}", scene.name));
-            }
-            if scene.levels.windows(2).any(|w| w[0] >= w[1]) {
-                return Err(format!("scene {}: levels must ascend", scene.name));
-            }
-        }
-        Ok(())
+        check_scenes(&self.scenes)
     }
+}
+
+/// These scenes, in this order. One that is not among `scenes` takes the levels of the first.
+pub(crate) fn selected(scenes: &[SceneEntry], names: &[String]) -> Vec<SceneEntry> {
+    let levels = scenes.first().map(|s| s.levels.clone()).unwrap_or_default();
+    let pick = |name: &String| {
+        let known = scenes.iter().find(|s| s.name.eq_ignore_ascii_case(name));
+        known.cloned().unwrap_or_else(|| SceneEntry { name: name.clone(), levels: levels.clone() })
+    };
+    names.iter().map(pick).collect()
+}
+
+/// Checks that there are scenes and that their levels ascend within 1 to 23; says in words what is wrong.
+pub(crate) fn check_scenes(scenes: &[SceneEntry]) -> Result<(), String> {
+    if scenes.is_empty() {
+        return Err("there is no scene".into());
+    }
+    for scene in scenes {
+        if scene.levels.is_empty() {
+            return Err(format!("scene {}: levels is empty", scene.name));
+        }
+        if let Some(levels) = scene.levels.iter().find(|l| !(1..=23).contains(*l)) {
+            return Err(format!("scene {}: levels are between 1 and 23, not {levels}", scene.name));
+        }
+        if scene.levels.windows(2).any(|w| w[0] >= w[1]) {
+            return Err(format!("scene {}: levels must ascend", scene.name));
+        }
+    }
+    Ok(())
 }
 
 #[cfg(test)]

@@ -1,48 +1,91 @@
 //! The picture of a mesh itself, shaded as octrees are: what their pictures are compared with.
 
-use esvo_builder::Mesh;
+use esvo_builder::{Material, Mesh};
 use esvo_core::exact::{CameraRays, TriangleHit};
 use esvo_core::shading::{Picture, Surface, encode_srgb, shade_triangles};
 use glam::{DVec3, Vec2, Vec3};
 
 /// Shades what the rays hit, with the mesh's own colours, textures and shading normals.
 pub(crate) fn shade_mesh(mesh: &Mesh, rays: &CameraRays, hits: &[TriangleHit]) -> Picture {
-    // The far end of a ray is everywhere as deep, so the footprint follows from the distance to the eye well enough.
-    let per_distance = rays.pixel_size() / rays.ray(rays.width / 2, rays.height / 2).direction.length();
+    let per_distance = per_distance(rays);
     shade_triangles(rays, hits, |triangle, point| {
-        surface(mesh, triangle as usize, point, per_distance * point.distance(rays.origin))
+        Looked::at(mesh, triangle as usize, point, per_distance * point.distance(rays.origin)).surface()
     })
 }
 
-/// What is seen at a point of a triangle, textures averaged over `footprint` in mesh units.
-fn surface(mesh: &Mesh, triangle: usize, point: DVec3, footprint: f64) -> Surface {
-    let indices = mesh.triangles[triangle].map(|i| i as usize);
-    let [a, b, c] = indices.map(|i| DVec3::from(mesh.positions[i]));
-    let flat = (b - a).cross(c - a);
-    let weights = barycentric([a, b, c], flat, point);
-    let mix = |values: [Vec3; 3]| values.into_iter().zip(weights).map(|(v, w)| v * w).sum::<Vec3>();
+/// Footprint of a pixel at a point, over the distance of the point to the eye: the far end of a ray is everywhere as deep,
+/// so that this is about the same for all of them.
+pub(crate) fn per_distance(rays: &CameraRays) -> f64 {
+    rays.pixel_size() / rays.ray(rays.width / 2, rays.height / 2).direction.length()
+}
 
-    let mut normal = flat;
-    if !mesh.normals.is_empty() {
-        let smooth = mix(indices.map(|i| Vec3::from(mesh.normals[i])));
-        normal = if smooth.length() > 1e-6 { smooth.as_dvec3() } else { flat };
+/// A point of a triangle that is looked at.
+pub(crate) struct Looked<'a> {
+    mesh: &'a Mesh,
+    material: &'a Material,
+    /// Vertices of the triangle.
+    indices: [usize; 3],
+    /// Weights of its corners at the point.
+    weights: [f32; 3],
+    /// Geometric normal, twice the area of the triangle long.
+    flat: DVec3,
+    /// Width of what is averaged, in mesh units.
+    footprint: f32,
+}
+
+impl<'a> Looked<'a> {
+    /// Textures are averaged over `footprint` in mesh units.
+    pub(crate) fn at(mesh: &'a Mesh, triangle: usize, point: DVec3, footprint: f64) -> Self {
+        let indices = mesh.triangles[triangle].map(|i| i as usize);
+        let [a, b, c] = indices.map(|i| DVec3::from(mesh.positions[i]));
+        let flat = (b - a).cross(c - a);
+        Self {
+            mesh,
+            material: &mesh.materials[mesh.triangle_materials[triangle] as usize],
+            indices,
+            weights: barycentric([a, b, c], flat, point),
+            flat,
+            footprint: footprint as f32,
+        }
     }
-    let material = &mesh.materials[mesh.triangle_materials[triangle] as usize];
-    let [r, g, b_, _] = material.base_color;
-    let mut color = Vec3::new(r, g, b_);
-    if !mesh.colors.is_empty() {
-        color *= mix(indices.map(|i| Vec3::from(mesh.colors[i])));
+
+    fn mix(&self, values: &[[f32; 3]]) -> Vec3 {
+        self.indices.into_iter().zip(self.weights).map(|(i, w)| Vec3::from(values[i]) * w).sum()
     }
-    if let Some(texture) = material.texture.as_ref().filter(|_| !mesh.uvs.is_empty()) {
-        let uvs = indices.map(|i| Vec2::from(mesh.uvs[i]));
-        let uv = uvs.into_iter().zip(weights).map(|(v, w)| v * w).sum::<Vec2>();
+
+    /// What the material's texture shows, linear; `None` without one.
+    fn texel(&self) -> Option<[f32; 4]> {
+        let texture = self.material.texture.as_ref().filter(|_| !self.mesh.uvs.is_empty())?;
+        let uvs = self.indices.map(|i| Vec2::from(self.mesh.uvs[i]));
+        let uv = uvs.into_iter().zip(self.weights).map(|(v, w)| v * w).sum::<Vec2>();
         let size = texture.mips.first().map_or(Vec2::ONE, |mip| Vec2::new(mip.width as f32, mip.height as f32));
         let texels = ((uvs[1] - uvs[0]) * size).perp_dot((uvs[2] - uvs[0]) * size).abs();
-        let texels_per_unit = (texels / flat.length() as f32).sqrt();
-        let [r, g, b, _] = texture.sample(uv.into(), footprint as f32 * texels_per_unit);
-        color *= Vec3::new(r, g, b);
+        let texels_per_unit = (texels / self.flat.length() as f32).sqrt();
+        Some(texture.sample(uv.into(), self.footprint * texels_per_unit))
     }
-    Surface { normal, color: color.to_array().map(encode_srgb) }
+
+    /// How opaque the point is, 0 to 1.
+    pub(crate) fn alpha(&self) -> f32 {
+        self.material.base_color[3] * self.texel().map_or(1.0, |t| t[3])
+    }
+
+    /// Colour and shading normal.
+    fn surface(&self) -> Surface {
+        let mut normal = self.flat;
+        if !self.mesh.normals.is_empty() {
+            let smooth = self.mix(&self.mesh.normals);
+            normal = if smooth.length() > 1e-6 { smooth.as_dvec3() } else { self.flat };
+        }
+        let [r, g, b, _] = self.material.base_color;
+        let mut color = Vec3::new(r, g, b);
+        if !self.mesh.colors.is_empty() {
+            color *= self.mix(&self.mesh.colors);
+        }
+        if let Some([r, g, b, _]) = self.texel() {
+            color *= Vec3::new(r, g, b);
+        }
+        Surface { normal, color: color.to_array().map(encode_srgb) }
+    }
 }
 
 /// Weights of the corners at a point of the triangle's plane; `flat` is its normal, twice its area long.
@@ -60,9 +103,13 @@ fn barycentric([a, b, c]: [DVec3; 3], flat: DVec3, point: DVec3) -> [f32; 3] {
 mod tests {
     use std::sync::Arc;
 
-    use esvo_builder::{Material, MipLevel, Texture};
+    use esvo_builder::{MipLevel, Texture};
 
     use super::*;
+
+    fn surface(mesh: &Mesh, triangle: usize, point: DVec3, footprint: f64) -> Surface {
+        Looked::at(mesh, triangle, point, footprint).surface()
+    }
 
     fn mesh() -> Mesh {
         Mesh {

@@ -57,6 +57,30 @@ pub fn settings(entry: &SceneEntry) -> BuildSettings {
     }
 }
 
+/// Only the mesh of a scene, without hashing its file, and what it was made from: the real one if it is found and
+/// `stand_in` is not set.
+///
+/// # Errors
+/// As [`Scene::load`].
+pub fn mesh(entry: &SceneEntry, scenes_dir: Option<&Path>, stand_in: bool) -> Result<(Mesh, String), BenchError> {
+    let failed = |what: String| BenchError::scene(&entry.name, what);
+    let found = if stand_in { None } else { esvo_scenes::find_scene_file(entry, scenes_dir) };
+    if let Some(path) = found {
+        let mesh = esvo_builder::import::load_mesh(&path).map_err(|e| failed(e.to_string()))?;
+        return Ok((mesh, path.file_name().unwrap_or_default().to_string_lossy().into_owned()));
+    }
+    generate(entry)
+}
+
+/// The stand-in of a scene, and what made it.
+fn generate(entry: &SceneEntry) -> Result<(Mesh, String), BenchError> {
+    let missing =
+        || BenchError::scene(&entry.name, "the mesh is not there, and there is no stand-in; see --scenes-dir");
+    let stand_in = entry.stand_in.as_ref().ok_or_else(missing)?;
+    let mesh = stand_in.generate().ok_or_else(missing)?;
+    Ok((mesh, format!("procedural, generator {}, seed {}", stand_in.generator, stand_in.seed)))
+}
+
 /// Viewpoints of the copy of a scene that this machine has: those of the real mesh if it is found, and of the stand-in
 /// otherwise or if `stand_in` is set.
 ///
@@ -95,11 +119,8 @@ impl Scene {
                 (SceneVariant::Real, mesh, found.identity.to_string(), &found.mesh.cameras[..])
             }
             None => {
-                let missing = || failed("the mesh is not there, and there is no stand-in; see --scenes-dir".into());
-                let stand_in = entry.stand_in.as_ref().ok_or_else(missing)?;
-                let mesh = stand_in.generate().ok_or_else(missing)?;
-                let identity = format!("procedural, generator {}, seed {}", stand_in.generator, stand_in.seed);
-                (SceneVariant::StandIn, mesh, identity, &stand_in.cameras[..])
+                let (mesh, identity) = generate(entry)?;
+                (SceneVariant::StandIn, mesh, identity, entry.cameras(SceneVariant::StandIn))
             }
         };
         let views: Vec<_> = cameras.iter().take(views).map(named_view).collect();

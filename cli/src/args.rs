@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use esvo_bench::Backend;
 
+use crate::bench_build::BenchBuild;
 use crate::bench_format::BenchFormat;
 
 /// Sparse voxel octrees: build, inspect, render and benchmark.
@@ -35,7 +36,7 @@ pub(crate) enum Command {
     Convert(Convert),
     Ambient(Ambient),
     Render(Render),
-    Bench(Bench),
+    Bench(Box<Bench>),
 }
 
 /// Build an octree from a mesh (.obj, .gltf, .glb, .ply).
@@ -46,10 +47,12 @@ are those of the paper's authors: 16 steps of 256, 0.01, and the diagonal of a v
 
 Examples:
   esvo build conference.obj -o conference.esvo --levels 12 --paper conference
-  esvo build scan.ply -o scan.esvo --levels 10 --no-contours")]
+  esvo build scan.ply -o scan.esvo --levels 10 --no-contours
+  esvo build --scene hairball -o hairball.esvo --levels 10 --json")]
 pub(crate) struct Build {
     /// The mesh
-    pub(crate) mesh: PathBuf,
+    #[arg(required_unless_present = "scene", conflicts_with = "scene")]
+    pub(crate) mesh: Option<PathBuf>,
     /// The file to write
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: PathBuf,
@@ -77,6 +80,27 @@ pub(crate) struct Build {
     /// Store no normals
     #[arg(long)]
     pub(crate) no_normals: bool,
+    /// Keep what is finished in OUTPUT.part and go on from there if an earlier build of the same was interrupted
+    #[arg(long)]
+    pub(crate) resume: bool,
+    /// Memory that may be used, in 10^9 bytes; where it is short fewer threads work
+    #[arg(long, value_name = "GB")]
+    pub(crate) memory_limit: Option<f64>,
+    /// Store blocks compressed with Zstandard at this level
+    #[arg(long, value_name = "LEVEL", num_args = 0..=1, default_missing_value = "3")]
+    pub(crate) compress: Option<i32>,
+    /// Build this scene of the manifest with the paper's settings: its real mesh, or its procedural stand-in
+    #[arg(long, value_name = "NAME")]
+    pub(crate) scene: Option<String>,
+    /// Build the scene's procedural stand-in even if the real mesh is found
+    #[arg(long, requires = "scene")]
+    pub(crate) stand_in: bool,
+    /// Where real meshes are looked for first; then $ESVO_SCENES, then ../shared/scenes
+    #[arg(long, value_name = "FOLDER", requires = "scene")]
+    pub(crate) scenes_dir: Option<PathBuf>,
+    /// Print what it took and what came out as JSON
+    #[arg(long)]
+    pub(crate) json: bool,
 }
 
 /// Say what a file contains.
@@ -327,6 +351,7 @@ pub(crate) struct Bench {
 /// What else can be measured.
 #[derive(Debug, Subcommand)]
 pub(crate) enum BenchCommand {
+    Build(BenchBuild),
     Format(BenchFormat),
 }
 

@@ -3,12 +3,14 @@
 use esvo_bench::{Backend, Matrix, Progress, output, run, tables};
 
 use crate::args::{Bench, BenchCommand};
+use crate::bench_build;
 use crate::bench_format;
 use crate::fail::{Failure, complain, print};
 
 pub(crate) fn run(arguments: &Bench) -> Result<(), Failure> {
     match &arguments.command {
         None => tables_run(arguments),
+        Some(BenchCommand::Build(arguments)) => bench_build::run(arguments),
         Some(BenchCommand::Format(arguments)) => bench_format::run(arguments),
     }
 }

@@ -2,47 +2,67 @@
 
 use std::time::Instant;
 
-use esvo_bench::Progress;
-use esvo_builder::BuildSettings;
+use esvo_bench::build_summary::{BuildSeconds, BuildSummary, peak_bytes};
+use esvo_bench::{Progress, scene};
+use esvo_builder::{BuildSettings, FileOptions, Mesh};
+use esvo_format::WriteOptions;
+use esvo_scenes::{SceneEntry, SceneManifest};
 
 use crate::args::Build;
 use crate::fail::{Failure, check_not_input, check_output, complain, print};
 
 pub(crate) fn run(arguments: &Build) -> Result<(), Failure> {
-    let settings = settings(arguments)?;
+    let manifest = SceneManifest::builtin()?;
+    let scene = arguments.scene.as_ref().map(|name| scene::entry(&manifest, name)).transpose()?;
+    let settings = settings(arguments, &manifest, scene)?;
     settings.check()?;
     check_output(&arguments.output)?;
-    check_not_input(&arguments.output, &arguments.mesh)?;
+    if let Some(mesh) = &arguments.mesh {
+        check_not_input(&arguments.output, mesh)?;
+    }
     let progress = Progress::terminal();
-    progress.say(format!("reading {}", arguments.mesh.display()));
-    let mesh = esvo_builder::import::load_mesh(&arguments.mesh)?;
+    let start = Instant::now();
+    let (mesh, source) = mesh(arguments, scene, &progress)?;
+    let import = start.elapsed().as_secs_f64();
+    let import_peak_bytes = peak_bytes();
     let start = Instant::now();
     let what = format!("building {} levels", settings.levels);
-    let built = esvo_builder::build(&mesh, &settings, &|p| {
-        progress.fraction(&what, p.done, &format!("{:.1} M voxels", p.voxels as f64 / 1e6));
-    })
-    .map_err(|e| format!("{}: {e}", arguments.mesh.display()))?;
-    let seconds = start.elapsed().as_secs_f64();
-    let mut octree = built.octree;
-    let source = arguments.mesh.file_name().unwrap_or_default().to_string_lossy();
-    octree.set_meta(
-        serde_json::json!({
+    let options = FileOptions {
+        write: WriteOptions { compress: arguments.compress },
+        meta: serde_json::json!({
             "generator": concat!("esvo ", env!("CARGO_PKG_VERSION")),
             "source": source,
             "triangles": mesh.triangle_count(),
             "settings": settings,
         })
         .to_string(),
-    );
-    progress.say(format!("writing {}", arguments.output.display()));
-    octree.write(&arguments.output)?;
+        resume: arguments.resume,
+        memory_limit: arguments.memory_limit.map(|gigabytes| (gigabytes * 1e9) as u64),
+    };
+    let built = esvo_builder::build_file(&mesh, &settings, &arguments.output, &options, &|p| {
+        progress.fraction(&what, p.done, &format!("{:.1} M voxels", p.voxels as f64 / 1e6));
+    })
+    .map_err(|e| format!("{source}: {e}"))?;
+    let build = start.elapsed().as_secs_f64();
+    let peaks = (import_peak_bytes, peak_bytes());
     progress.finish();
     for warning in &mesh.warnings {
         complain("warning", warning);
     }
-    let stats = esvo_format::stats(&octree);
+    let stats = esvo_format::stats(&esvo_format::Octree::open(&arguments.output)?);
+    let seconds = BuildSeconds {
+        import,
+        build,
+        prepare: built.stats.prepare.as_secs_f64(),
+        voxelize: built.stats.voxelize.as_secs_f64(),
+        write: built.stats.assemble.as_secs_f64(),
+    };
+    let summary = BuildSummary::new(&source, &arguments.output, &mesh, &settings, seconds, peaks, &stats);
+    if arguments.json {
+        return print(&format!("{}\n", serde_json::to_string_pretty(&summary)?));
+    }
     print(&format!(
-        "{}: {} levels, {} voxels, {:.1} MB, {:.2} bytes per voxel, built in {seconds:.1} s\n",
+        "{}: {} levels, {} voxels, {:.1} MB, {:.2} bytes per voxel, built in {build:.1} s\n",
         arguments.output.display(),
         settings.levels,
         stats.voxels,
@@ -51,13 +71,23 @@ pub(crate) fn run(arguments: &Build) -> Result<(), Failure> {
     ))
 }
 
-fn settings(arguments: &Build) -> Result<BuildSettings, Failure> {
-    let mut settings = BuildSettings::default();
-    if let Some(name) = &arguments.paper {
-        let manifest = esvo_scenes::SceneManifest::builtin()?;
-        let entry = esvo_bench::scene::entry(&manifest, name)?;
-        settings = esvo_bench::scene::settings(entry);
+/// The mesh, and what to call it.
+fn mesh(arguments: &Build, scene: Option<&SceneEntry>, progress: &Progress) -> Result<(Mesh, String), Failure> {
+    if let Some(path) = &arguments.mesh {
+        progress.say(format!("reading {}", path.display()));
+        let mesh = esvo_builder::import::load_mesh(path)?;
+        return Ok((mesh, path.file_name().unwrap_or_default().to_string_lossy().into_owned()));
     }
+    // The command line wants one of the two.
+    let entry = scene.ok_or("neither a mesh nor a scene is given")?;
+    progress.say(format!("reading {}", entry.name));
+    let (mesh, source) = scene::mesh(entry, arguments.scenes_dir.as_deref(), arguments.stand_in)?;
+    Ok((mesh, source))
+}
+
+fn settings(arguments: &Build, manifest: &SceneManifest, scene: Option<&SceneEntry>) -> Result<BuildSettings, Failure> {
+    let named = arguments.paper.as_ref().map(|name| scene::entry(manifest, name)).transpose()?;
+    let mut settings = named.or(scene).map(scene::settings).unwrap_or_default();
     settings.levels = arguments.levels;
     settings.contours = !arguments.no_contours;
     settings.colors = !arguments.no_colors;

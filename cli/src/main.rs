@@ -3,6 +3,7 @@
 mod ambient;
 mod args;
 mod bench;
+mod bench_build;
 mod bench_format;
 mod build;
 mod convert;

@@ -1,0 +1,113 @@
+//! One build as a process of its own, so that its memory is its own, and the limits that it is held to.
+
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use super::plan::Contours;
+use crate::BenchError;
+use crate::build_summary::BuildSummary;
+use crate::clock::status_bytes;
+
+/// Time between two looks at a child.
+const POLL: Duration = Duration::from_millis(20);
+
+/// What is built, by whom, and within which limits.
+pub(crate) struct Job<'a> {
+    /// The program that has `build`: this one.
+    pub(crate) program: &'a Path,
+    /// Where real meshes are looked for first.
+    pub(crate) scenes_dir: Option<&'a Path>,
+    /// Name of the scene.
+    pub(crate) scene: &'a str,
+    /// Whether the scene's stand-in is built.
+    pub(crate) stand_in: bool,
+    /// Deepest level.
+    pub(crate) levels: u32,
+    /// With contours or without.
+    pub(crate) contours: Contours,
+    /// Where the octree goes.
+    pub(crate) output: &'a Path,
+    /// Bytes that the process may hold.
+    pub(crate) memory: f64,
+    /// Seconds that it may take.
+    pub(crate) seconds: f64,
+}
+
+/// How a build ended.
+pub(crate) enum Ended {
+    /// It is done.
+    Done(Box<BuildSummary>),
+    /// It was stopped at a limit, in words.
+    Stopped(String),
+}
+
+/// Kills the process when dropped, so that an error on the way leaves none behind.
+struct Guard(Child);
+
+impl Drop for Guard {
+    fn drop(&mut self) {
+        // One that has ended cannot be killed, and need not be.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+impl Job<'_> {
+    fn command(&self) -> Command {
+        let mut command = Command::new(self.program);
+        command.arg("build").arg("--json").args(["--scene", self.scene]);
+        command.arg("--levels").arg(self.levels.to_string()).arg("--output").arg(self.output);
+        if self.stand_in {
+            command.arg("--stand-in");
+        }
+        if self.contours == Contours::Off {
+            command.arg("--no-contours");
+        }
+        if let Some(folder) = self.scenes_dir {
+            command.arg("--scenes-dir").arg(folder);
+        }
+        command
+    }
+
+    /// Runs it to its end or to a limit.
+    ///
+    /// # Errors
+    /// The program cannot be started, or says that it failed.
+    pub(crate) fn run(&self) -> Result<Ended, BenchError> {
+        let failed = |what: String| {
+            let what = format!("{} at {} levels, {}: {what}", self.scene, self.levels, self.contours.title());
+            BenchError::scene(self.scene, what)
+        };
+        let folder = self.output.parent().unwrap_or(Path::new("."));
+        let (out, err) = (folder.join("build.json"), folder.join("build.log"));
+        let create = |path: &PathBuf| File::create(path).map_err(|e| BenchError::io(path, e));
+        let mut command = self.command();
+        command.stdin(Stdio::null()).stdout(create(&out)?).stderr(create(&err)?);
+        let start = Instant::now();
+        let mut child = Guard(command.spawn().map_err(|e| BenchError::io(self.program, e))?);
+        let process = child.0.id().to_string();
+        let status = loop {
+            if let Some(status) = child.0.try_wait().map_err(|e| BenchError::io(self.program, e))? {
+                break status;
+            }
+            if start.elapsed().as_secs_f64() > self.seconds {
+                return Ok(Ended::Stopped(format!("stopped after {:.0} s, the limit", self.seconds)));
+            }
+            if status_bytes(&process, "VmRSS:").is_some_and(|held| held as f64 > self.memory) {
+                let limit = self.memory / f64::from(1 << 30);
+                return Ok(Ended::Stopped(format!("stopped when it held more than {limit:.1} GB; see --memory")));
+            }
+            std::thread::sleep(POLL);
+        };
+        let read = |path: &PathBuf| std::fs::read(path).map(|b| String::from_utf8_lossy(&b).into_owned());
+        if !status.success() {
+            let log = read(&err).unwrap_or_default();
+            return Err(failed(log.lines().last().unwrap_or("failed without a word").into()));
+        }
+        let text = read(&out).map_err(|e| BenchError::io(&out, e))?;
+        let summary = serde_json::from_str(&text).map_err(|e| failed(format!("its report cannot be read: {e}")))?;
+        Ok(Ended::Done(Box::new(summary)))
+    }
+}

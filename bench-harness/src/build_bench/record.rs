@@ -1,0 +1,133 @@
+//! The record of `esvo bench build`: `build.json`. Everything that its tables say is computed from it.
+
+use serde::{Deserialize, Serialize};
+
+use super::plan::{BuildMatrix, Contours};
+use super::saved::SavedLevels;
+use crate::build_summary::{BuildSeconds, BuildSummary};
+use crate::error::DepthError;
+use crate::machine::Machine;
+use crate::matrix::LeftOut;
+use crate::report::NamedView;
+use crate::timing::Spread;
+
+/// Version of the record's layout. Fields may be added without a new one.
+pub const SCHEMA: u32 = 1;
+
+/// The record of a run.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+pub struct BuildReport {
+    /// [`SCHEMA`].
+    pub schema: u32,
+    /// What it ran on.
+    pub machine: Machine,
+    /// What was asked for.
+    pub matrix: BuildMatrix,
+    /// The scenes, in the order of the matrix.
+    pub scenes: Vec<SceneBuilds>,
+    /// What was not built, and why.
+    pub left_out: Vec<LeftOut>,
+    /// Seconds that the run took.
+    pub seconds: f64,
+}
+
+/// Everything about one scene.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+pub struct SceneBuilds {
+    /// As in the manifest, and in the paper's tables if it is one of the paper's.
+    pub name: String,
+    /// `real` or `stand-in`.
+    pub mesh: String,
+    /// Triangles of that mesh.
+    pub triangles: u64,
+    /// Whether the file is the one that the manifest names, or which generator made the mesh.
+    pub identity: String,
+    /// Credit to print beside tables.
+    pub credit: String,
+    /// Viewpoints that errors were measured from.
+    pub views: Vec<NamedView>,
+    /// Picture of each viewpoint.
+    pub size: [u32; 2],
+    /// What was built, in the order in which it was built first.
+    pub rows: Vec<BuildRow>,
+    /// How many levels contours save.
+    pub saved: Vec<SavedLevels>,
+}
+
+/// One octree.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+pub struct BuildRow {
+    /// Deepest level.
+    pub levels: u32,
+    /// With contours or without.
+    pub contours: Contours,
+    /// What came out of it, and what the first build took.
+    pub build: BuildSummary,
+    /// What every build took, the first one included.
+    pub samples: Vec<BuildSample>,
+    /// Distance from the triangles where rays end at leaves only.
+    pub error: Option<DepthError>,
+    /// Distance from the triangles where rays end at voxels of one pixel.
+    pub error_at_pixel: Option<DepthError>,
+}
+
+/// What one build took.
+#[derive(Clone, Copy, PartialEq, Debug, Serialize, Deserialize)]
+pub struct BuildSample {
+    /// Phase by phase.
+    pub seconds: BuildSeconds,
+    /// Most memory that the process ever held, import included.
+    pub peak_bytes: u64,
+    /// 1-minute load of the machine before it, 0 where the system does not say: above 1 somebody else is at work.
+    pub load: f64,
+}
+
+impl BuildRow {
+    /// Median and quartiles over the builds of something.
+    pub fn spread(&self, of: impl Fn(&BuildSample) -> f64) -> Spread {
+        let values: Vec<f64> = self.samples.iter().map(of).collect();
+        let none = Spread { median: f64::NAN, lower_quartile: f64::NAN, upper_quartile: f64::NAN };
+        Spread::of(&values).unwrap_or(none)
+    }
+
+    /// Median seconds from the mesh in memory to the octree in its file.
+    pub fn seconds(&self) -> f64 {
+        self.spread(|s| s.seconds.build).median
+    }
+
+    /// Size of the image in units of 2^20 bytes.
+    pub fn mb(&self) -> f64 {
+        self.build.image_bytes as f64 / f64::from(1 << 20)
+    }
+
+    /// Most memory of any of the builds, in units of 2^20 bytes.
+    pub fn peak_mb(&self) -> f64 {
+        self.samples.iter().map(|s| s.peak_bytes).max().unwrap_or(0) as f64 / f64::from(1 << 20)
+    }
+
+    /// Bytes of the image over all voxels.
+    pub fn bytes_per_voxel(&self) -> f64 {
+        self.build.image_bytes as f64 / self.build.voxels.max(1) as f64
+    }
+}
+
+impl SceneBuilds {
+    /// The octree of a kind and level.
+    pub fn row(&self, contours: Contours, levels: u32) -> Option<&BuildRow> {
+        self.rows.iter().find(|r| r.contours == contours && r.levels == levels)
+    }
+
+    /// `real mesh` or `stand-in`.
+    pub fn mesh_title(&self) -> &'static str {
+        if self.mesh == "real" { "real mesh" } else { "stand-in" }
+    }
+}
+
+impl BuildReport {
+    /// The record as JSON, indented.
+    pub fn to_json(&self) -> String {
+        let mut json = serde_json::to_string_pretty(self).expect("a report has text keys only");
+        json.push('\n');
+        json
+    }
+}

@@ -1,0 +1,99 @@
+//! How many levels contours save: the cubical octree that is as near to the triangles as one with contours, were there one
+//! of every fraction of a level.
+
+use serde::{Deserialize, Serialize};
+
+use super::plan::Contours;
+use super::record::BuildRow;
+
+/// What the contours of one octree are worth.
+#[derive(Clone, Copy, PartialEq, Debug, Serialize, Deserialize)]
+pub struct SavedLevels {
+    /// Deepest level of the octree with contours.
+    pub levels: u32,
+    /// Its error in mesh units: the median over the rays, which end at leaves only.
+    pub error: f64,
+    /// Bytes of its image.
+    pub bytes: f64,
+    /// Deepest level of the cubical octree with that error.
+    pub cubical_levels: f64,
+    /// Bytes of its image.
+    pub cubical_bytes: f64,
+    /// Whether that octree is deeper or shallower than all that were built, so that it follows from their trend.
+    pub extrapolated: bool,
+}
+
+/// For every octree with contours; empty unless two cubical octrees are there to compare with.
+pub(crate) fn saved(rows: &[BuildRow]) -> Vec<SavedLevels> {
+    let point = |row: &BuildRow| {
+        let error = row.error.as_ref()?.scene.median;
+        (error > 0.0).then_some((f64::from(row.levels), error, row.build.image_bytes as f64))
+    };
+    let of = |kind: Contours| {
+        let mut points: Vec<_> = rows.iter().filter(|r| r.contours == kind).filter_map(point).collect();
+        points.sort_by(|a, b| a.0.total_cmp(&b.0));
+        points
+    };
+    let cubical = of(Contours::Off);
+    let found = |(levels, error, bytes): (f64, f64, f64)| {
+        let (cubical_levels, extrapolated) = crossing(&cubical, error)?;
+        let log_bytes: Vec<_> = cubical.iter().map(|p| (p.0, p.2.log2())).collect();
+        Some(SavedLevels {
+            levels: levels as u32,
+            error,
+            bytes,
+            cubical_levels,
+            cubical_bytes: along(&log_bytes, cubical_levels)?.exp2(),
+            extrapolated,
+        })
+    };
+    of(Contours::On).into_iter().filter_map(found).collect()
+}
+
+/// The level at which the logarithm of the error, taken as straight between neighbours and beyond the ends, is that of
+/// `error`, and whether it is beyond an end.
+fn crossing(points: &[(f64, f64, f64)], error: f64) -> Option<(f64, bool)> {
+    let target = error.log2();
+    let logs: Vec<(f64, f64)> = points.iter().map(|p| (p.0, p.1.log2())).collect();
+    let last = logs.len().checked_sub(2)?;
+    let inside = logs.windows(2).position(|w| w[0].1 >= target && target >= w[1].1);
+    let from = inside.unwrap_or(if target > logs[0].1 { 0 } else { last });
+    let ((l0, e0), (l1, e1)) = (logs[from], logs[from + 1]);
+    // Errors that do not fall with the level have no trend to follow.
+    (e0 > e1).then(|| (l0 + (e0 - target) / (e0 - e1) * (l1 - l0), inside.is_none()))
+}
+
+/// The value at `x` of points whose `x` ascend, taken as straight between neighbours and beyond the ends.
+fn along(points: &[(f64, f64)], x: f64) -> Option<f64> {
+    let last = points.len().checked_sub(2)?;
+    let from = points[1..].iter().position(|p| x <= p.0).unwrap_or(last).min(last);
+    let ((x0, y0), (x1, y1)) = (points[from], points[from + 1]);
+    Some(y0 + (x - x0) / (x1 - x0) * (y1 - y0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Errors that halve and bytes that quadruple with every level.
+    const HALVING: [(f64, f64, f64); 3] = [(8.0, 1.0, 1e6), (9.0, 0.5, 4e6), (10.0, 0.25, 16e6)];
+
+    #[test]
+    fn between_levels_and_beyond() {
+        assert_eq!(crossing(&HALVING, 0.5), Some((9.0, false)));
+        assert_eq!(crossing(&HALVING, 2f64.powf(-1.25)), Some((9.25, false)));
+        assert_eq!(crossing(&HALVING, 1.0 / 32.0), Some((13.0, true)));
+        assert_eq!(crossing(&HALVING, 4.0), Some((6.0, true)));
+        assert_eq!(crossing(&HALVING[..1], 0.5), None);
+        assert_eq!(crossing(&[(8.0, 1.0, 1.0), (9.0, 1.0, 1.0)], 0.5), None);
+    }
+
+    #[test]
+    fn bytes_follow_the_level() {
+        let logs = HALVING.map(|p| (p.0, p.2.log2()));
+        for (level, bytes) in [(8.0, 1e6), (8.5, 2e6), (10.0, 16e6), (12.0, 256e6), (7.0, 0.25e6)] {
+            assert!((along(&logs, level).unwrap().exp2() / bytes - 1.0).abs() < 1e-12, "{level}");
+        }
+        assert_eq!(along(&logs[..1], 8.0), None);
+    }
+}

@@ -1,0 +1,387 @@
+//! The tables of a [`BuildReport`].
+
+use super::peers::{Authors, Termination, TheirError};
+use super::plan::Contours;
+use super::record::{BuildReport, BuildRow, SceneBuilds};
+use crate::error::{DepthError, Summary};
+use crate::paper::Paper;
+use crate::text::{TextTable, short};
+
+/// The levels of the paper's Table 1.
+const TABLE1_LEVELS: [u32; 7] = [10, 11, 12, 13, 14, 15, 16];
+
+/// Every table of a report, in the order of printing.
+fn tables(report: &BuildReport) -> Vec<TextTable> {
+    let (paper, authors) = (Paper::figures(), Authors::figures());
+    let mut tables = vec![
+        beside_authors(report, &authors),
+        errors_beside_authors(report, &authors),
+        builds(report),
+        table1(report, &paper),
+        saved(report),
+        errors(report),
+    ];
+    tables.retain(|t| !t.rows.is_empty());
+    tables
+}
+
+/// All tables as aligned text for a terminal.
+pub fn to_text(report: &BuildReport) -> String {
+    let mut parts = vec![header(report).join("\n") + "\n"];
+    parts.extend(tables(report).iter().map(TextTable::to_text));
+    if !report.left_out.is_empty() {
+        let lines = report.left_out.iter().map(|l| format!("  {}: {}\n", l.what, l.reason));
+        parts.push(format!("Left out\n{}", lines.collect::<String>()));
+    }
+    parts.join("\n")
+}
+
+/// All tables as Markdown.
+pub fn to_markdown(report: &BuildReport) -> String {
+    let mut out = format!("# esvo bench build, {}\n\n", report.machine.date);
+    for line in header(report) {
+        out += &format!("- {line}\n");
+    }
+    for table in tables(report) {
+        out += &format!("\n{}", table.to_markdown());
+    }
+    if !report.left_out.is_empty() {
+        out += "\n## Left out\n\n";
+        for left in &report.left_out {
+            out += &format!("- {}: {}\n", left.what, left.reason);
+        }
+    }
+    out += "\n## Credits\n\n";
+    for scene in &report.scenes {
+        out += &format!("- {}: {} ({})\n", scene.name, scene.credit, scene.identity);
+    }
+    out
+}
+
+fn header(report: &BuildReport) -> Vec<String> {
+    let m = &report.machine;
+    let samples = report.scenes.iter().flat_map(|s| &s.rows).flat_map(|r| &r.samples);
+    let load = samples.map(|s| s.load).fold(0.0, f64::max);
+    let mut lines = vec![
+        format!("{}, {} threads, {} MB, {}", m.cpu, m.threads, m.memory_mb, m.os),
+        format!(
+            "commit {}, {}, {} build, matrix `{}`, {:.0} s",
+            m.commit, m.rustc, m.profile, report.matrix.name, report.seconds
+        ),
+        format!(
+            "limits: {} GB of memory, {} GB of disk, {:.0} s for each build",
+            report.matrix.memory_gb, report.matrix.disk_gb, report.matrix.build_limit_seconds
+        ),
+    ];
+    if load > 1.5 {
+        lines.push(format!("the machine was not idle: a load of up to {load:.1} before a build; seconds are too long"));
+    }
+    lines
+}
+
+fn rows(report: &BuildReport) -> impl Iterator<Item = (&SceneBuilds, &BuildRow)> {
+    report.scenes.iter().flat_map(|s| s.rows.iter().map(move |r| (s, r)))
+}
+
+fn millions(count: u64) -> String {
+    short(count as f64 / 1e6)
+}
+
+fn cell(value: Option<String>) -> String {
+    value.unwrap_or_else(|| "-".into())
+}
+
+fn ratio(theirs: f64, ours: f64) -> String {
+    format!("{} x", short(theirs / ours))
+}
+
+/// Every build.
+fn builds(report: &BuildReport) -> TextTable {
+    let head = [
+        "scene",
+        "octree",
+        "levels",
+        "seconds",
+        "builds",
+        "import",
+        "prepare",
+        "voxelize",
+        "write",
+        "peak MB",
+        "of import",
+        "descriptors",
+        "leaves",
+        "contours",
+        "MB",
+        "B/voxel",
+    ];
+    let mut table = TextTable::new("Builds", 2, &head);
+    table.notes = vec![
+        "Seconds from the mesh in memory to the octree in its file, median ± half the distance of the quartiles, and how they \
+         divide into preparing the mesh, voxelizing, and placing and writing blocks; import apart."
+            .into(),
+        "Peak MB (2^20 bytes): most memory that the process ever held, and had held when the mesh was read. Descriptors, \
+         leaf voxels and contours in millions."
+            .into(),
+        "MB: the image, what a caster needs in memory; bytes per voxel, all voxels counted.".into(),
+    ];
+    for (scene, row) in rows(report) {
+        let seconds = row.spread(|s| s.seconds.build);
+        let phase = |of: fn(&crate::build_summary::BuildSeconds) -> f64| short(row.spread(|s| of(&s.seconds)).median);
+        table.rows.push(vec![
+            scene.name.clone(),
+            format!("{}, {}", row.contours.title(), scene.mesh_title()),
+            row.levels.to_string(),
+            format!("{} ±{:.0}%", short(seconds.median), seconds.percent()),
+            row.samples.len().to_string(),
+            phase(|s| s.import),
+            phase(|s| s.prepare),
+            phase(|s| s.voxelize),
+            phase(|s| s.write),
+            format!("{:.0}", row.peak_mb()),
+            format!("{:.0}", row.build.import_peak_bytes as f64 / f64::from(1 << 20)),
+            millions(row.build.descriptors),
+            millions(row.build.leaves),
+            millions(row.build.contours),
+            short(row.mb()),
+            format!("{:.2}", row.bytes_per_voxel()),
+        ]);
+    }
+    table
+}
+
+/// Builds that the authors' builder was given too.
+fn beside_authors(report: &BuildReport, authors: &Authors) -> TextTable {
+    let head = [
+        "scene",
+        "builder",
+        "levels",
+        "seconds",
+        "peak MB",
+        "MB",
+        "B/voxel",
+        "descriptors",
+        "leaves",
+        "contours",
+        "bytes",
+        "time",
+    ];
+    let mut table = TextTable::new("Beside the authors' builder", 2, &head);
+    table.notes = vec![
+        "Authors: ESVO 1.4 with the same mesh and settings on two threads of the same kind of machine, measured apart: not \
+         in the same run, nor on the same day. In brackets: the same while other programs ran."
+            .into(),
+        "Bytes and time: theirs over ours; above 1 is better for us. Counts in millions.".into(),
+    ];
+    for (scene, row) in rows(report).filter(|(_, r)| r.contours == Contours::On) {
+        let Some(theirs) = authors.build(&scene.name, row.levels) else { continue };
+        let comparable = theirs.own_mesh == (scene.mesh == "real");
+        if theirs.own_mesh && !comparable {
+            continue;
+        }
+        let ours = row.seconds();
+        let build = &row.build;
+        table.rows.push(vec![
+            scene.name.clone(),
+            format!("ours, {}", scene.mesh_title()),
+            row.levels.to_string(),
+            short(ours),
+            format!("{:.0}", row.peak_mb()),
+            short(row.mb()),
+            format!("{:.2}", row.bytes_per_voxel()),
+            millions(build.descriptors),
+            millions(build.leaves),
+            millions(build.contours),
+            if theirs.own_mesh { ratio(theirs.mb, row.mb()) } else { "-".into() },
+            if theirs.own_mesh { ratio(theirs.seconds, ours) } else { "-".into() },
+        ]);
+        let busy = theirs.seconds_busy.map_or(String::new(), |s| format!(" ({s})"));
+        table.rows.push(vec![
+            String::new(),
+            if theirs.own_mesh { "authors" } else { "authors, another stand-in" }.into(),
+            row.levels.to_string(),
+            format!("{}{busy}", short(theirs.seconds)),
+            format!("{:.0}", theirs.peak_mb),
+            short(theirs.mb),
+            format!("{:.1}", theirs.bytes_per_voxel),
+            short(theirs.descriptors),
+            short(theirs.leaves),
+            short(theirs.contours),
+            String::new(),
+            String::new(),
+        ]);
+    }
+    table
+}
+
+/// Errors of those builds.
+fn errors_beside_authors(report: &BuildReport, authors: &Authors) -> TextTable {
+    let head = ["scene", "octree", "levels", "rays end at", "unit", "median", "90th", "99th", "hit/miss differ"];
+    let mut table = TextTable::new("Error beside the authors' octrees", 2, &head);
+    table.notes = vec![format!(
+        "Distance along the ray to the triangles where both are hit. Ours: {} rays over all viewpoints together. Authors: two \
+         of their cameras of 512x384, measured apart; least to most of the two.",
+        report.matrix.rays
+    )];
+    let range = |[a, b]: [f64; 2], decimals: usize| {
+        if a == b { format!("{a:.decimals$}") } else { format!("{a:.decimals$} to {b:.decimals$}") }
+    };
+    for (scene, row) in rows(report).filter(|(s, r)| r.contours == Contours::On && s.mesh == "real") {
+        for (termination, error, end, unit) in [
+            (Termination::None, &row.error, "leaves", "voxels"),
+            (Termination::Pixel, &row.error_at_pixel, "one pixel", "pixels"),
+        ] {
+            let (Some(error), Some(theirs)) = (error, authors.error(&scene.name, row.levels, termination)) else {
+                continue;
+            };
+            let ours: &Summary = if termination == Termination::None { &error.voxels } else { &error.pixels };
+            table.rows.push(vec![
+                scene.name.clone(),
+                "ours".into(),
+                row.levels.to_string(),
+                end.into(),
+                unit.into(),
+                format!("{:.3}", ours.median),
+                format!("{:.3}", ours.p90),
+                format!("{:.3}", ours.p99),
+                format!("{:.4}%", 100.0 * error.disagreement),
+            ]);
+            let TheirError { median, p90, p99, disagreement_percent, .. } = theirs;
+            table.rows.push(vec![
+                String::new(),
+                "authors".into(),
+                row.levels.to_string(),
+                end.into(),
+                unit.into(),
+                range(*median, 2),
+                range(*p90, 2),
+                range(*p99, 2),
+                format!("{}%", range(*disagreement_percent, 4)),
+            ]);
+        }
+    }
+    table
+}
+
+/// The paper's Table 1: levels against MB, seconds, voxels and bytes per voxel.
+fn table1(report: &BuildReport, paper: &Paper) -> TextTable {
+    let mut head = vec!["scene".to_string(), "octree".into(), "figure".into()];
+    head.extend(TABLE1_LEVELS.map(|l| l.to_string()));
+    let title = "Table 1: limit on octree levels against memory and time";
+    let mut table = TextTable { head, left: 3, ..TextTable::new(title, 3, &[]) };
+    table.notes = vec![
+        "MB of 2^20 bytes, seconds, millions of voxels (leaves and others), bytes per voxel.".into(),
+        format!("Paper: built on {}, with contours; its meshes are not quite ours.", paper.machine.cpu),
+    ];
+    type Figure = (&'static str, fn(&BuildRow) -> String);
+    let figures: [Figure; 4] = [
+        ("MB", |r| short(r.mb())),
+        ("seconds", |r| short(r.seconds())),
+        ("voxels", |r| millions(r.build.voxels)),
+        ("B/voxel", |r| format!("{:.2}", r.bytes_per_voxel())),
+    ];
+    for scene in &report.scenes {
+        for contours in [Contours::On, Contours::Off] {
+            if !TABLE1_LEVELS.iter().any(|&l| scene.row(contours, l).is_some()) {
+                continue;
+            }
+            for (name, figure) in figures {
+                let octree = format!("{}, {}", contours.title(), scene.mesh_title());
+                let mut row = vec![scene.name.clone(), octree, name.into()];
+                row.extend(TABLE1_LEVELS.map(|l| cell(scene.row(contours, l).map(figure))));
+                table.rows.push(row);
+            }
+        }
+        if TABLE1_LEVELS.iter().any(|&l| paper.build(&scene.name, l).is_some()) {
+            for (index, name) in ["MB", "seconds"].into_iter().enumerate() {
+                let mut row = vec![scene.name.clone(), "contours, paper".into(), name.into()];
+                let figure = |l| paper.build(&scene.name, l).map(|both| short(<[f64; 2]>::from(both)[index]));
+                row.extend(TABLE1_LEVELS.map(|l| cell(figure(l))));
+                table.rows.push(row);
+            }
+        }
+    }
+    table
+}
+
+/// How many levels contours save.
+fn saved(report: &BuildReport) -> TextTable {
+    let head =
+        ["scene", "mesh", "levels", "median error", "MB", "cubical levels", "cubical MB", "levels saved", "bytes"];
+    let mut table = TextTable::new("What contours save", 2, &head);
+    table.notes = vec![
+        "The cubical octree that is as near to the triangles as the one with contours: its level and bytes on the trend of \
+         the cubical octrees that were built, straight in the logarithm between two levels. (>) beyond the deepest of them."
+            .into(),
+        "Median error in finest voxels of the octree with contours; bytes: cubical over contours.".into(),
+    ];
+    for scene in &report.scenes {
+        for saved in &scene.saved {
+            let voxels = scene.row(Contours::On, saved.levels).and_then(|r| r.error).map(|e| e.voxels.median);
+            let mb = |bytes: f64| short(bytes / f64::from(1 << 20));
+            let beyond = if saved.extrapolated { " (>)" } else { "" };
+            table.rows.push(vec![
+                scene.name.clone(),
+                scene.mesh_title().into(),
+                saved.levels.to_string(),
+                cell(voxels.map(|v| format!("{v:.3}"))),
+                mb(saved.bytes),
+                format!("{:.1}{beyond}", saved.cubical_levels),
+                mb(saved.cubical_bytes),
+                format!("{:.1}", saved.cubical_levels - f64::from(saved.levels)),
+                ratio(saved.cubical_bytes, saved.bytes),
+            ]);
+        }
+    }
+    table
+}
+
+/// All errors.
+fn errors(report: &BuildReport) -> TextTable {
+    let head = [
+        "scene",
+        "octree",
+        "levels",
+        "rays end at",
+        "voxels: median",
+        "90th",
+        "99th",
+        "pixels: median",
+        "90th",
+        "99th",
+        "holes",
+        "hit/miss differ",
+    ];
+    let mut table = TextTable::new("Error against the triangles", 2, &head);
+    table.notes = vec![
+        format!(
+            "Distance along the ray between octree and triangles where both are hit, in finest voxels and in footprints of a \
+             pixel; about {} rays a scene, all its viewpoints together.",
+            report.matrix.rays
+        ),
+        "Holes: rays that meet a triangle but no voxel; hit/miss: those and the opposite. Cut-outs of the mesh are holes in \
+         it."
+        .into(),
+    ];
+    for (scene, row) in rows(report) {
+        for (end, error) in [("leaves", &row.error), ("one pixel", &row.error_at_pixel)] {
+            let Some(e) = error else { continue };
+            let share = |count: u64, e: &DepthError| format!("{:.4}%", 100.0 * count as f64 / e.rays.max(1) as f64);
+            table.rows.push(vec![
+                scene.name.clone(),
+                format!("{}, {}", row.contours.title(), scene.mesh_title()),
+                row.levels.to_string(),
+                end.into(),
+                format!("{:.3}", e.voxels.median),
+                format!("{:.3}", e.voxels.p90),
+                format!("{:.3}", e.voxels.p99),
+                format!("{:.3}", e.pixels.median),
+                format!("{:.3}", e.pixels.p90),
+                format!("{:.3}", e.pixels.p99),
+                share(e.only_exact, e),
+                share(e.only_exact + e.only_octree + e.strange, e),
+            ]);
+        }
+    }
+    table
+}

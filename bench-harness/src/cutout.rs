@@ -1,0 +1,90 @@
+//! Casting a mesh whose materials have holes: rays go on through what its alpha cuts out.
+
+use esvo_builder::Mesh;
+use esvo_core::exact::{CameraRays, ExactRay, TriangleHit};
+use esvo_cpu::triangles::TriangleScene;
+use glam::DVec3;
+
+use crate::mesh_picture::{Looked, per_distance};
+
+/// Holes that one ray may go through. A ray in the plane of a cut-out triangle could go on for ever.
+const MOST_HOLES: usize = 256;
+
+/// What the rays of a picture hit first that is no hole, in double precision: as [`TriangleScene::cast_exact`] where no
+/// material of the mesh is cut out. Textures are read at the footprint of a pixel. `triangles` are those of the mesh.
+pub(crate) fn cast_solid(mesh: &Mesh, triangles: &TriangleScene, rays: &CameraRays) -> Vec<TriangleHit> {
+    let mut hits = triangles.cast_exact(rays);
+    if mesh.materials.iter().all(|m| m.alpha_cutoff.is_none()) {
+        return hits;
+    }
+    let per_distance = per_distance(rays);
+    for (index, hit) in hits.iter_mut().enumerate() {
+        let mut ray = rays.ray_at(index);
+        for _ in 0..MOST_HOLES {
+            if hit.is_miss() || !is_hole(mesh, hit.triangle as usize, &ray, hit.t, per_distance) {
+                break;
+            }
+            // On from the next number: whatever else lies at this very depth is taken to be part of the hole.
+            ray.t_min = hit.t.next_up();
+            *hit = triangles.cast_exact_ray(&ray);
+        }
+    }
+    hits
+}
+
+/// Whether the point of a triangle that a ray meets at `t` is cut out.
+fn is_hole(mesh: &Mesh, triangle: usize, ray: &ExactRay, t: f64, per_distance: f64) -> bool {
+    let material = &mesh.materials[mesh.triangle_materials[triangle] as usize];
+    let Some(cutoff) = material.alpha_cutoff else { return false };
+    let point: DVec3 = ray.origin + ray.direction * t;
+    Looked::at(mesh, triangle, point, per_distance * point.distance(ray.origin)).alpha() < cutoff
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use esvo_builder::{Material, MipLevel, Texture};
+    use esvo_core::Camera;
+
+    use super::*;
+
+    /// Two squares one behind the other; the nearer is cut out where its texture is, on the left half.
+    fn mesh() -> Mesh {
+        let square = |z: f64| [[-1.0, -1.0, z], [1.0, -1.0, z], [1.0, 1.0, z], [-1.0, 1.0, z]];
+        let texels = vec![[255, 255, 255, 0], [255, 255, 255, 0], [255, 255, 255, 255], [255, 255, 255, 255]];
+        let texture = Texture { mips: vec![MipLevel { width: 4, height: 1, texels }] };
+        let cut = Material { texture: Some(Arc::new(texture)), alpha_cutoff: Some(0.5), ..Material::default() };
+        Mesh {
+            positions: [square(0.0), square(-1.0)].concat(),
+            uvs: [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]].repeat(2),
+            triangles: vec![[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]],
+            triangle_materials: vec![0, 0, 1, 1],
+            materials: vec![cut, Material::default()],
+            ..Mesh::default()
+        }
+    }
+
+    #[test]
+    fn rays_go_on_through_holes_and_only_there() {
+        let mesh = mesh();
+        let corners = mesh.triangles.iter().map(|t| t.map(|v| mesh.positions[v as usize])).collect();
+        let triangles = TriangleScene::new(corners).unwrap();
+        let camera = Camera {
+            eye: [0.0, 0.0, 4.0],
+            forward: [0.0, 0.0, -1.0],
+            up: [0.0, 1.0, 0.0],
+            fov_degrees: 20.0,
+            near: 0.1,
+            far: 10.0,
+        };
+        let rays = CameraRays::new(&camera, (32, 32)).unwrap();
+        let hits = cast_solid(&mesh, &triangles, &rays);
+        let depth = |x: usize| hits[16 * 32 + x].t * 10.0;
+        // From 0.25 to 0.75 of the texture alpha rises evenly from 0 to 1, and beyond it wraps to 0 again: x = 0 is 0.5.
+        assert!((depth(4) - 5.0).abs() < 1e-9 && (depth(14) - 5.0).abs() < 1e-9, "{} {}", depth(4), depth(14));
+        assert!((depth(17) - 4.0).abs() < 1e-9 && (depth(24) - 4.0).abs() < 1e-9, "{} {}", depth(17), depth(24));
+        let whole = triangles.cast_exact(&rays);
+        assert!((whole[16 * 32 + 4].t * 10.0 - 4.0).abs() < 1e-9, "there is something to go through");
+    }
+}
