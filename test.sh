@@ -72,6 +72,14 @@ if command -v node >/dev/null 2>&1 && command -v npm >/dev/null 2>&1 && command 
     bash spec/v1/python/check.sh
 fi
 
+step "fuzzing, ten seconds each target"
+if cargo +nightly --version >/dev/null 2>&1 && cargo fuzz --version >/dev/null 2>&1; then
+    fuzz/run.sh "${ESVO_FUZZ_SECONDS:-10}"
+else
+    echo "no nightly compiler or no cargo-fuzz: left out; the tests above ran the committed inputs through every target."
+    echo "To fuzz, rustup toolchain install nightly && cargo install cargo-fuzz"
+fi
+
 step "documentation tests"
 cargo test --workspace --doc --locked
 
