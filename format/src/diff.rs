@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::Serialize;
 
-use crate::{FormatError, Octree};
+use crate::{Contour, CornerCell, FormatError, Octree};
 
 /// A place where two octrees differ.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -64,13 +64,55 @@ pub fn diff(a: &Octree, b: &Octree, limit: usize) -> Result<Differences, FormatE
         compare.object = object;
         let (first, second) = (&a.objects()[object], &b.objects()[object]);
         if first.octree_to_mesh != second.octree_to_mesh {
-            let text = |m: &[f64; 16]| format!("{m:?}");
-            compare.add(&[], "transform", text(&first.octree_to_mesh), text(&second.octree_to_mesh));
+            compare.add(&[], "transform", first.octree_to_mesh.text(), second.octree_to_mesh.text());
         }
         compare.equal(&[], "levels", first.levels, second.levels);
         compare.nodes(first.root_slot as u32, second.root_slot as u32);
     }
     Ok(compare.found)
+}
+
+/// A value as a person reads it. Numbers have as many digits as it takes to tell them apart.
+trait Text {
+    fn text(&self) -> String;
+}
+
+macro_rules! text_of_numbers {
+    ($($number:ty)*) => {
+        $(impl Text for $number {
+            fn text(&self) -> String {
+                self.to_string()
+            }
+        })*
+    };
+}
+
+text_of_numbers!(u8 u32 usize f32 f64);
+
+impl<T: Text, const N: usize> Text for [T; N] {
+    fn text(&self) -> String {
+        self.each_ref().map(T::text).join(" ")
+    }
+}
+
+impl<T: Text> Text for Option<T> {
+    fn text(&self) -> String {
+        self.as_ref().map_or("none".into(), T::text)
+    }
+}
+
+impl Text for Contour {
+    fn text(&self) -> String {
+        format!("{:08x}", self.0)
+    }
+}
+
+impl Text for CornerCell {
+    /// Colour and normal as they are stored, corner by corner.
+    fn text(&self) -> String {
+        let corners = self.corners.map(|c| format!("{:08x} {:08x}", u32::from_be_bytes(c.color), c.normal.0));
+        format!("{}, edge {} at {}", corners.join(", "), self.size, self.low.to_array().text())
+    }
 }
 
 struct Compare<'a> {
@@ -91,9 +133,9 @@ impl Compare<'_> {
         }
     }
 
-    fn equal<T: PartialEq + fmt::Debug>(&mut self, path: &[u8], what: &'static str, first: T, second: T) {
+    fn equal<T: PartialEq + Text>(&mut self, path: &[u8], what: &'static str, first: T, second: T) {
         if first != second {
-            self.add(path, what, format!("{first:?}"), format!("{second:?}"));
+            self.add(path, what, first.text(), second.text());
         }
     }
 
@@ -140,10 +182,7 @@ impl Compare<'_> {
             return;
         }
         let contours = (self.a.contour(first.0, child), self.b.contour(second.0, child));
-        if contours.0 != contours.1 {
-            let text = |c: Option<crate::Contour>| c.map_or("none".into(), |c| format!("{:08x}", c.0));
-            self.add(path, "contour", text(contours.0), text(contours.1));
-        }
+        self.equal(path, "contour", contours.0, contours.1);
         self.equal(path, "colour", self.a.color(first.0, child), self.b.color(second.0, child));
         let alpha = |octree: &Octree, slot| octree.plain_color(slot, child).map_or(u8::MAX, |color| color[3]);
         self.equal(path, "alpha", alpha(self.a, first.0), alpha(self.b, second.0));

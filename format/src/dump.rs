@@ -419,14 +419,25 @@ pub fn parse_path(text: &str) -> Result<Vec<u8>, FormatError> {
     })
 }
 
+/// A number and its unit, in the plural where there is not one.
+fn count(number: impl Into<u64>, unit: &str) -> String {
+    let number = number.into();
+    format!("{number} {unit}{}", if number == 1 { "" } else { "s" })
+}
+
 impl fmt::Display for TablesDump {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for (index, o) in self.objects.iter().enumerate() {
             writeln!(
                 f,
-                "object {index}: {} levels, root at slot {} in block {}; {} descriptors, {} leaf voxels, {} contours, \
-                 {} far pointers",
-                o.levels, o.root_slot, o.root_block, o.descriptors, o.leaf_voxels, o.contours, o.far_pointers
+                "object {index}: {}, root at slot {} in block {}; {}, {}, {}, {}",
+                count(o.levels, "level"),
+                o.root_slot,
+                o.root_block,
+                count(o.descriptors, "descriptor"),
+                count(o.leaf_voxels, "leaf voxel"),
+                count(o.contours, "contour"),
+                count(o.far_pointers, "far pointer")
             )?;
             writeln!(f, "  octree to mesh, by columns: {:?}", o.octree_to_mesh)?;
         }
@@ -449,8 +460,10 @@ impl fmt::Display for BlockHead {
         )?;
         writeln!(
             f,
-            "  array of {} slots, {} contours at byte {}",
-            self.array_slots, self.contour_count, self.contour_offset
+            "  array of {}, {} at byte {}",
+            count(self.array_slots, "slot"),
+            count(self.contour_count, "contour"),
+            self.contour_offset
         )?;
         for AttachmentDump { kind, offset, size } in &self.attachments {
             let name = match kind {

@@ -65,7 +65,8 @@ impl fmt::Display for Report {
             writeln!(f, "{} more findings are not listed", self.left_out)?;
         }
         let warnings = self.findings.len() as u64 + self.left_out - self.errors;
-        write!(f, "{} errors, {warnings} warnings", self.errors)
+        let plural = |number| if number == 1 { "" } else { "s" };
+        write!(f, "{} error{}, {warnings} warning{}", self.errors, plural(self.errors), plural(warnings))
     }
 }
 

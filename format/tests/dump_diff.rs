@@ -166,7 +166,7 @@ fn every_kind_of_difference_is_found_where_it_is() {
         ]
     );
     let moved = texts(&two_levels(&[(1, plain), (6, contour)], DMat4::from_scale(glam::DVec3::splat(2.0))));
-    assert!(moved.len() == 1 && moved[0].starts_with("object 0, /: transform [1.0,"), "{moved:?}");
+    assert!(moved.len() == 1 && moved[0].starts_with("object 0, /: transform 1 0 0 0 0 1 "), "{moved:?}");
     let red = Some([255, 0, 0]);
     let colored = [(1, Voxel { color: red, ..plain }), (6, Voxel { color: red, ..contour })];
     let colored = two_levels(&colored, DMat4::IDENTITY);
