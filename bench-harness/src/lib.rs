@@ -12,6 +12,7 @@ mod cutout;
 pub mod error;
 mod failure;
 pub mod flip;
+pub mod import_table;
 pub mod format_bench;
 mod levels;
 pub mod machine;

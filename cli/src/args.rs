@@ -7,6 +7,8 @@ use esvo_bench::Backend;
 
 use crate::bench_build::BenchBuild;
 use crate::bench_format::BenchFormat;
+use crate::bench_import::BenchImport;
+use crate::displacement::Displacement;
 
 /// Sparse voxel octrees: build, inspect, render and benchmark.
 #[derive(Debug, Parser)]
@@ -39,7 +41,7 @@ pub(crate) enum Command {
     Bench(Box<Bench>),
 }
 
-/// Build an octree from a mesh (.obj, .gltf, .glb, .ply).
+/// Build an octree from a mesh (.obj, .gltf, .glb, .ply, .stl).
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Errors bound how far a voxel may be from what it stands for; where all three hold, it is not divided further. The defaults
@@ -48,6 +50,7 @@ are those of the paper's authors: 16 steps of 256, 0.01, and the diagonal of a v
 Examples:
   esvo build conference.obj -o conference.esvo --levels 12 --paper conference
   esvo build scan.ply -o scan.esvo --levels 10 --no-contours
+  esvo build sibenik.obj -o sibenik-d.esvo --levels 11 --displace 0.05
   esvo build --scene hairball -o hairball.esvo --levels 10 --json")]
 pub(crate) struct Build {
     /// The mesh
@@ -80,6 +83,8 @@ pub(crate) struct Build {
     /// Store no normals
     #[arg(long)]
     pub(crate) no_normals: bool,
+    #[command(flatten)]
+    pub(crate) displacement: Displacement,
     /// Keep what is finished in OUTPUT.part and go on from there if an earlier build of the same was interrupted
     #[arg(long)]
     pub(crate) resume: bool,
@@ -353,6 +358,7 @@ pub(crate) struct Bench {
 pub(crate) enum BenchCommand {
     Build(BenchBuild),
     Format(BenchFormat),
+    Import(BenchImport),
 }
 
 /// An engine, as it is typed.

@@ -5,6 +5,7 @@ use esvo_bench::{Backend, Matrix, Progress, output, run, tables};
 use crate::args::{Bench, BenchCommand};
 use crate::bench_build;
 use crate::bench_format;
+use crate::bench_import;
 use crate::fail::{Failure, complain, print};
 
 pub(crate) fn run(arguments: &Bench) -> Result<(), Failure> {
@@ -12,6 +13,7 @@ pub(crate) fn run(arguments: &Bench) -> Result<(), Failure> {
         None => tables_run(arguments),
         Some(BenchCommand::Build(arguments)) => bench_build::run(arguments),
         Some(BenchCommand::Format(arguments)) => bench_format::run(arguments),
+        Some(BenchCommand::Import(arguments)) => bench_import::run(arguments),
     }
 }
 

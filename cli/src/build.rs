@@ -23,6 +23,7 @@ pub(crate) fn run(arguments: &Build) -> Result<(), Failure> {
     let progress = Progress::terminal();
     let start = Instant::now();
     let (mesh, source) = mesh(arguments, scene, &progress)?;
+    let mesh = arguments.displacement.apply(mesh, settings.levels)?;
     let import = start.elapsed().as_secs_f64();
     let import_peak_bytes = peak_bytes();
     let start = Instant::now();

@@ -1,0 +1,349 @@
+//! What becomes of mesh files: each is given to `esvo build` in a process of its own, and a table says which gave an octree
+//! and which an error. Made for collections of odd files, where a crash or a hang must be seen and not end the run.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::time::{Duration, Instant};
+
+use esvo_builder::import::is_mesh_file;
+
+use crate::text::TextTable;
+use crate::{BenchError, Progress};
+
+/// Time between two looks at a child.
+const POLL: Duration = Duration::from_millis(5);
+
+/// Most bytes of a child's standard error that are read: an error is one line.
+const MOST_WORDS: u64 = 1 << 16;
+
+/// What is tried, and within which limits.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// Folders that are searched for mesh files, with all folders in them.
+    pub folders: Vec<PathBuf>,
+    /// The program that has `build`: this one.
+    pub program: PathBuf,
+    /// Levels of the octrees.
+    pub levels: u32,
+    /// Seconds that one file may take.
+    pub seconds: f64,
+    /// Bytes that one process may hold.
+    pub memory: u64,
+}
+
+/// What became of a file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// An octree that keeps every rule of the specification.
+    Octree {
+        /// Triangles of the mesh.
+        triangles: u64,
+        /// Voxels of the octree.
+        voxels: u64,
+        /// What the importer had to say.
+        warnings: Vec<String>,
+    },
+    /// One clear error.
+    Refused(String),
+    /// A crash, a hang, too much memory, a wrong octree, or anything but one line of error.
+    Broken(String),
+}
+
+/// A file and what became of it.
+#[derive(Clone, Debug)]
+pub struct Row {
+    /// Which of the folders, by its place in [`Options::folders`].
+    pub folder: usize,
+    /// The file, seen from the folder.
+    pub file: String,
+    /// What became of it.
+    pub outcome: Outcome,
+}
+
+/// All files of all folders, by folder and name.
+#[derive(Clone, Debug)]
+pub struct Report {
+    /// Names of the folders.
+    pub folders: Vec<String>,
+    /// Levels of the octrees.
+    pub levels: u32,
+    /// The files.
+    pub rows: Vec<Row>,
+}
+
+impl Report {
+    /// Files that gave neither an octree nor one clear error.
+    pub fn broken(&self) -> impl Iterator<Item = &Row> {
+        self.rows.iter().filter(|row| matches!(row.outcome, Outcome::Broken(_)))
+    }
+
+    /// A table per folder.
+    pub fn to_markdown(&self) -> String {
+        let mut out = format!(
+            "# Mesh files, and what becomes of them\n\nMade by `esvo bench import`: each file is built to {} levels by a process \
+             of its own. Numbers: an octree; otherwise the error.\n\n",
+            self.levels
+        );
+        for (index, name) in self.folders.iter().enumerate() {
+            let rows: Vec<&Row> = self.rows.iter().filter(|row| row.folder == index).collect();
+            let count = |kind: fn(&Outcome) -> bool| rows.iter().filter(|row| kind(&row.outcome)).count();
+            let mut table = TextTable::new(name.as_str(), 1, &["file", "triangles", "voxels", "error or warnings"]);
+            table.left = 1;
+            table.notes.push(format!(
+                "{} files: {} octrees, {} refused with one error, {} broken",
+                rows.len(),
+                count(|o| matches!(o, Outcome::Octree { .. })),
+                count(|o| matches!(o, Outcome::Refused(_))),
+                count(|o| matches!(o, Outcome::Broken(_))),
+            ));
+            for row in rows {
+                let (triangles, voxels, words) = match &row.outcome {
+                    Outcome::Octree { triangles, voxels, warnings } => {
+                        let words = match warnings.as_slice() {
+                            [] => String::new(),
+                            [one] => format!("warning: {one}"),
+                            [first, rest @ ..] => format!("warning: {first} (and {} more)", rest.len()),
+                        };
+                        (triangles.to_string(), voxels.to_string(), words)
+                    }
+                    Outcome::Refused(error) => (String::new(), String::new(), error.clone()),
+                    Outcome::Broken(what) => (String::new(), String::new(), format!("**BROKEN**: {what}")),
+                };
+                table.rows.push(vec![row.file.clone(), triangles, voxels, words]);
+            }
+            out.push_str(&table.to_markdown());
+            out.push('\n');
+        }
+        out.truncate(out.trim_end().len());
+        out.push('\n');
+        out
+    }
+}
+
+/// Tries every mesh file (by its extension) below the folders.
+///
+/// # Errors
+/// A folder that cannot be read or holds no mesh files, or a program that cannot be started. What goes wrong with a file is
+/// in its row.
+pub fn run(options: &Options, progress: &Progress) -> Result<Report, BenchError> {
+    let mut files = Vec::new();
+    for (index, folder) in options.folders.iter().enumerate() {
+        let before = files.len();
+        let mut found = Vec::new();
+        collect(folder, &mut found)?;
+        found.sort();
+        files.extend(found.into_iter().map(|file| (index, file)));
+        if files.len() == before {
+            let nothing = std::io::Error::new(std::io::ErrorKind::NotFound, "holds no mesh files");
+            return Err(BenchError::io(folder, nothing));
+        }
+    }
+    let scratch = tempfile::tempdir().map_err(|e| BenchError::io(&std::env::temp_dir(), e))?;
+    let mut rows = Vec::with_capacity(files.len());
+    for (done, (index, path)) in files.iter().enumerate() {
+        let folder = &options.folders[*index];
+        let file = path.strip_prefix(folder).unwrap_or(path).to_string_lossy().replace('\\', "/");
+        progress.fraction("reading", done as f64 / files.len() as f64, &file);
+        let outcome = Trial { options, path, folder, output: scratch.path().join("out.esvo") }.run()?;
+        rows.push(Row { folder: *index, file, outcome });
+    }
+    let name = |folder: &PathBuf| folder.file_name().unwrap_or(folder.as_os_str()).to_string_lossy().into_owned();
+    Ok(Report { folders: options.folders.iter().map(name).collect(), levels: options.levels, rows })
+}
+
+/// All mesh files below a folder. Links are not followed: they could lead round in a circle.
+fn collect(folder: &Path, found: &mut Vec<PathBuf>) -> Result<(), BenchError> {
+    let failed = |e| BenchError::io(folder, e);
+    for entry in std::fs::read_dir(folder).map_err(failed)? {
+        let entry = entry.map_err(failed)?;
+        let kind = entry.file_type().map_err(failed)?;
+        let path = entry.path();
+        if kind.is_dir() {
+            collect(&path, found)?;
+        } else if kind.is_file() && is_mesh_file(&path) {
+            found.push(path);
+        }
+    }
+    Ok(())
+}
+
+/// One file at a time.
+struct Trial<'a> {
+    options: &'a Options,
+    path: &'a Path,
+    folder: &'a Path,
+    output: PathBuf,
+}
+
+/// Kills the process when dropped, so that an error on the way leaves none behind.
+struct Guard(Child);
+
+impl Drop for Guard {
+    fn drop(&mut self) {
+        // One that has ended cannot be killed, and need not be.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+impl Trial<'_> {
+    fn run(&self) -> Result<Outcome, BenchError> {
+        // Whatever an earlier file left must not be taken for this one's.
+        if self.output.exists() {
+            std::fs::remove_file(&self.output).map_err(|e| BenchError::io(&self.output, e))?;
+        }
+        let log = self.output.with_extension("log");
+        let errors = File::create(&log).map_err(|e| BenchError::io(&log, e))?;
+        let mut command = Command::new(&self.options.program);
+        command.arg("build").arg(self.path).arg("--output").arg(&self.output);
+        command.arg("--levels").arg(self.options.levels.to_string());
+        command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(errors);
+        let start = Instant::now();
+        let mut child = Guard(command.spawn().map_err(|e| BenchError::io(&self.options.program, e))?);
+        let status = loop {
+            if let Some(status) = child.0.try_wait().map_err(|e| BenchError::io(&self.options.program, e))? {
+                break status;
+            }
+            if start.elapsed().as_secs_f64() > self.options.seconds {
+                return Ok(Outcome::Broken(format!("not done after {:.0} s", self.options.seconds)));
+            }
+            if held_bytes(child.0.id()).is_some_and(|held| held > self.options.memory) {
+                let limit = self.options.memory as f64 / 1e9;
+                return Ok(Outcome::Broken(format!("held more than {limit:.1} GB of memory")));
+            }
+            std::thread::sleep(POLL);
+        };
+        let mut words = Vec::new();
+        File::open(&log)
+            .and_then(|file| file.take(MOST_WORDS).read_to_end(&mut words))
+            .map_err(|e| BenchError::io(&log, e))?;
+        Ok(self.judge(status, &String::from_utf8_lossy(&words)))
+    }
+
+    /// What became of the file, from how the process ended and what it said.
+    fn judge(&self, status: ExitStatus, words: &str) -> Outcome {
+        let folder = format!("{}/", self.folder.display());
+        let lines: Vec<String> = words.lines().map(|line| line.replace(&folder, "")).collect();
+        let last = || lines.last().cloned().unwrap_or_else(|| "without a word".into());
+        let warnings = || lines.iter().filter_map(|line| line.strip_prefix("warning: ")).map(str::to_owned).collect();
+        match status.code() {
+            Some(0) => match self.octree() {
+                Ok((triangles, voxels)) => Outcome::Octree { triangles, voxels, warnings: warnings() },
+                Err(what) => Outcome::Broken(what),
+            },
+            Some(1) => {
+                let errors: Vec<&str> = lines.iter().filter_map(|line| line.strip_prefix("error: ")).collect();
+                match errors.as_slice() {
+                    [error] if !self.output.exists() => Outcome::Refused((*error).to_owned()),
+                    [_] => Outcome::Broken("an error, and yet an octree".into()),
+                    _ => Outcome::Broken(format!("not one line of error: {}", last())),
+                }
+            }
+            _ => Outcome::Broken(format!("crashed ({status}): {}", last())),
+        }
+    }
+
+    /// Triangles and voxels of the octree that was written, or what is wrong with it.
+    fn octree(&self) -> Result<(u64, u64), String> {
+        let report = esvo_format::validate_file(&self.output).map_err(|e| format!("no octree: {e}"))?;
+        if let Some(finding) = report.findings.iter().find(|f| !f.warning) {
+            return Err(format!("the octree breaks a rule: {}", finding.broken));
+        }
+        let octree = esvo_format::Octree::open(&self.output).map_err(|e| format!("no octree: {e}"))?;
+        let meta: serde_json::Value = serde_json::from_str(octree.meta()).map_err(|e| format!("metadata: {e}"))?;
+        let triangles = meta["triangles"].as_u64().ok_or("the metadata does not say how many triangles there were")?;
+        Ok((triangles, esvo_format::stats(&octree).voxels))
+    }
+}
+
+/// Bytes that a process holds in memory, where the system says so.
+fn held_bytes(process: u32) -> Option<u64> {
+    let status = std::fs::read_to_string(format!("/proc/{process}/status")).ok()?;
+    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;
+    Some(line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()? * 1024)
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use std::os::unix::fs::PermissionsExt;
+
+    use super::*;
+
+    /// A program that does what its mesh file says, as a shell would.
+    fn stub(folder: &Path) -> PathBuf {
+        let program = folder.join("stub.sh");
+        std::fs::write(&program, "#!/bin/sh\n. \"$2\"\n").unwrap();
+        std::fs::set_permissions(&program, std::fs::Permissions::from_mode(0o755)).unwrap();
+        program
+    }
+
+    #[test]
+    fn outcomes_are_told_apart() {
+        let folder = tempfile::tempdir().unwrap();
+        let meshes = folder.path().join("meshes");
+        std::fs::create_dir_all(meshes.join("deep/er")).unwrap();
+        let write = |name: &str, text: &str| std::fs::write(meshes.join(name), text).unwrap();
+        write("a.obj", &format!("echo 'error: {}/a.obj: is | bad' >&2; exit 1", meshes.display()));
+        write("b.OBJ", "echo thread panicked >&2; exit 101");
+        write("c.ply", "kill -9 $$");
+        write("d.stl", "sleep 60");
+        write("e.glb", "exit 0");
+        write("f.obj", "echo 'error: one' >&2; echo 'error: two' >&2; exit 1");
+        write("deep/er/g.gltf", "exit 1");
+        write("h.txt", "exit 101");
+        let options = Options {
+            folders: vec![meshes.clone()],
+            program: stub(folder.path()),
+            levels: 5,
+            seconds: 1.0,
+            memory: 1 << 30,
+        };
+        let report = run(&options, &Progress::hidden()).unwrap();
+        let found: Vec<(&str, &Outcome)> = report.rows.iter().map(|r| (&*r.file, &r.outcome)).collect();
+        let broken = |outcome: &Outcome, words: &str| {
+            assert!(matches!(outcome, Outcome::Broken(what) if what.starts_with(words)), "{outcome:?}");
+        };
+        assert_eq!(found.len(), 7);
+        assert_eq!(found[0], ("a.obj", &Outcome::Refused("a.obj: is | bad".into())));
+        broken(found[1].1, "crashed (exit status: 101): thread panicked");
+        broken(found[2].1, "crashed (signal: 9");
+        broken(found[3].1, "not done after 1 s");
+        assert_eq!(found[4].0, "deep/er/g.gltf");
+        broken(found[4].1, "not one line of error: without a word");
+        broken(found[5].1, "no octree: ");
+        broken(found[6].1, "not one line of error: error: two");
+        assert_eq!(report.broken().count(), 6);
+        let text = report.to_markdown();
+        assert!(text.contains("7 files: 0 octrees, 1 refused with one error, 6 broken"), "{text}");
+        assert!(text.contains("| a.obj |  |  | a.obj: is \\| bad |"), "{text}");
+    }
+
+    #[test]
+    fn memory_is_limited() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("a.obj"), "sleep 60").unwrap();
+        let program = stub(folder.path());
+        let folders = vec![folder.path().to_owned()];
+        let options = Options { folders, program, levels: 5, seconds: 30.0, memory: 1 };
+        let report = run(&options, &Progress::hidden()).unwrap();
+        let held = matches!(&report.rows[0].outcome, Outcome::Broken(what) if what.starts_with("held more than"));
+        assert!(held || cfg!(not(target_os = "linux")), "{:?}", report.rows[0].outcome);
+    }
+
+    #[test]
+    fn folders_without_meshes_are_errors() {
+        let folder = tempfile::tempdir().unwrap();
+        let options = |folder: &Path| Options {
+            folders: vec![folder.to_owned()],
+            program: "none".into(),
+            levels: 5,
+            seconds: 1.0,
+            memory: 1,
+        };
+        let message = |folder: &Path| run(&options(folder), &Progress::hidden()).unwrap_err().to_string();
+        assert!(message(folder.path()).ends_with(": holds no mesh files"));
+        assert!(message(&folder.path().join("none")).contains("No such file"));
+    }
+}
