@@ -40,8 +40,11 @@ impl ColorBlock {
         palette(self.head)[(self.indices >> (2 * i) & 3) as usize]
     }
 
-    /// The block that represents these colours best among those whose references are the two colours furthest apart
-    /// or, when they all lie close together, their mean. `None` entries are unused and cost nothing.
+    /// A block for these colours: with the two furthest apart as references, or with a fit of least squares for the indices
+    /// that these give, if that is better. `None` entries are unused and cost nothing.
+    ///
+    /// The root of the mean square of the errors is at most twice that which an exhaustive search over the references
+    /// finds, and 1.5 steps of 255; in most cases within a few hundredths of it.
     pub fn encode(colors: &[Option<[u8; 3]>; 16]) -> Self {
         let mut used = colors.iter().flatten();
         let Some(&first) = used.next() else { return Self::default() };
@@ -162,6 +165,78 @@ mod tests {
             let (a, b) = furthest_pair(&colors);
             let plain = ColorBlock::with_references(&colors, quantize(a), quantize(b)).0;
             prop_assert!(error(ColorBlock::encode(&colors)) <= error(plain) * 1.0001 + 1e-6);
+        }
+    }
+
+    /// The references with the least squares for these indices, each channel by trying all of its pairs.
+    fn exhaustive_references(colors: &[Option<[u8; 3]>; 16], indices: u32) -> (u16, u16) {
+        const WEIGHT: [f32; 4] = [1.0, 0.0, 2.0 / 3.0, 1.0 / 3.0];
+        let (mut ref0, mut ref1) = (0u16, 0u16);
+        for (k, bits, shift) in [(0, 5, 11), (1, 6, 5), (2, 5, 0)] {
+            // Sums over the colours, so that a pair takes no loop over them.
+            let (mut aa, mut ab, mut bb, mut av, mut bv) = (0.0, 0.0, 0.0, 0.0, 0.0);
+            for (i, color) in colors.iter().enumerate() {
+                let Some(color) = color else { continue };
+                let (a, v) = (WEIGHT[(indices >> (2 * i) & 3) as usize], f32::from(color[k]) / 255.0);
+                let b = 1.0 - a;
+                (aa, ab, bb, av, bv) = (aa + a * a, ab + a * b, bb + b * b, av + a * v, bv + b * v);
+            }
+            let value = |field: u16| (f32::from(field) + 0.5) / f32::from(1u16 << bits);
+            let cost = |(p, q): (u16, u16)| {
+                let (p, q) = (value(p), value(q));
+                aa * p * p + 2.0 * ab * p * q + bb * q * q - 2.0 * (av * p + bv * q)
+            };
+            let pairs = (0..1u16 << bits).flat_map(|p| (0..1u16 << bits).map(move |q| (p, q)));
+            let (p, q) = pairs.min_by(|a, b| cost(*a).total_cmp(&cost(*b))).unwrap();
+            (ref0, ref1) = (ref0 | p << shift, ref1 | q << shift);
+        }
+        (ref0, ref1)
+    }
+
+    /// What an encoder finds that starts from every pair of the colours, tries all references for the indices, and goes on
+    /// as long as that is better.
+    fn thorough(colors: &[Option<[u8; 3]>; 16]) -> f32 {
+        let used: Vec<[u8; 3]> = colors.iter().flatten().copied().collect();
+        let mut least = f32::MAX;
+        for (i, a) in used.iter().enumerate() {
+            for b in &used[i..] {
+                let mut best = ColorBlock::with_references(colors, quantize(*a), quantize(*b));
+                for _ in 0..6 {
+                    let (ref0, ref1) = exhaustive_references(colors, best.0.indices);
+                    let next = ColorBlock::with_references(colors, ref0, ref1);
+                    if next.1 >= best.1 {
+                        break;
+                    }
+                    best = next;
+                }
+                least = least.min(best.1);
+            }
+        }
+        least
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig { cases: 16, ..ProptestConfig::default() })]
+
+        #[test]
+        fn errors_are_near_those_of_a_thorough_search(
+            base in prop::array::uniform3(0u8..128), spread in 1u8..128, grey: bool,
+            parts in prop::array::uniform16(prop::option::weighted(0.5, prop::array::uniform3(0u8..=255))),
+        ) {
+            let channel = |base: u8, part: u8| base + (u16::from(part) * u16::from(spread) / 255) as u8;
+            let colors = parts.map(|part| {
+                // On a line, as where one colour is lit more and less, or anywhere in a box.
+                part.map(|part| [0, 1, 2].map(|k| channel(base[k], if grey { part[0] } else { part[k] })))
+            });
+            prop_assume!(colors.iter().flatten().count() > 0);
+            let count = 3.0 * colors.iter().flatten().count() as f32;
+            let of = |(i, color): (usize, &Option<[u8; 3]>)| {
+                let found = ColorBlock::encode(&colors).decode(i);
+                color.map_or(0.0, |c| (0..3).map(|k| (found[k] * 255.0 - f32::from(c[k])).powi(2)).sum::<f32>())
+            };
+            let ours = (colors.iter().enumerate().map(of).sum::<f32>() / count).sqrt();
+            let best = (thorough(&colors) / count).sqrt();
+            prop_assert!(ours <= 2.0 * best + 1.5, "{ours} for {best} of 255");
         }
     }
 

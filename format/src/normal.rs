@@ -130,6 +130,9 @@ impl NormalBlock {
 
     /// A block for these unit normals; `None` entries are unused. Two ways of placing the grid are tried (a patch
     /// around the mean, and axes that reach for the outliers) and the better one is kept.
+    ///
+    /// Normals that are all the same come back within 0.05 degrees; those in a cone of half angle `a`, up to 45 degrees,
+    /// within `0.7 a` and 0.05 degrees, most of them within `0.2 a`.
     pub fn encode(normals: &[Option<Vec3>; 16]) -> Self {
         let Some(first) = normals.iter().flatten().next() else { return Self::default() };
         if normals.iter().flatten().all(|n| n == first) {
@@ -265,13 +268,22 @@ mod tests {
         }
 
         #[test]
-        fn narrow_cones_are_precise(n in prop::array::uniform3(-1.0f32..1.0), jitter in prop::array::uniform16(prop::array::uniform3(-0.05f32..0.05))) {
-            let Some(n) = unit(n) else { return Ok(()) };
-            let normals = jitter.map(|j| (n + Vec3::from(j)).try_normalize());
+        fn normals_in_a_cone_come_back_within_seven_tenths_of_its_half_angle(
+            axis in prop::array::uniform3(-1.0f32..1.0), degrees in 0.1f32..45.0,
+            places in prop::array::uniform16(prop::option::of((0.0f32..=1.0, 0.0f32..7.0))),
+        ) {
+            let Some(axis) = unit(axis) else { return Ok(()) };
+            let (right, up) = axis.any_orthonormal_pair();
+            let normals = places.map(|place| {
+                let (along, around) = place?;
+                let tilt = degrees.to_radians() * along;
+                Some((axis * tilt.cos() + (right * around.cos() + up * around.sin()) * tilt.sin()).normalize())
+            });
             let block = NormalBlock::encode(&normals);
             for (i, n) in normals.iter().enumerate() {
-                // Half a grid step of 2/3 x 0.1 plus the quantization of the axes.
-                prop_assert!(block.decode(i).dot(n.unwrap()) > 0.995);
+                let Some(n) = n else { continue };
+                let off = block.decode(i).angle_between(*n).to_degrees();
+                prop_assert!(off <= 0.7 * degrees + 0.05, "{off} degrees off in a cone of {degrees}");
             }
         }
     }

@@ -44,7 +44,7 @@ fn plain_tree(seed: u64) -> Tree {
             }
         }
     }
-    if seed % 5 == 0 && !tree.colors.is_empty() {
+    if seed.is_multiple_of(5) && !tree.colors.is_empty() {
         tree.alphas = (0..tree.voxels()).map(|_| if rng.chance(200) { 255 } else { 40 }).collect();
     }
     tree
