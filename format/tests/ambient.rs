@@ -2,6 +2,7 @@
 
 mod common;
 
+use common::oct::damage;
 use common::{Colors, Shape, bytes_of, samples};
 use esvo_format::{AssembleOptions, Octree, Tree, assemble, diff, file, oct, stats, validate};
 use glam::DMat4;
@@ -125,6 +126,11 @@ fn it_goes_through_files_of_the_authors() {
         assert!(diff::diff(&octree, &back.octree, 3).unwrap().is_empty());
         assert_eq!(stats(&back.octree).bytes.ambient > 0, back.octree.needs().ambient);
     }
+    let mut tree = Shape { nodes: 60, colors: Colors::Many, ..shape(4) }.tree();
+    (tree.plain, tree.ambient) = (true, (0..tree.voxels() as usize).map(value).collect());
+    let mut bytes = Vec::new();
+    oct::write_to(&assemble(&tree, DMat4::IDENTITY, &LAYOUTS[0]).unwrap(), &mut bytes).unwrap();
+    assert!(damage(&bytes, 4, 400) > 50);
     // Without colours: the only attachment.
     let plain = samples::single_voxel().with_ambient_occlusion(|_, _| 77).unwrap();
     let mut bytes = Vec::new();

@@ -33,5 +33,5 @@ fn the_examples_are_the_golden_files() {
         }
         seen.push((name, extent));
     }
-    assert_eq!(seen, [("single_voxel.esvo", "complete"), ("blocks.esvo", "part")]);
+    assert_eq!(seen, [("single_voxel.esvo", "complete"), ("blocks.esvo", "part"), ("plain.esvo", "part")]);
 }

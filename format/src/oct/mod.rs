@@ -1,9 +1,11 @@
 //! Files of the paper's authors (`.oct`, ESVO 1.x), read and written.
 //!
 //! Their files hold the same octrees in another order: a container of numbered chunks (`clusters`), in it a list of
-//! objects and the *slices* of each (`slice`), a slice being the voxels of one level in one cube. Contours, colour
-//! blocks and normal blocks have the same bits in both formats and are carried over as they are. What one side cannot
-//! hold is listed, a sentence each, in [`Imported::lost`] and in what [`write()`] returns.
+//! objects and the *slices* of each (`slice`), a slice being the voxels of one level in one cube. Contours, blocks of
+//! colours, normals and ambient occlusion, values of voxels (palettes there, plain attributes here) and values at corners
+//! have the same bits in both formats and are carried over as they are. What one side cannot hold is listed, a sentence
+//! each, in [`Imported::lost`] and in what [`write()`] returns: of their files, meshes and the plans for slices that have
+//! not been built; of ours, metadata, sections and attachments that are not theirs, and what they have in one way only.
 //!
 //! ```no_run
 //! use std::path::Path;
