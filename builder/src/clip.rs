@@ -230,16 +230,3 @@ fn crossing(from: DVec3, to: DVec3, t: f64, axis: usize, at: f64) -> DVec3 {
     p[axis] = at;
     p
 }
-
-/// Twice the vector area of a polygon, and its centroid weighted by area (the mean of the vertices without any).
-pub fn area_and_centroid(vertices: &[DVec3]) -> (f64, DVec3) {
-    let origin = vertices[0];
-    let mut area = 0.0;
-    let mut centroid = DVec3::ZERO;
-    for pair in vertices[1..].windows(2) {
-        let a = (pair[0] - origin).cross(pair[1] - origin).length();
-        area += a;
-        centroid += (origin + pair[0] + pair[1]) * (a / 3.0);
-    }
-    if area > 0.0 { (area, centroid / area) } else { (0.0, vertices.iter().sum::<DVec3>() / vertices.len() as f64) }
-}
