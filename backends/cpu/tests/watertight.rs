@@ -130,7 +130,7 @@ fn check_random_rays(count: usize) {
     let mut caster = CpuCaster::new(None).unwrap();
     for (name, mesh) in [("turned cube", turned(cube())), ("turned sphere", turned(sphere(3)))] {
         for levels in 1..=12 {
-            for contour_error in [f64::from(levels).min(11.0), f64::from(levels) - 1.0] {
+            for contour_error in [f64::from(levels), f64::from(levels) - 1.0] {
                 let octree = Arc::new(build(&mesh, &shape_only(levels, contour_error), &|_| ()).unwrap().octree);
                 let leaving = leaving(&octree, &mut caster, count, u64::from(levels));
                 println!(
