@@ -215,6 +215,11 @@ static TO_LINEAR: LazyLock<[f32; 256]> = LazyLock::new(|| {
     })
 });
 
+/// Linear value of every sRGB-encoded byte.
+pub fn linear_of_srgb() -> &'static [f32; 256] {
+    &TO_LINEAR
+}
+
 /// sRGB-encoded value of linear `i / 4095`.
 static TO_SRGB: LazyLock<Vec<u8>> = LazyLock::new(|| {
     (0..4096)

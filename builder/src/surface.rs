@@ -1,5 +1,6 @@
 //! The mesh as the recursion reads it: corners in the root cube, normals, boundary edges, and what it looks like.
 
+mod color_map;
 mod look;
 mod shading;
 

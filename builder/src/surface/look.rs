@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use glam::{Vec2, Vec3};
 
+use super::color_map::ColorMap;
 use crate::range::{AlphaMap, RangeMap, encode_srgb};
 use crate::{Material, Mesh, NormalMap, Texture, TextureTest};
 
@@ -14,7 +15,7 @@ pub struct Look {
     pub base: Vec3,
     /// sRGB-encoded `base`, where there is nothing else to the colour.
     pub plain: Option<[u8; 3]>,
-    pub texture: Option<Arc<Texture>>,
+    pub texture: Option<Arc<ColorMap>>,
     /// Bounds of the texture's colours, where they are asked for.
     pub color_range: Option<Arc<RangeMap<3>>>,
     pub normal_map: Option<NormalMap>,
@@ -36,6 +37,7 @@ pub enum Cutout {
 /// What several materials may share, by the address of the texture it was made from.
 #[derive(Default)]
 struct Shared {
+    maps: HashMap<*const Texture, Arc<ColorMap>>,
     colors: HashMap<*const Texture, Arc<RangeMap<3>>>,
     normals: HashMap<*const crate::LinearTexture<3>, Arc<RangeMap<3>>>,
     /// Also by the least alpha that is not a hole.
@@ -85,6 +87,10 @@ impl Look {
                 }
             }
         };
+        let texture = texture.map(|texture| {
+            let entry = shared.maps.entry(Arc::as_ptr(&texture));
+            entry.or_insert_with(|| Arc::new(ColorMap::new(texture))).clone()
+        });
         let plain = (texture.is_none() && mesh.colors.is_empty()).then(|| encode_srgb(base));
         Self { base, plain, texture, color_range, normal_map, normal_range, cutout }
     }
@@ -96,7 +102,7 @@ impl Look {
 
     /// Texels of the full colour texture across the unit of texture coordinates.
     pub fn texture_size(&self) -> Option<Vec2> {
-        let mip = &self.texture.as_ref()?.mips[0];
+        let mip = &self.texture.as_ref()?.texture.mips[0];
         Some(Vec2::new(mip.width as f32, mip.height as f32))
     }
 }

@@ -221,8 +221,7 @@ impl Surface<'_> {
             color *= frame.color(mesh, w);
         }
         if let Some(texture) = &look.texture {
-            let [r, g, b, _] = texture.sample(frame.uv(mesh, w).into(), voxel_size as f32 * frame.texel_density);
-            color *= Vec3A::new(r, g, b);
+            color *= texture.sample(frame.uv(mesh, w), voxel_size as f32 * frame.texel_density);
         }
         let mut normal = frame.normal(mesh, normal, w);
         if let Some(map) = &look.normal_map {

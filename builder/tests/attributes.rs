@@ -1,0 +1,363 @@
+//! Colours, normals and holes of voxels: within their bounds wherever they are tested, filtered, and the same on both sides
+//! of thin sheets.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use esvo_builder::{BuildSettings, LinearTexture, Material, Mesh, NormalMap, Texture, TextureTest, UvTransform, build};
+use esvo_format::Octree;
+use glam::{DVec3, Vec3};
+
+/// A small deterministic generator (splitmix64).
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let z = (self.0 ^ self.0 >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ z >> 31
+    }
+
+    /// In `0.0..1.0`.
+    fn unit(&mut self) -> f64 {
+        (self.next() >> 11) as f64 / (1u64 << 53) as f64
+    }
+}
+
+fn run(mesh: &Mesh, settings: BuildSettings) -> Octree {
+    build(mesh, &settings, &|_| ()).unwrap().octree
+}
+
+/// A leaf voxel: level, position in voxels of that level, decoded colour and normal.
+struct Leaf {
+    level: u32,
+    at: [u32; 3],
+    color: [f32; 3],
+    normal: Vec3,
+}
+
+fn leaves(octree: &Octree) -> Vec<Leaf> {
+    fn node(octree: &Octree, slot: u32, level: u32, at: [u32; 3], found: &mut Vec<Leaf>) {
+        let descriptor = octree.descriptor(slot);
+        for child in (0..8u8).filter(|c| descriptor.valid_mask() >> c & 1 != 0) {
+            let at = std::array::from_fn(|axis| 2 * at[axis] + u32::from(child >> axis & 1));
+            match octree.child(slot, child) {
+                Some(next) => node(octree, next, level + 1, at, found),
+                None => {
+                    let (color, normal) = (octree.color(slot, child).unwrap(), octree.normal(slot, child).unwrap());
+                    found.push(Leaf { level: level + 1, at, color, normal });
+                }
+            }
+        }
+    }
+    let mut found = Vec::new();
+    node(octree, octree.objects()[0].root_slot as u32, 0, [0; 3], &mut found);
+    found
+}
+
+/// The sheet `z = height(x, y)` over the unit square, with smooth normals.
+fn sheet(cells: usize, height: impl Fn(f64, f64) -> f64) -> Mesh {
+    let at = |i: usize| i as f64 / cells as f64;
+    let mut mesh = Mesh { materials: vec![Material::default()], ..Mesh::default() };
+    for j in 0..=cells {
+        for i in 0..=cells {
+            let (x, y, e) = (at(i), at(j), 1e-4);
+            mesh.positions.push([x, y, height(x, y)]);
+            let (dx, dy) = (height(x + e, y) - height(x - e, y), height(x, y + e) - height(x, y - e));
+            mesh.normals.push(DVec3::new(-dx, -dy, 2.0 * e).normalize().as_vec3().to_array());
+        }
+    }
+    let row = cells as u32 + 1;
+    for j in 0..cells as u32 {
+        for i in 0..cells as u32 {
+            let a = j * row + i;
+            mesh.triangles.extend([[a, a + 1, a + row + 1], [a, a + row + 1, a + row]]);
+        }
+    }
+    mesh.triangle_materials = vec![0; mesh.triangles.len()];
+    mesh
+}
+
+/// A flat square with texture coordinates that cover the image once.
+fn square() -> Mesh {
+    let mut mesh = sheet(1, |_, _| 0.0);
+    mesh.normals.clear();
+    mesh.uvs = mesh.positions.iter().map(|p| [p[0] as f32, p[1] as f32]).collect();
+    mesh
+}
+
+fn srgb(linear: f32) -> f32 {
+    if linear <= 0.0031308 { linear * 12.92 } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
+}
+
+/// A point of the surface and what it looks like.
+struct Point {
+    position: DVec3,
+    color: [f32; 3],
+    normal: Vec3,
+}
+
+/// Random points of the surface in octree space.
+fn points(mesh: &Mesh, octree: &Octree, count: usize) -> Vec<Point> {
+    let to_octree = octree.octree_to_mesh(0).inverse();
+    let mut random = Random(9);
+    (0..count)
+        .map(|_| {
+            let t = (random.next() % mesh.triangles.len() as u64) as usize;
+            let [a, b, c] = mesh.triangles[t].map(|v| v as usize);
+            let (mut u, mut v) = (random.unit(), random.unit());
+            if u + v > 1.0 {
+                (u, v) = (1.0 - u, 1.0 - v);
+            }
+            let mix = |a: DVec3, b: DVec3, c: DVec3| a + (b - a) * u + (c - a) * v;
+            let wide = |x: [f32; 3]| Vec3::from(x).as_dvec3();
+            let p = mix(mesh.positions[a].into(), mesh.positions[b].into(), mesh.positions[c].into());
+            let n = mix(wide(mesh.normals[a]), wide(mesh.normals[b]), wide(mesh.normals[c]));
+            let base = mesh.materials[mesh.triangle_materials[t] as usize].base_color;
+            let color = if mesh.colors.is_empty() {
+                [base[0], base[1], base[2]]
+            } else {
+                mix(wide(mesh.colors[a]), wide(mesh.colors[b]), wide(mesh.colors[c])).as_vec3().to_array()
+            };
+            let position = to_octree.transform_point3(p);
+            Point { position, color: color.map(srgb), normal: n.normalize().as_vec3() }
+        })
+        .collect()
+}
+
+/// Checks that what is decoded from every leaf above the deepest level is within the error bounds, plus those of the
+/// encoders, of the surface in it. Returns how many points were looked at.
+///
+/// A block holds the children of two sibling nodes, all in one cube two levels above the leaf. Bound of the encoders:
+/// half the spread of the values in that cube, and for colours one step of five bits.
+fn check_bounds(mesh: &Mesh, settings: BuildSettings) -> usize {
+    let octree = run(mesh, settings);
+    let leaves: HashMap<(u32, [u32; 3]), Leaf> =
+        leaves(&octree).into_iter().map(|leaf| ((leaf.level, leaf.at), leaf)).collect();
+    let points = points(mesh, &octree, 30_000);
+    let cell = |p: DVec3, level: u32| p.to_array().map(|x| (x * f64::from(1u32 << level)) as u32);
+    let mut spreads: HashMap<(u32, [u32; 3]), [Vec3; 4]> = HashMap::new();
+    for point in &points {
+        for level in 0..settings.levels {
+            let spread = spreads.entry((level, cell(point.position, level)));
+            let [lo, hi, least, most] = spread.or_insert([Vec3::MAX, Vec3::MIN, Vec3::MAX, Vec3::MIN]);
+            let color = Vec3::from(point.color);
+            (*lo, *hi) = (lo.min(color), hi.max(color));
+            (*least, *most) = (least.min(point.normal), most.max(point.normal));
+        }
+    }
+    let mut checked = 0;
+    for point in &points {
+        let found = (1..settings.levels).find_map(|level| leaves.get(&(level, cell(point.position, level))));
+        let Some(leaf) = found else { continue };
+        let [lo, hi, least, most] = spreads[&(leaf.level.saturating_sub(2), leaf.at.map(|x| x >> leaf.level.min(2)))];
+        checked += 1;
+        let off = (Vec3::from(leaf.color) - Vec3::from(point.color)).abs().max_element() * 256.0;
+        let bound = settings.color_error as f32 + (hi - lo).length() * 256.0 * 0.5 + 8.2;
+        assert!(off <= bound, "colour off by {off} of {bound} on level {} at {:?}", leaf.level, leaf.at);
+        let off = (leaf.normal - point.normal).abs().max_element();
+        let bound = settings.normal_error as f32 + (most - least).length() * 0.5 + 0.001;
+        assert!(off <= bound, "normal off by {off} of {bound} on level {} at {:?}", leaf.level, leaf.at);
+    }
+    checked
+}
+
+fn hills(x: f64, y: f64) -> f64 {
+    0.08 * (5.0 * x).sin() * (4.0 * y).cos()
+}
+
+#[test]
+fn decoded_attributes_of_varying_surfaces_are_within_their_bounds() {
+    let mut mesh = sheet(16, hills);
+    mesh.colors = mesh.positions.iter().map(|p| [p[0] as f32, 0.5, (p[1] * 0.5) as f32]).collect();
+    let settings = BuildSettings {
+        levels: 8,
+        contour_error: 5.0,
+        normal_error: 0.1,
+        texture_test: TextureTest::Texels,
+        ..BuildSettings::default()
+    };
+    let checked = check_bounds(&mesh, settings);
+    assert!(checked > 10_000, "{checked}");
+}
+
+#[test]
+fn decoded_attributes_of_patchwork_are_within_their_bounds() {
+    let mut mesh = sheet(12, |x, y| 0.1 * x + 0.2 * y);
+    let mut random = Random(2);
+    mesh.materials = (0..9)
+        .map(|_| Material { base_color: [0; 4].map(|_| 0.3 + 0.1 * random.unit() as f32), ..Material::default() })
+        .collect();
+    mesh.triangle_materials = mesh.triangles.iter().map(|_| (random.next() % 9) as u32).collect();
+    for texture_test in [TextureTest::Samples, TextureTest::Texels] {
+        let settings =
+            BuildSettings { levels: 7, contour_error: 5.0, color_error: 12.0, texture_test, ..Default::default() };
+        let checked = check_bounds(&mesh, settings);
+        assert!(checked > 2_000, "{checked}");
+    }
+}
+
+#[test]
+fn one_look_everywhere_is_never_refined_for_its_attributes() {
+    let mut mesh = sheet(6, |x, y| 0.1 * x + 0.2 * y);
+    mesh.normals.clear();
+    let settings = BuildSettings { levels: 8, contour_error: 5.0, ..BuildSettings::default() };
+    let loose = BuildSettings { color_error: 256.0, normal_error: 2.0, ..settings };
+    let tight = BuildSettings { color_error: 0.0, normal_error: 0.0001, ..settings };
+    let count = |settings| leaves(&run(&mesh, settings)).len();
+    assert_eq!(count(tight), count(loose));
+    assert!(count(loose) < 2000);
+}
+
+#[test]
+fn textures_are_tested_by_sample_or_texel_for_texel() {
+    // Two triangles, a chequered texture of 8 x 8: a voxel of the finest level sees one square of it or two.
+    let texels: Vec<u8> =
+        (0..64).flat_map(|i| if (i + i / 8) % 2 == 0 { [200, 200, 200, 255] } else { [90, 90, 90, 255] }).collect();
+    let mut mesh = square();
+    mesh.materials[0] = Material {
+        base_color: [1.0; 4],
+        texture: Some(Arc::new(Texture::from_rgba8(8, 8, &texels).unwrap())),
+        ..Material::default()
+    };
+    let settings = BuildSettings { levels: 6, contour_error: 4.0, ..BuildSettings::default() };
+    let samples = leaves(&run(&mesh, settings)).len();
+    let octree = run(&mesh, BuildSettings { texture_test: TextureTest::Texels, ..settings });
+    let texels = leaves(&octree);
+    assert!(samples * 4 < texels.len(), "{samples} against {}", texels.len());
+    let dark = texels.iter().filter(|leaf| leaf.level == 6 && leaf.color[0] < 0.5).count();
+    let light = texels.iter().filter(|leaf| leaf.level == 6 && leaf.color[0] > 0.7).count();
+    assert!(dark > 200 && light > 200, "{dark} dark, {light} light");
+}
+
+#[test]
+fn both_sides_of_a_thin_sheet_have_one_normal() {
+    for (thickness, both_windings) in [(0.0, true), (1e-4, true), (0.004, true), (0.0, false)] {
+        // The second side lies below the first and faces down; or, in the last case, every other triangle is turned.
+        let mut mesh = sheet(8, |x, y| 0.3 * x + 0.1 * y);
+        let axis = Vec3::from(mesh.normals[0]);
+        mesh.normals.clear();
+        if both_windings {
+            let (count, below) = (mesh.positions.len() as u32, axis.as_dvec3() * thickness);
+            let second: Vec<_> = mesh.positions.iter().map(|p| (DVec3::from(*p) - below).to_array()).collect();
+            mesh.positions.extend(second);
+            let second: Vec<_> = mesh.triangles.iter().map(|&[a, b, c]| [a + count, c + count, b + count]).collect();
+            mesh.triangles.extend(second);
+        } else {
+            mesh.triangles.iter_mut().step_by(2).for_each(|t| t.swap(1, 2));
+        }
+        mesh.triangle_materials = vec![0; mesh.triangles.len()];
+        let octree = run(&mesh, BuildSettings { levels: 7, contour_error: 4.5, ..BuildSettings::default() });
+        let found = leaves(&octree);
+        let along = found.iter().filter(|leaf| leaf.normal.dot(axis).abs() > 0.99).count();
+        assert!(along * 100 > found.len() * 98, "thickness {thickness}: {along} of {} along the axis", found.len());
+        if both_windings {
+            let up = found.iter().filter(|leaf| leaf.normal.dot(axis) > 0.99).count();
+            assert!(up * 10 > found.len() * 9, "thickness {thickness}: {up} of {} look up", found.len());
+            // What no voxel can part is not refined; what some can part is.
+            let coarse = found.iter().filter(|leaf| leaf.level < 7).count();
+            assert!(coarse * 2 > found.len(), "thickness {thickness}: {coarse} of {} are coarse", found.len());
+        }
+    }
+}
+
+/// A normal map of `size` x `size` texels.
+fn normal_map(size: u32, normal: impl Fn(u32, u32) -> [f64; 3]) -> NormalMap {
+    let texels = (0..size * size)
+        .map(|i| DVec3::from(normal(i % size, i / size)).normalize().to_array().map(|c| ((c + 1.0) * 32767.5) as u16))
+        .collect();
+    let texture = Arc::new(LinearTexture::new(size, size, texels).unwrap());
+    NormalMap { texture, scale: 1.0, uv_transform: UvTransform::IDENTITY }
+}
+
+#[test]
+fn normal_maps_turn_normals_and_are_filtered() {
+    let mut mesh = square();
+    let settings = BuildSettings { levels: 5, contours: false, ..BuildSettings::default() };
+    let check = |mesh: &Mesh, expected: Vec3| {
+        for leaf in leaves(&run(mesh, settings)) {
+            assert!(leaf.normal.dot(expected) > 0.9995, "{} for {expected} at {:?}", leaf.normal, leaf.at);
+        }
+    };
+    // u is x, and v, which grows downwards in the image, is y: the bitangent is -y.
+    mesh.materials[0].normal_map = Some(normal_map(8, |_, _| [0.6, 0.0, 0.8]));
+    check(&mesh, Vec3::new(0.6, 0.0, 0.8));
+    mesh.materials[0].normal_map = Some(normal_map(8, |_, _| [0.0, 0.6, 0.8]));
+    check(&mesh, Vec3::new(0.0, -0.6, 0.8));
+    // Tangents of the mesh count more than its texture coordinates.
+    mesh.tangents = vec![[0.0, 1.0, 0.0, 1.0]; 4];
+    check(&mesh, Vec3::new(-0.6, 0.0, 0.8));
+    // Bumps far smaller than the voxels average out.
+    mesh.tangents.clear();
+    let bumps = |x: u32, y: u32| [if x % 2 == 0 { 0.6 } else { -0.6 }, if y % 2 == 0 { 0.6 } else { -0.6 }, 1.0];
+    mesh.materials[0].normal_map = Some(normal_map(256, bumps));
+    check(&mesh, Vec3::Z);
+}
+
+#[test]
+fn normal_maps_are_refined_texel_for_texel_if_wanted() {
+    let mut mesh = square();
+    // The left half leans one way, the right half the other.
+    mesh.materials[0].normal_map = Some(normal_map(16, |x, _| [if x < 8 { 0.6 } else { -0.6 }, 0.0, 0.8]));
+    let settings = BuildSettings { levels: 6, contour_error: 4.0, ..BuildSettings::default() };
+    let samples = leaves(&run(&mesh, settings)).len();
+    let texels = leaves(&run(&mesh, BuildSettings { texture_test: TextureTest::Texels, ..settings }));
+    assert!(samples < texels.len(), "{samples} against {}", texels.len());
+    assert!(texels.iter().any(|leaf| leaf.level == 6) && texels.iter().any(|leaf| leaf.level < 6));
+    for leaf in texels.iter().filter(|leaf| leaf.level < 6) {
+        assert!(leaf.normal.x.abs() > 0.55, "{} on level {} at {:?}", leaf.normal, leaf.level, leaf.at);
+    }
+}
+
+/// A square cut out by a texture of `size` x `size` texels.
+fn cut_out(size: u32, solid: impl FnMut(u32, u32) -> bool) -> Mesh {
+    let mut mesh = square();
+    let mut solid = solid;
+    let texels: Vec<u8> =
+        (0..size * size).flat_map(|i| [255, 255, 255, if solid(i % size, i / size) { 255 } else { 0 }]).collect();
+    mesh.materials[0] = Material {
+        texture: Some(Arc::new(Texture::from_rgba8(size, size, &texels).unwrap())),
+        alpha_cutoff: Some(0.5),
+        ..Material::default()
+    };
+    mesh
+}
+
+/// The area of the square in which there are leaves, as the part of all columns of voxels of this level.
+fn covered(octree: &Octree, level: u32) -> f64 {
+    let mut columns = std::collections::HashSet::new();
+    for leaf in leaves(octree) {
+        let up = level - leaf.level;
+        for x in leaf.at[0] << up..(leaf.at[0] + 1) << up {
+            for y in leaf.at[1] << up..(leaf.at[1] + 1) << up {
+                columns.insert((x, y));
+            }
+        }
+    }
+    columns.len() as f64 / f64::from(1u32 << (2 * level))
+}
+
+#[test]
+#[ignore = "known to fail: leaves cover more than the solid part of cut-outs"]
+fn cut_outs_keep_their_coverage_at_every_resolution() {
+    for share in [0.2, 0.5, 0.8] {
+        let mut random = Random(7);
+        let mesh = cut_out(256, |_, _| random.unit() < share);
+        for levels in [4, 6, 8] {
+            let covered = covered(&run(&mesh, BuildSettings { levels, contours: false, ..Default::default() }), levels);
+            println!("share {share}, {levels} levels: {covered}");
+            assert!((covered - share).abs() < 0.2, "{covered} of {share} with {levels} levels");
+        }
+    }
+}
+
+#[test]
+#[ignore = "known to fail: leaves cover more than the solid part of cut-outs"]
+fn coarse_leaves_do_not_fill_holes() {
+    // Stripes four voxels wide on a flat square, whose shape alone asks for no more than a few voxels.
+    let mesh = cut_out(64, |x, _| x / 4 % 2 == 0);
+    let octree = run(&mesh, BuildSettings { levels: 6, contour_error: 3.0, ..BuildSettings::default() });
+    let covered = covered(&octree, 6);
+    assert!((covered - 0.5).abs() < 0.15, "{covered}");
+}
