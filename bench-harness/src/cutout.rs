@@ -5,23 +5,23 @@ use esvo_core::exact::{CameraRays, ExactRay, TriangleHit};
 use esvo_cpu::triangles::TriangleScene;
 use glam::DVec3;
 
-use crate::mesh_picture::{Looked, per_distance};
+use crate::mesh_picture::Looked;
 
 /// Holes that one ray may go through. A ray in the plane of a cut-out triangle could go on for ever.
 const MOST_HOLES: usize = 256;
 
 /// What the rays of a picture hit first that is no hole, in double precision: as [`TriangleScene::cast_exact`] where no
-/// material of the mesh is cut out. Textures are read at the footprint of a pixel. `triangles` are those of the mesh.
+/// material of the mesh is cut out. Textures are read at
+/// full resolution: averaged alpha would close small holes or open small leaves. `triangles` are those of the mesh.
 pub(crate) fn cast_solid(mesh: &Mesh, triangles: &TriangleScene, rays: &CameraRays) -> Vec<TriangleHit> {
     let mut hits = triangles.cast_exact(rays);
     if mesh.materials.iter().all(|m| m.alpha_cutoff.is_none()) {
         return hits;
     }
-    let per_distance = per_distance(rays);
     for (index, hit) in hits.iter_mut().enumerate() {
         let mut ray = rays.ray_at(index);
         for _ in 0..MOST_HOLES {
-            if hit.is_miss() || !is_hole(mesh, hit.triangle as usize, &ray, hit.t, per_distance) {
+            if hit.is_miss() || !is_hole(mesh, hit.triangle as usize, &ray, hit.t) {
                 break;
             }
             // On from the next number: whatever else lies at this very depth is taken to be part of the hole.
@@ -33,11 +33,11 @@ pub(crate) fn cast_solid(mesh: &Mesh, triangles: &TriangleScene, rays: &CameraRa
 }
 
 /// Whether the point of a triangle that a ray meets at `t` is cut out.
-fn is_hole(mesh: &Mesh, triangle: usize, ray: &ExactRay, t: f64, per_distance: f64) -> bool {
+fn is_hole(mesh: &Mesh, triangle: usize, ray: &ExactRay, t: f64) -> bool {
     let material = &mesh.materials[mesh.triangle_materials[triangle] as usize];
     let Some(cutoff) = material.alpha_cutoff else { return false };
     let point: DVec3 = ray.origin + ray.direction * t;
-    Looked::at(mesh, triangle, point, per_distance * point.distance(ray.origin)).alpha() < cutoff
+    Looked::at(mesh, triangle, point, 0.0).alpha() < cutoff
 }
 
 #[cfg(test)]

@@ -1,9 +1,9 @@
 //! The picture of a mesh itself, shaded as octrees are: what their pictures are compared with.
 
-use esvo_builder::{Material, Mesh};
+use esvo_builder::{Material, Mesh, mapped_normal};
 use esvo_core::exact::{CameraRays, TriangleHit};
 use esvo_core::shading::{Picture, Surface, encode_srgb, shade_triangles};
-use glam::{DVec3, Vec2, Vec3};
+use glam::{DVec3, Vec2, Vec3, Vec4};
 
 /// Shades what the rays hit, with the mesh's own colours, textures and shading normals.
 pub(crate) fn shade_mesh(mesh: &Mesh, rays: &CameraRays, hits: &[TriangleHit]) -> Picture {
@@ -23,6 +23,7 @@ pub(crate) fn per_distance(rays: &CameraRays) -> f64 {
 pub(crate) struct Looked<'a> {
     mesh: &'a Mesh,
     material: &'a Material,
+    triangle: usize,
     /// Vertices of the triangle.
     indices: [usize; 3],
     /// Weights of its corners at the point.
@@ -42,6 +43,7 @@ impl<'a> Looked<'a> {
         Self {
             mesh,
             material: &mesh.materials[mesh.triangle_materials[triangle] as usize],
+            triangle,
             indices,
             weights: barycentric([a, b, c], flat, point),
             flat,
@@ -53,15 +55,34 @@ impl<'a> Looked<'a> {
         self.indices.into_iter().zip(self.weights).map(|(i, w)| Vec3::from(values[i]) * w).sum()
     }
 
+    /// Texture coordinates of the point, and the footprint in texels of an image of this size.
+    fn texture_point(&self, size: (u32, u32)) -> (Vec2, f32) {
+        let uvs = self.indices.map(|i| Vec2::from(self.mesh.uvs[i]));
+        let uv = uvs.into_iter().zip(self.weights).map(|(v, w)| v * w).sum::<Vec2>();
+        let size = Vec2::new(size.0 as f32, size.1 as f32);
+        let texels = ((uvs[1] - uvs[0]) * size).perp_dot((uvs[2] - uvs[0]) * size).abs();
+        (uv, self.footprint * (texels / self.flat.length() as f32).sqrt())
+    }
+
     /// What the material's texture shows, linear; `None` without one.
     fn texel(&self) -> Option<[f32; 4]> {
         let texture = self.material.texture.as_ref().filter(|_| !self.mesh.uvs.is_empty())?;
-        let uvs = self.indices.map(|i| Vec2::from(self.mesh.uvs[i]));
-        let uv = uvs.into_iter().zip(self.weights).map(|(v, w)| v * w).sum::<Vec2>();
-        let size = texture.mips.first().map_or(Vec2::ONE, |mip| Vec2::new(mip.width as f32, mip.height as f32));
-        let texels = ((uvs[1] - uvs[0]) * size).perp_dot((uvs[2] - uvs[0]) * size).abs();
-        let texels_per_unit = (texels / self.flat.length() as f32).sqrt();
-        Some(texture.sample(uv.into(), self.footprint * texels_per_unit))
+        let size = texture.mips.first().map_or((1, 1), |mip| (mip.width, mip.height));
+        let (uv, footprint) = self.texture_point(size);
+        Some(texture.sample(uv.into(), footprint))
+    }
+
+    /// The normal that the material's normal map makes of the interpolated one; `None` where there is no map, or it says
+    /// nothing.
+    fn mapped(&self, normal: DVec3) -> Option<DVec3> {
+        let map = self.material.normal_map.as_ref().filter(|_| !self.mesh.uvs.is_empty())?;
+        let tangents = self.mesh.corner_tangents(self.triangle, map)?;
+        let tangent = tangents.into_iter().zip(self.weights).map(|(t, w)| Vec4::from(t) * w).sum::<Vec4>();
+        let size = map.texture.mips.first().map_or((1, 1), |mip| (mip.width, mip.height));
+        let (uv, footprint) = self.texture_point(size);
+        let normal = normal.try_normalize()?.as_vec3();
+        let mapped = mapped_normal(normal.into(), tangent.into(), map.sample(uv.into(), footprint));
+        Some(Vec3::from(mapped).as_dvec3())
     }
 
     /// How opaque the point is, 0 to 1.
@@ -84,6 +105,7 @@ impl<'a> Looked<'a> {
         if let Some([r, g, b, _]) = self.texel() {
             color *= Vec3::new(r, g, b);
         }
+        let normal = self.mapped(normal).unwrap_or(normal);
         Surface { normal, color: color.to_array().map(encode_srgb) }
     }
 }
@@ -103,7 +125,7 @@ fn barycentric([a, b, c]: [DVec3; 3], flat: DVec3, point: DVec3) -> [f32; 3] {
 mod tests {
     use std::sync::Arc;
 
-    use esvo_builder::{MipLevel, Texture};
+    use esvo_builder::{LinearMip, LinearTexture, MipLevel, NormalMap, Texture, UvTransform};
 
     use super::*;
 
@@ -151,5 +173,16 @@ mod tests {
         }
         let normal = at(1.0, 0.5).normal.normalize();
         assert!(normal.abs_diff_eq(DVec3::new(1.0, 0.0, 1.0).normalize(), 1e-6), "{normal}");
+    }
+    #[test]
+    fn normal_maps_turn_the_normal_towards_the_tangent() {
+        let mut mesh = mesh();
+        mesh.uvs = vec![[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]];
+        // (1, 0, 1) all over: half-way between the tangent, which is x here, and the normal.
+        let level = LinearMip { width: 1, height: 1, texels: vec![[65535, 32768, 65535]] };
+        let texture = Arc::new(LinearTexture { mips: vec![level] });
+        mesh.materials[0].normal_map = Some(NormalMap { texture, scale: 1.0, uv_transform: UvTransform::IDENTITY });
+        let normal = surface(&mesh, 0, DVec3::new(0.5, 0.5, 0.0), 0.01).normal.normalize();
+        assert!(normal.abs_diff_eq(DVec3::new(1.0, 0.0, 1.0).normalize(), 1e-4), "{normal}");
     }
 }

@@ -8,6 +8,7 @@ use esvo_bench::Backend;
 use crate::bench_build::BenchBuild;
 use crate::bench_format::BenchFormat;
 use crate::bench_import::BenchImport;
+use crate::bench_pictures::BenchPictures;
 use crate::displacement::Displacement;
 
 /// Sparse voxel octrees: build, inspect, render and benchmark.
@@ -358,6 +359,7 @@ pub(crate) struct Bench {
 pub(crate) enum BenchCommand {
     Build(BenchBuild),
     Format(BenchFormat),
+    Pictures(BenchPictures),
     Import(BenchImport),
 }
 
@@ -398,7 +400,7 @@ pub(crate) enum ViewMode {
     Depth,
 }
 
-fn parse_size(text: &str) -> Result<[u32; 2], String> {
+pub(crate) fn parse_size(text: &str) -> Result<[u32; 2], String> {
     let number = |s: &str| s.trim().parse::<u32>().ok().filter(|n| (1..=16384).contains(n));
     match text.split_once(['x', 'X']).map(|(w, h)| (number(w), number(h))) {
         Some((Some(w), Some(h))) => Ok([w, h]),

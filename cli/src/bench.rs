@@ -6,6 +6,7 @@ use crate::args::{Bench, BenchCommand};
 use crate::bench_build;
 use crate::bench_format;
 use crate::bench_import;
+use crate::bench_pictures;
 use crate::fail::{Failure, complain, print};
 
 pub(crate) fn run(arguments: &Bench) -> Result<(), Failure> {
@@ -13,6 +14,7 @@ pub(crate) fn run(arguments: &Bench) -> Result<(), Failure> {
         None => tables_run(arguments),
         Some(BenchCommand::Build(arguments)) => bench_build::run(arguments),
         Some(BenchCommand::Format(arguments)) => bench_format::run(arguments),
+        Some(BenchCommand::Pictures(arguments)) => bench_pictures::run(arguments),
         Some(BenchCommand::Import(arguments)) => bench_import::run(arguments),
     }
 }

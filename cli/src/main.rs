@@ -6,6 +6,7 @@ mod bench;
 mod bench_build;
 mod bench_format;
 mod bench_import;
+mod bench_pictures;
 mod build;
 mod convert;
 mod diff;

@@ -1,0 +1,239 @@
+//! `esvo bench pictures`: octrees beside the triangles they were built from, the same view in the same light.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use esvo_builder::{BuildSettings, DisplaceOptions, Mesh, displace};
+use esvo_core::exact::CameraRays;
+use esvo_core::shading::{Picture, decode_srgb, encode_srgb, shade};
+use esvo_core::{Camera, CastOptions, Caster, View};
+use esvo_cpu::CpuCaster;
+use esvo_cpu::triangles::TriangleScene;
+use esvo_format::Octree;
+use esvo_scenes::SceneManifest;
+
+use crate::cutout::cast_solid;
+use crate::flip::image_error;
+use crate::machine::slug;
+use crate::mesh_picture::shade_mesh;
+use crate::output::NamedPicture;
+use crate::scene::{self, Scene};
+use crate::{BenchError, Progress};
+
+/// Rays along each side of a pixel.
+const RAYS: u32 = 2;
+/// What white stands for in a height map: this part of the mesh's largest extent, as `esvo build --displace` has it.
+const AMPLITUDE: f64 = 1.0 / 500.0;
+
+/// What is shown if nothing else is said: title, scene, viewpoint, levels, displaced.
+const SHOWN: [(&str, &str, &str, u32, bool); 4] = [
+    ("SIBENIK-D", "SIBENIK", "nave-east", 10, true),
+    ("FLIGHT-HELMET", "FLIGHT-HELMET", "front", 11, false),
+    ("FLIGHT-HELMET", "FLIGHT-HELMET", "goggles", 11, false),
+    ("JUNGLE", "JUNGLE", "ground", 11, false),
+];
+
+/// What is wanted.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// Titles; empty: all.
+    pub scenes: Vec<String>,
+    /// Deepest level, in place of each picture's own.
+    pub levels: Option<u32>,
+    /// Size of each half.
+    pub size: [u32; 2],
+    /// Where real meshes are looked for first.
+    pub scenes_dir: Option<PathBuf>,
+}
+
+/// One picture, its left half the octree, its right half the triangles.
+#[derive(Clone, Debug)]
+pub struct Pair {
+    /// Scene, and `-D` where it is displaced.
+    pub scene: String,
+    /// Name of the viewpoint.
+    pub view: String,
+    /// Deepest level.
+    pub levels: u32,
+    /// Voxels of the octree.
+    pub voxels: u64,
+    /// Triangles, after displacement.
+    pub triangles: u64,
+    /// Mean FLIP between the halves.
+    pub flip: f64,
+    /// Credit to print beside it.
+    pub credit: String,
+    /// The picture and its file's name.
+    pub picture: NamedPicture,
+}
+
+/// Makes the pictures, one after the other, and hands each over when it is done.
+///
+/// # Errors
+/// A scene that is not among them, whose mesh is not here or cannot be used, or whose terms do not allow pictures.
+pub fn run(
+    options: &Options,
+    progress: &Progress,
+    mut done: impl FnMut(Pair) -> Result<(), BenchError>,
+) -> Result<(), BenchError> {
+    let titles: Vec<_> = SHOWN.iter().map(|s| s.0).collect();
+    if let Some(name) = options.scenes.iter().find(|n| !titles.iter().any(|t| t.eq_ignore_ascii_case(n))) {
+        return Err(BenchError::scene(name, format!("there is no picture of it; there are {}", titles.join(", "))));
+    }
+    let manifest = SceneManifest::builtin().map_err(|e| BenchError::scene("manifest", e))?;
+    let mut last: Option<(&str, u32, Shown)> = None;
+    for (title, name, view, levels, displaced) in SHOWN {
+        if !options.scenes.is_empty() && !options.scenes.iter().any(|n| n.eq_ignore_ascii_case(title)) {
+            continue;
+        }
+        let levels = options.levels.unwrap_or(levels);
+        let shown = match last.take().filter(|(t, l, _)| (*t, *l) == (title, levels)) {
+            Some((_, _, shown)) => shown,
+            None => {
+                progress.say(format!("{title}: reading the mesh"));
+                let scene = Scene::load(scene::entry(&manifest, name)?, options.scenes_dir.as_deref(), usize::MAX)?;
+                Shown::new(title, scene, levels, displaced, progress)?
+            }
+        };
+        done(shown.pair(title, view, levels, options.size, progress)?)?;
+        last = Some((title, levels, shown));
+    }
+    Ok(())
+}
+
+/// A scene, ready to be shown.
+struct Shown {
+    scene: Scene,
+    triangles: TriangleScene,
+    octree: Arc<Octree>,
+}
+
+impl Shown {
+    fn new(
+        title: &str,
+        mut scene: Scene,
+        levels: u32,
+        displaced: bool,
+        progress: &Progress,
+    ) -> Result<Self, BenchError> {
+        if !scene.publish {
+            return Err(BenchError::scene(title, "its terms do not allow to publish pictures"));
+        }
+        if displaced {
+            progress.say(format!("{title}: displacing"));
+            scene.mesh =
+                displace(&scene.mesh, &displacement(&scene.mesh, levels)).map_err(|e| BenchError::scene(title, e))?;
+        }
+        let mesh = &scene.mesh;
+        progress.say(format!("{title}: building {levels} levels"));
+        let settings = BuildSettings { levels, ..scene.settings };
+        let built = esvo_builder::build(mesh, &settings, &|_| ()).map_err(|e| BenchError::scene(title, e))?;
+        progress.say(format!("{title}: sorting triangles"));
+        let corners = mesh.triangles.iter().map(|t| t.map(|v| mesh.positions[v as usize])).collect();
+        let triangles = TriangleScene::new(corners).map_err(|e| BenchError::scene(title, e))?;
+        Ok(Self { triangles, octree: Arc::new(built.octree), scene })
+    }
+
+    fn pair(
+        &self,
+        title: &str,
+        view: &str,
+        levels: u32,
+        [width, height]: [u32; 2],
+        progress: &Progress,
+    ) -> Result<Pair, BenchError> {
+        let failed = |what: String| BenchError::scene(title, what);
+        let named = self.scene.views.iter().find(|v| v.name == view);
+        let camera = named.ok_or_else(|| failed(format!("it has no viewpoint {view} here")))?.camera;
+        progress.say(format!("{title}: casting {view}"));
+        let size = (width * RAYS, height * RAYS);
+        let (octree, rays) = self.octree_picture(&camera, size).map_err(|e| failed(e.to_string()))?;
+        let hits = cast_solid(&self.scene.mesh, &self.triangles, &rays);
+        let [left, right] = [octree, shade_mesh(&self.scene.mesh, &rays, &hits)].map(|p| smaller(&p));
+        let error = image_error(&right, &left).ok_or_else(|| failed("an empty picture".into()))?;
+        let name = format!("{}-{}-{levels}.png", slug(title), slug(view));
+        Ok(Pair {
+            scene: title.into(),
+            view: view.into(),
+            levels,
+            voxels: esvo_format::stats(&self.octree).voxels,
+            triangles: self.scene.mesh.triangle_count() as u64,
+            flip: error.flip,
+            credit: self.scene.credit.clone(),
+            picture: NamedPicture { name, picture: beside(&left, &right) },
+        })
+    }
+
+    fn octree_picture(&self, camera: &Camera, size: (u32, u32)) -> Result<(Picture, CameraRays), esvo_core::CastError> {
+        let to_mesh = self.octree.octree_to_mesh(0);
+        let root = self.octree.objects()[0].root_slot as u32;
+        let view = View::new(camera, to_mesh, root, size, &CastOptions::default())?;
+        let mut caster = CpuCaster::new(None)?;
+        caster.load(&self.octree)?;
+        let mut hits = Vec::new();
+        caster.cast(&view, &mut hits)?;
+        Ok((shade(&self.octree, &view, &hits), CameraRays::of_view(&view, to_mesh)))
+    }
+}
+
+/// As `esvo build --displace` does it.
+fn displacement(mesh: &Mesh, levels: u32) -> DisplaceOptions {
+    let (low, high) = mesh.bounds().unwrap_or_default();
+    let extent = (0..3).map(|k| high[k] - low[k]).fold(0.0, f64::max);
+    DisplaceOptions::for_levels(mesh, levels, extent * AMPLITUDE)
+}
+
+/// The picture with the rays of each pixel averaged in linear light.
+fn smaller(picture: &Picture) -> Picture {
+    let decoded: [f32; 256] = std::array::from_fn(|i| decode_srgb(i as f32 / 255.0));
+    Picture::from_fn((picture.width / RAYS, picture.height / RAYS), |x, y| {
+        let mut sum = [0.0; 3];
+        for k in 0..RAYS * RAYS {
+            let pixel = picture.pixel(x * RAYS + k % RAYS, y * RAYS + k / RAYS);
+            (0..3).for_each(|c| sum[c] += decoded[usize::from(pixel[c])]);
+        }
+        sum.map(|c| encode_srgb(c / (RAYS * RAYS) as f32))
+    })
+}
+
+/// Two pictures of one height, a white line between them.
+fn beside(left: &Picture, right: &Picture) -> Picture {
+    const LINE: u32 = 4;
+    let (width, height) = (left.width + LINE + right.width, left.height.min(right.height));
+    Picture::from_fn((width, height), |x, y| {
+        let pixel = match x {
+            _ if x < left.width => left.pixel(x, y),
+            _ if x < left.width + LINE => [255; 3],
+            _ => right.pixel(x - left.width - LINE, y),
+        };
+        pixel.map(|c| f32::from(c) / 255.0)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn halves_keep_their_pixels_and_rays_are_averaged_in_linear_light() {
+        let plain = |v: u8| Picture { width: 4, height: 2, rgb8: vec![v; 24] };
+        let pair = beside(&plain(10), &plain(200));
+        assert_eq!((pair.width, pair.height), (12, 2));
+        assert_eq!([pair.pixel(3, 1), pair.pixel(5, 0), pair.pixel(8, 1)], [[10; 3], [255; 3], [200; 3]]);
+        let mut mixed = plain(0);
+        mixed.rgb8[..6].fill(255);
+        let small = smaller(&mixed);
+        assert_eq!((small.width, small.height), (2, 1));
+        // Half of the light of white.
+        assert_eq!([small.pixel(0, 0), small.pixel(1, 0)], [[188; 3], [0; 3]]);
+    }
+
+    #[test]
+    fn every_viewpoint_that_is_shown_exists_and_may_be() {
+        let manifest = SceneManifest::builtin().unwrap();
+        for (_, name, view, _, _) in SHOWN {
+            let entry = manifest.scene(name).unwrap();
+            assert!(entry.publish && entry.meshes[0].cameras.iter().any(|c| c.name == view), "{name} {view}");
+        }
+    }
+}

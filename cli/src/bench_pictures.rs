@@ -1,0 +1,71 @@
+//! `esvo bench pictures`.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use esvo_bench::pictures::{Options, run as make};
+use esvo_bench::{BenchError, Progress, output, picture};
+
+use crate::args::parse_size;
+use crate::fail::{Failure, print};
+
+/// Make pictures of octrees beside the triangles they were built from.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+The left half is the octree, the right half the triangles, with four rays for each pixel and the same light: SIBENIK-D
+(displacement), FLIGHT-HELMET (normal maps), JUNGLE (cut-outs). FLIP says how different the halves look, 0 to 1.
+
+Example:
+  esvo bench pictures --scenes jungle --levels 10 --out pictures")]
+pub(crate) struct BenchPictures {
+    /// Only these scenes
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    pub(crate) scenes: Vec<String>,
+    /// Levels of the octrees [default: 10 or 11]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=23))]
+    pub(crate) levels: Option<u32>,
+    /// Size of each half
+    #[arg(long, value_name = "WxH", default_value = "640x480", value_parser = parse_size)]
+    pub(crate) size: [u32; 2],
+    /// Where real meshes are looked for first; then $ESVO_SCENES, then ../shared/scenes
+    #[arg(long, value_name = "FOLDER")]
+    pub(crate) scenes_dir: Option<PathBuf>,
+    /// Folder for the pictures
+    #[arg(long, value_name = "FOLDER", default_value = "results/pictures")]
+    pub(crate) out: PathBuf,
+}
+
+pub(crate) fn run(arguments: &BenchPictures) -> Result<(), Failure> {
+    if arguments.size.iter().any(|&n| n > 8192) {
+        return Err("--size: at most 8192x8192, as four rays are cast for each pixel".into());
+    }
+    output::check(&arguments.out)?;
+    std::fs::create_dir_all(&arguments.out).map_err(|e| BenchError::io(&arguments.out, e))?;
+    let options = Options {
+        scenes: arguments.scenes.clone(),
+        levels: arguments.levels,
+        size: arguments.size,
+        scenes_dir: arguments.scenes_dir.clone(),
+    };
+    let progress = Progress::terminal();
+    let mut lines = String::new();
+    let made = make(&options, &progress, |pair| {
+        let path = arguments.out.join(&pair.picture.name);
+        picture::write_png(&path, &pair.picture.picture).map_err(|e| BenchError::io(&path, e))?;
+        lines += &format!(
+            "{}: {} from {}, {} levels, {:.1} M voxels beside {} triangles, FLIP {:.3}. {}\n",
+            path.display(),
+            pair.scene,
+            pair.view,
+            pair.levels,
+            pair.voxels as f64 / 1e6,
+            pair.triangles,
+            pair.flip,
+            pair.credit
+        );
+        Ok(())
+    });
+    progress.finish();
+    print(&lines)?;
+    Ok(made?)
+}
