@@ -175,7 +175,7 @@ fn centre_and_half(at: [u32; 3], level: u32) -> (DVec3, f64) {
 /// The contour with its position changed by one step, or `None` if it is at the end of its range.
 fn moved(contour: Contour, by: i32) -> Option<u32> {
     let position = ((contour.0 << 7) as i32 >> 25) + by;
-    (-64..64).contains(&position).then(|| contour.0 & !(0x7f << 18) | (position as u32 & 0x7f) << 18)
+    (-64..64).contains(&position).then_some(contour.0 & !(0x7f << 18) | (position as u32 & 0x7f) << 18)
 }
 
 /// Whether what is in the voxel of a triangle, and a little beyond, is inside the slab by more than all rounding.
