@@ -37,7 +37,8 @@ struct Versioned {
 #[derive(serde::Deserialize)]
 #[serde(rename_all = "camelCase")]
 struct Version {
-    version: String,
+    /// A string, if the file keeps the rules; some of version 1 have a number.
+    version: json::Value,
     min_version: Option<String>,
 }
 
@@ -54,7 +55,8 @@ impl<'p> Source<'p> {
         let bad =
             |e: &dyn std::fmt::Display| ImportError::malformed(path, format!("not a glTF document: {}", one_line(e)));
         let Versioned { asset } = json::deserialize::from_slice(text).map_err(|e| bad(&e))?;
-        let needed = asset.min_version.as_deref().unwrap_or(&asset.version);
+        let version = asset.version.as_str().map_or_else(|| asset.version.to_string(), str::to_owned);
+        let needed = asset.min_version.as_deref().unwrap_or(&version);
         let readable = match asset.min_version {
             Some(_) => needed == "2.0",
             None => needed.starts_with("2."),

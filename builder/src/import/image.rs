@@ -132,7 +132,7 @@ impl TextureStore {
             Ok(format) => format,
             Err(_) if extension.is_some_and(|e| e.eq_ignore_ascii_case("tga")) => ImageFormat::Tga,
             Err(_) if bytes.is_empty() => return Err(fail("it is empty".into())),
-            Err(_) => return Err(fail("it is neither PNG, JPEG nor TGA".into())),
+            Err(_) => return Err(fail("it is neither PNG, JPEG nor TGA; convert it to one of them".into())),
         };
         let mut limits = Limits::default();
         limits.max_image_width = Some(MAX_TEXTURE_SIDE);

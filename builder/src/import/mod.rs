@@ -14,6 +14,7 @@ mod ply;
 mod stl;
 pub(crate) mod texture;
 
+use std::borrow::Cow;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -169,6 +170,19 @@ pub fn load_mesh(path: &Path) -> Result<Mesh, ImportError> {
     Ok(mesh)
 }
 
+/// Text as programs save it: UTF-8, or UTF-16 with a byte order mark. What is neither is replaced.
+fn text_of(bytes: &[u8]) -> Cow<'_, str> {
+    let wide = |word: fn([u8; 2]) -> u16| {
+        let words: Vec<u16> = bytes[2..].as_chunks::<2>().0.iter().map(|&pair| word(pair)).collect();
+        Cow::Owned(String::from_utf16_lossy(&words))
+    };
+    match bytes {
+        [0xff, 0xfe, ..] => wide(u16::from_le_bytes),
+        [0xfe, 0xff, ..] => wide(u16::from_be_bytes),
+        _ => String::from_utf8_lossy(bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes)),
+    }
+}
+
 /// Whether [`load_mesh`] knows the extension of `path`.
 #[must_use]
 pub fn is_mesh_file(path: &Path) -> bool {
@@ -230,7 +244,7 @@ impl Kind {
 
     fn allows(self, content: Content) -> bool {
         match self {
-            Self::Obj => content == Content::Text,
+            Self::Obj => matches!(content, Content::Text | Content::Utf16),
             // Text that does not start as JSON goes to the JSON parser, whose message tells the line and column.
             Self::Gltf => matches!(content, Content::Json | Content::Text | Content::Glb),
             Self::Glb => content == Content::Glb,
@@ -251,6 +265,7 @@ enum Content {
     Ply,
     Json,
     Text,
+    Utf16,
     Binary,
 }
 
@@ -271,6 +286,8 @@ impl Content {
             Self::Glb
         } else if head.starts_with(b"ply\n") || head.starts_with(b"ply\r") || head.starts_with(b"ply ") {
             Self::Ply
+        } else if head.starts_with(b"\xff\xfe") || head.starts_with(b"\xfe\xff") {
+            Self::Utf16
         } else if head.contains(&0) {
             Self::Binary
         } else if text.trim_ascii_start().starts_with(b"{") {
@@ -289,6 +306,7 @@ impl Content {
             Self::Ply => "a PLY file",
             Self::Json => "JSON text",
             Self::Text => "a text file",
+            Self::Utf16 => "UTF-16 text",
             Self::Binary => "a binary file",
         }
     }

@@ -11,12 +11,12 @@ use std::path::{Path, PathBuf};
 use super::assembly::{Assembly, Part};
 use super::image::TextureStore;
 use super::texture::srgb_to_linear;
-use super::{ImportError, mtl, one_line, read_file};
+use super::{ImportError, mtl, one_line, read_file, text_of};
 use crate::mesh::{Material, Mesh};
 
 /// Reads an OBJ file; materials and textures are looked up beside it.
 pub(super) fn load(path: &Path, bytes: &[u8]) -> Result<Mesh, ImportError> {
-    let text = String::from_utf8_lossy(bytes);
+    let text = text_of(bytes);
     let prepared = prepare(path, &text)?;
     let mut assembly = Assembly::default();
     for warning in &prepared.warnings {
@@ -95,7 +95,7 @@ impl Libraries {
                     continue;
                 }
                 let bytes = read_file(&file)?;
-                let (found, warnings) = mtl::parse(&String::from_utf8_lossy(&bytes));
+                let (found, warnings) = mtl::parse(&text_of(&bytes));
                 for warning in warnings {
                     assembly.warn(format!("{name}: {warning}"));
                 }

@@ -13,7 +13,7 @@ use crate::mesh::{Material, Mesh};
 
 /// Reads a PLY file. A texture is looked up beside it if a comment `TextureFile` names one.
 pub(super) fn load(path: &Path, bytes: &[u8]) -> Result<Mesh, ImportError> {
-    let fail = |e: ParseError| ImportError::malformed(path, one_line(e));
+    let fail = |e: ParseError| ImportError::malformed(path, message(e));
     let mut reader = Reader::new(bytes);
     let header = Parser::<Ignored>::new().read_header(&mut reader).map_err(fail)?;
     check_counts(path, &header, bytes.len())?;
@@ -54,6 +54,12 @@ pub(super) fn load(path: &Path, bytes: &[u8]) -> Result<Mesh, ImportError> {
     assembly.mesh.materials.push(material);
     assembly.append(path, &part, None)?;
     Ok(assembly.finish())
+}
+
+/// What the library says, without the state of its parser.
+fn message(error: ParseError) -> String {
+    let text = error.to_string().split_whitespace().collect::<Vec<_>>().join(" ");
+    one_line(text.split(" Error: ParseError {").next().unwrap_or(&text))
 }
 
 /// Refuses element counts that the file cannot hold, before anything is allocated or looped over for them.

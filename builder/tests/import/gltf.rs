@@ -347,6 +347,7 @@ fn extensions_that_matter_are_refused_if_required() {
 fn other_versions_and_other_json_are_refused() {
     let refuse = |text: &str| Files::new().refuse("a.gltf", text);
     assert_eq!(refuse(r#"{"asset":{"version":"1.0"}}"#), "a.gltf: glTF version 1.0; only version 2 can be read");
+    assert_eq!(refuse(r#"{"asset":{"version":1}}"#), "a.gltf: glTF version 1; only version 2 can be read");
     assert_eq!(
         refuse(r#"{"asset":{"version":"2.9","minVersion":"2.1"}}"#),
         "a.gltf: glTF version 2.1; only version 2 can be read"
@@ -413,7 +414,7 @@ fn bad_images_and_references_are_errors() {
     let texture = r#""textures":[{"source":0}]"#;
     assert_eq!(
         with(&format!(r#"{texture},"images":[{{"uri":"data:image/png;base64,AAAA"}}]"#)).error(),
-        "cannot decode the image 0 (embedded): it is neither PNG, JPEG nor TGA"
+        "cannot decode the image 0 (embedded): it is neither PNG, JPEG nor TGA; convert it to one of them"
     );
     assert_eq!(with(&format!(r#"{texture},"images":[{{}}]"#)).error(), "image 0 has neither uri nor bufferView");
     assert_eq!(with(texture).error(), "image 0 does not exist: there are only 0");

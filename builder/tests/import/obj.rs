@@ -32,6 +32,22 @@ fn files_that_are_no_mesh_are_named_for_what_they_are() {
 }
 
 #[test]
+fn text_may_be_utf_16_or_carry_a_mark() {
+    let text = format!("{TRIANGLE}# \u{e4}\u{1f300}\n");
+    let words: Vec<u16> = "\u{feff}".encode_utf16().chain(text.encode_utf16()).collect();
+    let files = Files::new();
+    for bytes in [
+        words.iter().flat_map(|w| w.to_le_bytes()).collect::<Vec<u8>>(),
+        words.iter().flat_map(|w| w.to_be_bytes()).collect(),
+        format!("\u{feff}{text}").into_bytes(),
+    ] {
+        assert_eq!(files.accept("a.obj", bytes).triangle_count(), 1);
+    }
+    // An odd byte at the end is not a character.
+    assert_eq!(files.refuse("a.obj", b"\xff\xfev"), "a.obj: the mesh has no triangles");
+}
+
+#[test]
 fn a_plain_triangle() {
     let mesh = Files::new().accept("a.OBJ", TRIANGLE);
     assert_eq!(mesh.positions, [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
@@ -185,7 +201,10 @@ fn textures_that_cannot_be_decoded_are_errors() {
     files.write("my lib.mtl", "newmtl a\nmap_Kd bad.png\nnewmtl b\n");
     files.write("bad.png", "this is no image");
     files.write("a.obj", TEXTURED);
-    assert_eq!(files.error("a.obj"), "a.obj: cannot decode the image bad.png: it is neither PNG, JPEG nor TGA");
+    assert_eq!(
+        files.error("a.obj"),
+        "a.obj: cannot decode the image bad.png: it is neither PNG, JPEG nor TGA; convert it to one of them"
+    );
     files.write("bad.png", "");
     assert_eq!(files.error("a.obj"), "a.obj: cannot decode the image bad.png: it is empty");
     let good = png(8, 8, &[[1, 2, 3, 4]; 64]);
@@ -248,5 +267,5 @@ fn a_missing_height_map_on_its_own_is_an_error() {
     files.write("h.png", png(1, 1, &[[255, 255, 255, 255]]));
     assert_eq!(load().unwrap().sample([0.0, 0.0], 1.0), 1.0);
     files.write("h.png", "no image");
-    assert!(load().unwrap_err().to_string().contains("it is neither PNG, JPEG nor TGA"));
+    assert!(load().unwrap_err().to_string().contains("it is neither PNG, JPEG nor TGA; convert it to one of them"));
 }

@@ -106,3 +106,9 @@ fn errors_say_what_and_where() {
         "a.ply: the vertices have no property 'y'"
     );
 }
+
+#[test]
+fn errors_of_the_parser_leave_its_state_out() {
+    let error = Files::new().refuse("a.ply", "ply\nformat ascii 1.0\nMade by hand\nend_header\n");
+    assert!(error.contains("Made by hand") && !error.contains("ParseError"), "{error}");
+}
