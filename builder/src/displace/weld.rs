@@ -124,7 +124,7 @@ mod tests {
         let mut edges = Edges::of(&[[0, 1, 2], [2, 1, 3]], &place, |v| place[v as usize]);
         assert_eq!(edges.ends, [[0, 1], [0, 2], [1, 2]]);
         assert_eq!(edges.of, [[0, 2, 1], [2, 0, 1]]);
-        edges.number_points(|triangle, i| edges_segments(triangle, i));
+        edges.number_points(edges_segments);
         assert_eq!((edges.first.as_slice(), edges.points()), ([0, 2, 2, 5].as_slice(), 5));
         let by_index = Edges::of(&[[0, 1, 2], [2, 1, 3]], &place, |v| v);
         assert_eq!(by_index.ends.len(), 5);
