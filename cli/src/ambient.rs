@@ -5,10 +5,10 @@ use std::time::Instant;
 
 use esvo_bench::{Backend, Progress};
 use esvo_core::ambient::{Ambient as Values, AmbientSettings};
-use esvo_format::Octree;
 
 use crate::args::Ambient;
-use crate::fail::{Failure, check_not_input, check_output, name_file, print};
+use crate::fail::{Failure, check_extension, check_not_input, check_output, name_file, open, print};
+use crate::words::count;
 
 pub(crate) fn run(arguments: &Ambient) -> Result<(), Failure> {
     let settings = AmbientSettings {
@@ -19,9 +19,9 @@ pub(crate) fn run(arguments: &Ambient) -> Result<(), Failure> {
     };
     settings.check()?;
     check_output(&arguments.output)?;
+    check_extension(&arguments.output, "esvo", "octrees are written as .esvo")?;
     check_not_input(&arguments.output, &arguments.input)?;
-    let octree = Arc::new(Octree::open(&arguments.input).map_err(|e| name_file(&arguments.input, e))?);
-    octree.sound().map_err(|e| name_file(&arguments.input, e))?;
+    let octree = Arc::new(open(&arguments.input)?);
     let progress = Progress::terminal();
     let mut caster = Backend::from(arguments.backend).open(None)?;
     let leaves: u64 = octree.objects().iter().map(|o| o.leaf_voxels).sum();
@@ -42,9 +42,10 @@ pub(crate) fn run(arguments: &Ambient) -> Result<(), Failure> {
     with.write(&arguments.output)?;
     progress.finish();
     print(&format!(
-        "{}: {leaves} leaf voxels, {} rays each, {seconds:.1} s, {:.1} million rays a second, cast by {} on {}\n",
+        "{}: {}, {} each, {seconds:.1} s, {:.1} million rays a second, cast by {} on {}\n",
         arguments.output.display(),
-        settings.rays,
+        count(leaves, "leaf voxel"),
+        count(settings.rays, "ray"),
         rays / seconds.max(1e-3) / 1e6,
         caster.name(),
         caster.device().name

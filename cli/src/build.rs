@@ -1,15 +1,18 @@
 //! `esvo build`.
 
+use std::path::Path;
 use std::time::Instant;
 
 use esvo_bench::build_summary::{BuildSeconds, BuildSummary, peak_bytes};
 use esvo_bench::{Progress, scene};
+use esvo_builder::import::{ImportError, load_mesh};
 use esvo_builder::{BuildSettings, FileOptions, Mesh};
 use esvo_format::WriteOptions;
 use esvo_scenes::{SceneEntry, SceneManifest};
 
 use crate::args::Build;
-use crate::fail::{Failure, check_not_input, check_output, complain, print};
+use crate::fail::{Failure, check_extension, check_not_input, check_output, complain, extension, print};
+use crate::words::{count, size};
 
 pub(crate) fn run(arguments: &Build) -> Result<(), Failure> {
     let manifest = SceneManifest::builtin()?;
@@ -17,6 +20,12 @@ pub(crate) fn run(arguments: &Build) -> Result<(), Failure> {
     let settings = settings(arguments, &manifest, scene)?;
     settings.check()?;
     check_output(&arguments.output)?;
+    match extension(&arguments.output).as_str() {
+        "oct" => {
+            check_extension(&arguments.output, "esvo", "builds are written as .esvo; esvo convert makes .oct of them")?
+        }
+        _ => check_extension(&arguments.output, "esvo", "octrees are written as .esvo")?,
+    }
     if let Some(mesh) = &arguments.mesh {
         check_not_input(&arguments.output, mesh)?;
     }
@@ -27,7 +36,7 @@ pub(crate) fn run(arguments: &Build) -> Result<(), Failure> {
     let import = start.elapsed().as_secs_f64();
     let import_peak_bytes = peak_bytes();
     let start = Instant::now();
-    let what = format!("building {} levels", settings.levels);
+    let what = format!("building {}", count(settings.levels, "level"));
     let options = FileOptions {
         write: WriteOptions { compress: arguments.compress },
         meta: serde_json::json!({
@@ -63,11 +72,11 @@ pub(crate) fn run(arguments: &Build) -> Result<(), Failure> {
         return print(&format!("{}\n", serde_json::to_string_pretty(&summary)?));
     }
     print(&format!(
-        "{}: {} levels, {} voxels, {:.1} MB, {:.2} bytes per voxel, built in {build:.1} s\n",
+        "{}: {}, {}, {}, {:.2} bytes per voxel, built in {build:.1} s\n",
         arguments.output.display(),
-        settings.levels,
-        stats.voxels,
-        stats.image_bytes as f64 / (1u64 << 20) as f64,
+        count(settings.levels, "level"),
+        count(stats.voxels, "voxel"),
+        size(stats.image_bytes),
         stats.image_bytes as f64 / stats.voxels.max(1) as f64,
     ))
 }
@@ -76,7 +85,7 @@ pub(crate) fn run(arguments: &Build) -> Result<(), Failure> {
 fn mesh(arguments: &Build, scene: Option<&SceneEntry>, progress: &Progress) -> Result<(Mesh, String), Failure> {
     if let Some(path) = &arguments.mesh {
         progress.say(format!("reading {}", path.display()));
-        let mesh = esvo_builder::import::load_mesh(path)?;
+        let mesh = load_mesh(path).map_err(|e| explain(path, &e))?;
         return Ok((mesh, path.file_name().unwrap_or_default().to_string_lossy().into_owned()));
     }
     // The command line wants one of the two.
@@ -84,6 +93,19 @@ fn mesh(arguments: &Build, scene: Option<&SceneEntry>, progress: &Progress) -> R
     progress.say(format!("reading {}", entry.name));
     let (mesh, source) = scene::mesh(entry, arguments.scenes_dir.as_deref(), arguments.stand_in)?;
     Ok((mesh, source))
+}
+
+/// What went wrong with a mesh, and what to do where the importer cannot know it.
+fn explain(path: &Path, error: &ImportError) -> String {
+    match error {
+        ImportError::UnknownKind { .. } if matches!(extension(path).as_str(), "esvo" | "oct") => {
+            format!("{}: is an octree already; octrees are built of meshes", path.display())
+        }
+        ImportError::Image { .. } => {
+            format!("{error}; replace the image, or take its name out of the material to build with a plain colour")
+        }
+        _ => error.to_string(),
+    }
 }
 
 fn settings(arguments: &Build, manifest: &SceneManifest, scene: Option<&SceneEntry>) -> Result<BuildSettings, Failure> {

@@ -77,6 +77,19 @@ fn a_missing_texture_is_a_warning() {
 }
 
 #[test]
+fn a_broken_texture_is_an_error_that_says_what_to_do() {
+    let folder = Folder::new();
+    folder.put(
+        "box.obj",
+        format!("mtllib box.mtl\nusemtl wood\nvt 0 0\n{}", BOX.replace("f 1 2 3 4", "f 1/1 2/1 3/1 4/1")),
+    );
+    folder.put("box.mtl", "newmtl wood\nmap_Kd bad.png\n");
+    folder.put("bad.png", "not a picture");
+    let what = "bad.png: it is neither PNG, JPEG nor TGA; replace the image, or take its name out of the material";
+    folder.fails(&["build", "box.obj", "-o", "x.esvo"], 1, what);
+}
+
+#[test]
 fn files_of_the_wrong_kind() {
     let folder = Folder::with_octree();
     let every = |name: &str, what: &str| {
@@ -114,6 +127,10 @@ fn files_of_another_kind_are_called_by_their_names() {
         folder.fails(&with("old.oct"), 1, "convert it first: esvo convert old.oct -o old.esvo");
     }
     folder.fails(&["convert", "box.obj", "-o", "x.esvo"], 1, "box.obj: is a mesh");
+    folder.fails(&["build", "box.esvo", "-o", "x.esvo"], 1, "box.esvo: is an octree already");
+    folder.fails(&["build", "box.obj", "-o", "x.png"], 1, "x.png: octrees are written as .esvo");
+    folder.fails(&["build", "box.obj", "-o", "x"], 1, "ends in .esvo");
+    folder.fails(&["build", "box.obj", "-o", "x.oct"], 1, "esvo convert makes .oct of them");
     folder.fails(&["render", "box.esvo", "-o", "x.jpg"], 1, "x.jpg: pictures are written as PNG");
     folder.fails(&["render", "box.esvo", "-o", "x"], 1, "ends in .png");
 }
@@ -155,7 +172,7 @@ fn output_that_cannot_be_written() {
         folder.fails(&["build", "box.obj", "-o", output, "--levels", "4"], 1, what);
         folder.fails(&["render", "box.esvo", "-o", output], 1, what);
     };
-    both("absent/x", "does not exist");
+    both("absent/x.y", "does not exist");
     both(".", "folder");
     if cfg!(unix) {
         both("/dev/full", "not a regular file");
