@@ -37,4 +37,4 @@ pub use displace::{DisplaceOptions, displace};
 pub use error::BuildError;
 pub use maps::{HeightMap, LinearMip, LinearTexture, NormalMap, UvTransform, mapped_normal};
 pub use mesh::{Material, Mesh, MipLevel, Texture};
-pub use settings::{BuildSettings, TextureTest};
+pub use settings::{BuildSettings, Preset, TextureTest};

@@ -1,6 +1,6 @@
 //! The convex polyhedron that a voxel's cube and the contours of its ancestors leave (paper section 3.4).
 
-use glam::Vec3;
+use glam::{Vec3, Vec4};
 
 /// Most contours that are kept as bounds of one voxel; further ones are forgotten, which only makes the shape larger.
 pub const MAX_SLABS: usize = 8;
@@ -8,6 +8,8 @@ pub const MAX_SLABS: usize = 8;
 const MAX_FACES: usize = 6 + 2 * MAX_SLABS;
 /// Most vertices; a cut that would need more leaves the polyhedron as it is.
 const MAX_VERTICES: usize = 64;
+/// Most edges, likewise.
+const MAX_EDGES: usize = 128;
 
 /// An edge: its two vertices and the two faces that meet in it.
 #[derive(Clone, Copy, Debug)]
@@ -17,22 +19,29 @@ struct Edge {
 }
 
 /// A convex polyhedron inside the unit cube around the origin, as its vertices and edges.
+///
+/// Vertices have places that they keep until they are cut away; the places that are free are used again.
 #[derive(Clone)]
 pub struct Polyhedron {
-    vertices: Vec<Vec3>,
-    edges: Vec<Edge>,
-    // Scratch of `cut`.
-    distances: Vec<f32>,
-    new_edges: Vec<Edge>,
+    /// Coordinates, four places to a vector.
+    x: [Vec4; MAX_VERTICES / 4],
+    y: [Vec4; MAX_VERTICES / 4],
+    z: [Vec4; MAX_VERTICES / 4],
+    /// One bit per place that holds a vertex.
+    used: u64,
+    edges: [Edge; MAX_EDGES],
+    edge_count: usize,
 }
 
 impl Default for Polyhedron {
     fn default() -> Self {
         let mut polyhedron = Self {
-            vertices: Vec::with_capacity(MAX_VERTICES),
-            edges: Vec::new(),
-            distances: Vec::new(),
-            new_edges: Vec::new(),
+            x: [Vec4::ZERO; MAX_VERTICES / 4],
+            y: [Vec4::ZERO; MAX_VERTICES / 4],
+            z: [Vec4::ZERO; MAX_VERTICES / 4],
+            used: 0,
+            edges: [Edge { ends: [0; 2], faces: [0; 2] }; MAX_EDGES],
+            edge_count: 0,
         };
         polyhedron.reset();
         polyhedron
@@ -60,91 +69,113 @@ const CUBE_EDGES: [Edge; 12] = {
 impl Polyhedron {
     /// Becomes the whole cube `[-1/2, 1/2]³`.
     pub fn reset(&mut self) {
-        self.vertices.clear();
-        let side = |i: u32, axis: u32| if i >> axis & 1 != 0 { 0.5 } else { -0.5 };
-        self.vertices.extend((0..8).map(|i| Vec3::new(side(i, 0), side(i, 1), side(i, 2))));
-        self.edges.clear();
-        self.edges.extend_from_slice(&CUBE_EDGES);
+        const LOW_HIGH: Vec4 = Vec4::new(-0.5, 0.5, -0.5, 0.5);
+        (self.x[0], self.x[1]) = (LOW_HIGH, LOW_HIGH);
+        let low_low_high_high = Vec4::new(-0.5, -0.5, 0.5, 0.5);
+        (self.y[0], self.y[1]) = (low_low_high_high, low_low_high_high);
+        (self.z[0], self.z[1]) = (Vec4::splat(-0.5), Vec4::splat(0.5));
+        self.used = 0xff;
+        self.edges[..12].copy_from_slice(&CUBE_EDGES);
+        self.edge_count = 12;
+    }
+
+    /// How many vectors have vertices in them.
+    fn vectors(&self) -> usize {
+        (64 - self.used.leading_zeros() as usize).div_ceil(4)
+    }
+
+    fn vertex(&self, place: usize) -> Vec3 {
+        let (i, k) = (place / 4, place % 4);
+        Vec3::new(self.x[i][k], self.y[i][k], self.z[i][k])
     }
 
     /// Cuts away where `normal·p > limit`; the new face gets the number `face`.
     pub fn cut(&mut self, normal: Vec3, limit: f32, face: u8) {
-        self.distances.clear();
-        self.distances.extend(self.vertices.iter().map(|v| normal.dot(*v) - limit));
+        let mut distances = [Vec4::ZERO; MAX_VERTICES / 4];
+        let mut outside = 0u64;
+        for i in 0..self.vectors() {
+            let d = self.x[i] * normal.x + self.y[i] * normal.y + self.z[i] * normal.z - limit;
+            distances[i] = d;
+            outside |= u64::from(d.cmpgt(Vec4::ZERO).bitmask()) << (4 * i);
+        }
+        outside &= self.used;
         // A cut that removes nothing is the common case.
-        if self.distances.iter().all(|d| *d <= 0.0) {
+        if outside == 0 {
             return;
         }
-        let crossings =
-            self.edges.iter().filter(|e| (self.distance(e.ends[0]) > 0.0) != (self.distance(e.ends[1]) > 0.0));
-        if self.vertices.len() + crossings.count() > MAX_VERTICES {
+        let is_out = |vertex: u8| outside >> vertex & 1 != 0;
+        let crossings = self.edges[..self.edge_count].iter().filter(|e| is_out(e.ends[0]) != is_out(e.ends[1])).count();
+        if crossings > (!self.used).count_ones() as usize || self.edge_count + crossings > MAX_EDGES {
             return;
         }
-        self.new_edges.clear();
         // Where the new face meets an old one: two points each, on edges that the plane crosses.
         let mut open = [u8::MAX; MAX_FACES];
-        for i in 0..self.edges.len() {
-            let edge = self.edges[i];
+        let mut added = [Edge { ends: [0; 2], faces: [0; 2] }; MAX_EDGES / 2];
+        let (mut kept, mut added_count) = (0, 0);
+        for i in 0..self.edge_count {
+            let mut edge = self.edges[i];
             let [a, b] = edge.ends;
-            let (da, db) = (self.distance(a), self.distance(b));
-            if da > 0.0 && db > 0.0 {
-                continue;
-            }
-            if da <= 0.0 && db <= 0.0 {
-                self.new_edges.push(edge);
-                continue;
-            }
-            let (pa, pb) = (self.vertices[a as usize], self.vertices[b as usize]);
-            let crossing = self.vertices.len() as u8;
-            self.vertices.push(pa + (pb - pa) * (da / (da - db)).clamp(0.0, 1.0));
-            self.distances.push(0.0);
-            self.new_edges.push(Edge { ends: [if da <= 0.0 { a } else { b }, crossing], faces: edge.faces });
-            for old in edge.faces {
-                let other = std::mem::replace(&mut open[old as usize], crossing);
-                if other != u8::MAX {
-                    self.new_edges.push(Edge { ends: [other, crossing], faces: [old, face] });
-                    open[old as usize] = u8::MAX;
+            match (is_out(a), is_out(b)) {
+                (true, true) => continue,
+                (false, false) => {}
+                (a_is_out, _) => {
+                    let (da, db) = (at(&distances, a), at(&distances, b));
+                    let (pa, pb) = (self.vertex(a as usize), self.vertex(b as usize));
+                    let crossing = (!self.used).trailing_zeros() as u8;
+                    self.put(crossing, pa + (pb - pa) * (da / (da - db)).clamp(0.0, 1.0));
+                    for old in edge.faces {
+                        let other = std::mem::replace(&mut open[old as usize], crossing);
+                        if other != u8::MAX {
+                            added[added_count] = Edge { ends: [other, crossing], faces: [old, face] };
+                            added_count += 1;
+                            open[old as usize] = u8::MAX;
+                        }
+                    }
+                    edge.ends[usize::from(!a_is_out)] = crossing;
                 }
             }
+            self.edges[kept] = edge;
+            kept += 1;
         }
-        std::mem::swap(&mut self.edges, &mut self.new_edges);
-        // Close the gaps that the vertices cut away leave.
-        let mut moved = [0u8; MAX_VERTICES];
-        let mut kept = 0;
-        for i in 0..self.vertices.len() {
-            if self.distances[i] <= 0.0 {
-                moved[i] = kept as u8;
-                self.vertices[kept] = self.vertices[i];
-                kept += 1;
-            }
-        }
-        self.vertices.truncate(kept);
-        for edge in &mut self.edges {
-            edge.ends = edge.ends.map(|end| moved[end as usize]);
-        }
+        self.edges[kept..kept + added_count].copy_from_slice(&added[..added_count]);
+        self.edge_count = kept + added_count;
+        self.used &= !outside;
     }
 
-    fn distance(&self, vertex: u8) -> f32 {
-        self.distances[vertex as usize]
+    fn put(&mut self, place: u8, p: Vec3) {
+        let (i, k) = (place as usize / 4, place as usize % 4);
+        (self.x[i][k], self.y[i][k], self.z[i][k]) = (p.x, p.y, p.z);
+        self.used |= 1 << place;
     }
 
     /// The vertices; none if nothing is left.
-    pub fn vertices(&self) -> &[Vec3] {
-        &self.vertices
+    pub fn vertices(&self) -> impl Iterator<Item = Vec3> + '_ {
+        let mut left = self.used;
+        std::iter::from_fn(move || {
+            let place = left.trailing_zeros();
+            left &= left.wrapping_sub(1);
+            (place < 64).then(|| self.vertex(place as usize))
+        })
     }
 
     /// Extent along a direction.
     pub fn extent(&self, direction: Vec3) -> (f32, f32) {
-        self.vertices.iter().fold((f32::MAX, f32::MIN), |(lo, hi), v| {
-            let d = direction.dot(*v);
-            (lo.min(d), hi.max(d))
-        })
+        let (mut lo, mut hi) = (f32::MAX, f32::MIN);
+        for v in self.vertices() {
+            let d = direction.dot(v);
+            (lo, hi) = (if d < lo { d } else { lo }, if d > hi { d } else { hi });
+        }
+        (lo, hi)
     }
 
     /// One bit per face that still bounds the polyhedron.
     pub fn faces(&self) -> u32 {
-        self.edges.iter().fold(0, |mask, e| mask | 1 << e.faces[0] | 1 << e.faces[1])
+        self.edges[..self.edge_count].iter().fold(0, |mask, e| mask | 1 << e.faces[0] | 1 << e.faces[1])
     }
+}
+
+fn at(distances: &[Vec4; MAX_VERTICES / 4], vertex: u8) -> f32 {
+    distances[vertex as usize / 4][vertex as usize % 4]
 }
 
 #[cfg(test)]
@@ -155,10 +186,10 @@ mod tests {
     fn a_cut_corner_has_three_new_edges() {
         let mut p = Polyhedron::default();
         p.reset();
-        assert_eq!(p.edges.len(), 12);
+        assert_eq!(p.edge_count, 12);
         assert_eq!(p.faces(), 0b111111);
         p.cut(Vec3::ONE, 1.0, 6);
-        assert_eq!((p.vertices.len(), p.edges.len()), (10, 15));
+        assert_eq!((p.vertices().count(), p.edge_count), (10, 15));
         assert_eq!(p.faces(), 0b1111111);
         let (lo, hi) = p.extent(Vec3::ONE);
         assert!((lo + 1.5).abs() < 1e-6 && (hi - 1.0).abs() < 1e-6);
@@ -169,10 +200,10 @@ mod tests {
         let mut p = Polyhedron::default();
         p.reset();
         p.cut(Vec3::X, 0.0, 6);
-        assert_eq!(p.edges.len(), 12);
+        assert_eq!(p.edge_count, 12);
         assert_eq!(p.faces(), 0b1111101);
         assert_eq!(p.extent(Vec3::X), (-0.5, 0.0));
         p.cut(Vec3::NEG_X, -0.25, 7);
-        assert!(p.vertices.is_empty() || p.extent(Vec3::X).0 >= -0.25, "nothing below 1/4 may be left");
+        assert!(p.vertices().next().is_none() || p.extent(Vec3::X).0 >= -0.25, "nothing below 1/4 may be left");
     }
 }

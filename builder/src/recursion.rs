@@ -62,29 +62,26 @@ pub(crate) struct Recursion<'a> {
     error: Mutex<Option<BuildError>>,
 }
 
-/// A child voxel, and what its own children need if it is not a leaf.
+/// What was found in a child slot.
+#[derive(Clone, Default)]
 struct Child {
-    voxel: TreeVoxel,
+    /// `None`: no surface.
+    voxel: Option<TreeVoxel>,
+    /// If it is not a leaf.
     bounds: Bounds,
 }
 
-/// What the ancestors of a voxel say about its shape.
-#[derive(Clone)]
-enum Bounds {
-    /// These contours bound it.
-    Slabs(Slabs),
+/// What a voxel and its ancestors say about its shape.
+#[derive(Clone, Default)]
+struct Bounds {
     /// It is within the error bound, so it is in every part of it: only attributes ask for finer voxels.
-    Fits,
+    fits: bool,
+    /// Else: these bound it.
+    slabs: Slabs,
 }
 
-impl Bounds {
-    fn for_child(&self, slot: usize) -> Self {
-        match self {
-            Self::Slabs(slabs) => Self::Slabs(slabs.for_child(slot)),
-            Self::Fits => Self::Fits,
-        }
-    }
-}
+/// Moved as a pointer.
+type ChildrenBox = Box<[Child; 8]>;
 
 /// What one thread needs on the way down.
 #[derive(Default)]
@@ -94,6 +91,8 @@ struct Worker {
     /// Stack of the pieces in the voxels on the current path and beside it.
     pieces: Vec<Piece>,
     sorted: Vec<(u8, Piece)>,
+    /// Children of the cubes of each level on the current path; lent to them while they are worked on.
+    children: Vec<ChildrenBox>,
     tree: Tree,
     voxels: u64,
 }
@@ -133,7 +132,7 @@ impl<'a> Recursion<'a> {
     /// Builds everything and returns the number of the root block in the store; `None` if there is no surface.
     pub(crate) fn run(&self) -> Result<Option<u32>, BuildError> {
         let pieces: Vec<Piece> = (0..self.surface.len() as u32).map(Piece::whole).collect();
-        let tree = self.split(Cube::ROOT, 0, &Arena::default(), pieces, Bounds::Slabs(Slabs::default()));
+        let tree = self.split(Cube::ROOT, 0, &Arena::default(), pieces, &Bounds::default());
         if let Some(error) = self.error.lock().unwrap_or_else(PoisonError::into_inner).take() {
             return Err(error);
         }
@@ -144,7 +143,7 @@ impl<'a> Recursion<'a> {
     /// Builds the subtree of a cube that is split, its children in parallel. `None` if nothing is in it.
     ///
     /// `path` is the slots that lead to the cube from the root, three bits each, the last lowest.
-    fn split(&self, cube: Cube, path: u32, arena: &Arena, pieces: Vec<Piece>, ancestors: Bounds) -> Option<Tree> {
+    fn split(&self, cube: Cube, path: u32, arena: &Arena, pieces: Vec<Piece>, ancestors: &Bounds) -> Option<Tree> {
         if self.failed.load(Ordering::Relaxed) {
             return None;
         }
@@ -168,7 +167,7 @@ impl<'a> Recursion<'a> {
         tree
     }
 
-    fn split_now(&self, cube: Cube, path: u32, arena: &Arena, pieces: Vec<Piece>, ancestors: Bounds) -> Option<Tree> {
+    fn split_now(&self, cube: Cube, path: u32, arena: &Arena, pieces: Vec<Piece>, ancestors: &Bounds) -> Option<Tree> {
         let mut own = Worker::default();
         let (own_arena, pieces) = arena.extract(&pieces);
         own.arena = own_arena;
@@ -189,19 +188,21 @@ impl<'a> Recursion<'a> {
                 let child_cube = cube.child(slot);
                 let mut shaper = Shaper::default();
                 self.remove_holes(arena, &mut pieces, |piece| piece);
-                let child = self.evaluate(&mut shaper, arena, &pieces, cube, slot, &ancestors);
-                let Some(mut child) = child else {
+                let mut child = Child::default();
+                self.evaluate(&mut shaper, arena, &pieces, cube, slot, ancestors, &mut child);
+                let Some(voxel) = child.voxel else {
                     self.count(child_cube.level, 0);
                     return None;
                 };
-                if child.voxel.leaf {
+                if voxel.leaf {
                     self.count(child_cube.level, 1);
-                    return Some((child.voxel, None));
+                    return Some((voxel, None));
                 }
-                let tree = self.split(child_cube, path << 3 | slot as u32, arena, pieces, child.bounds);
-                child.voxel.leaf = tree.is_none();
+                let tree = self.split(child_cube, path << 3 | slot as u32, arena, pieces, &child.bounds);
+                // Nothing left: all that was in it is cut out by alpha.
+                let tree = tree?;
                 self.voxels.fetch_add(1, Ordering::Relaxed);
-                Some((child.voxel, tree))
+                Some((voxel, Some(tree)))
             })
             .collect();
         let children: [Option<TreeVoxel>; 8] = std::array::from_fn(|slot| results[slot].as_ref().map(|r| r.0));
@@ -221,7 +222,7 @@ impl<'a> Recursion<'a> {
     }
 
     /// The same on one thread. Returns whether anything is in the cube; if so its node has been pushed.
-    fn descend(&self, worker: &mut Worker, cube: Cube, range: std::ops::Range<usize>, ancestors: Bounds) -> bool {
+    fn descend(&self, worker: &mut Worker, cube: Cube, range: std::ops::Range<usize>, ancestors: &Bounds) -> bool {
         let arena_mark = worker.arena.mark();
         let pieces_mark = worker.pieces.len();
         worker.sorted.clear();
@@ -236,23 +237,30 @@ impl<'a> Recursion<'a> {
             worker.pieces.extend(of_slot);
             ends[slot as usize + 1] = worker.pieces.len();
         }
-        let children: [Option<Child>; 8] = std::array::from_fn(|slot| {
+        let mut children = worker.children.pop().unwrap_or_default();
+        for (slot, child) in children.iter_mut().enumerate() {
             let pieces = &worker.pieces[ends[slot]..ends[slot + 1]];
-            self.evaluate(&mut worker.shaper, &worker.arena, pieces, cube, slot, &ancestors)
-        });
-        let count = children.iter().flatten().count();
+            self.evaluate(&mut worker.shaper, &worker.arena, pieces, cube, slot, ancestors, child);
+        }
+        let mut count = children.iter().filter(|c| c.voxel.is_some()).count();
         worker.voxels += count as u64;
         if count > 0 {
-            let node = worker.tree.open(&std::array::from_fn(|slot| children[slot].as_ref().map(|c| c.voxel)));
-            for (slot, child) in children.into_iter().enumerate() {
-                let Some(child) = child.filter(|c| !c.voxel.leaf) else { continue };
-                if !self.descend(worker, cube.child(slot), ends[slot]..ends[slot + 1], child.bounds) {
-                    worker.tree.make_leaf(node, slot);
+            let node = worker.tree.open(&std::array::from_fn(|slot| children[slot].voxel));
+            for (slot, child) in children.iter().enumerate().filter(|(_, c)| c.voxel.is_some_and(|v| !v.leaf)) {
+                if !self.descend(worker, cube.child(slot), ends[slot]..ends[slot + 1], &child.bounds) {
+                    // All that was in it is cut out by alpha.
+                    worker.tree.remove_voxel(node, slot);
+                    count -= 1;
                 }
             }
-            worker.tree.close(node);
-            self.cut(&mut worker.tree, node, &cube);
+            if count > 0 {
+                worker.tree.close(node);
+                self.cut(&mut worker.tree, node, &cube);
+            } else {
+                worker.tree.cancel(node);
+            }
         }
+        worker.children.push(children);
         worker.pieces.truncate(pieces_mark);
         worker.arena.truncate(arena_mark);
         count > 0
@@ -277,7 +285,8 @@ impl<'a> Recursion<'a> {
         self.error.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
     }
 
-    /// Decides what a child voxel looks like and whether it is a leaf; `None` if no surface is in it.
+    /// Decides what a child voxel looks like and whether it is a leaf.
+    #[expect(clippy::too_many_arguments, reason = "borrowed apart from each other")]
     fn evaluate(
         &self,
         shaper: &mut Shaper,
@@ -286,30 +295,31 @@ impl<'a> Recursion<'a> {
         parent: Cube,
         slot: usize,
         ancestors: &Bounds,
-    ) -> Option<Child> {
+        child: &mut Child,
+    ) {
+        child.voxel = None;
         if pieces.is_empty() {
-            return None;
+            return;
         }
-        let (cube, ancestors) = (parent.child(slot), ancestors.for_child(slot));
-        let settings = self.settings;
+        let (cube, settings) = (parent.child(slot), self.settings);
         let voxel = Voxel { surface: self.surface, arena, pieces, centre: cube.centre, size: cube.size };
         let deepest = cube.level == settings.levels;
-        let shape = match ancestors {
-            Bounds::Fits => Shape { contour: None, slabs: Slabs::default(), fits: true },
-            Bounds::Slabs(slabs) if settings.contours => shaper.shape(&voxel, slabs, self.deviation, deepest),
-            Bounds::Slabs(slabs) => Shape { contour: None, slabs, fits: false },
-        };
+        let bounds = &mut child.bounds;
+        let mut shape = Shape { contour: None, fits: ancestors.fits };
+        if !ancestors.fits && settings.contours {
+            bounds.slabs.inherit(&ancestors.slabs, slot);
+            shape = shaper.shape(&voxel, &mut bounds.slabs, self.deviation, deepest);
+        }
+        bounds.fits = shape.fits;
         // Where the shape asks for finer voxels anyway, whether the attributes do is of no interest.
         let limits = (shape.fits && !deepest).then_some(self.limits);
         let attributes = attributes(&voxel, limits);
-        let voxel = TreeVoxel {
+        child.voxel = Some(TreeVoxel {
             color: settings.colors.then_some(attributes.color),
             normal: settings.normals.then_some(attributes.normal),
             contour: shape.contour,
             leaf: deepest || (shape.fits && attributes.uniform),
-        };
-        let bounds = if shape.fits { Bounds::Fits } else { Bounds::Slabs(shape.slabs) };
-        Some(Child { voxel, bounds })
+        });
     }
 
     /// Takes out the pieces of cut-out materials that are all hole.

@@ -19,6 +19,20 @@ pub enum TextureTest {
     Texels,
 }
 
+/// Settings that go together, by name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Preset {
+    /// For a first look: shapes within the diagonal of a voxel at level 12.
+    Fast,
+    /// The authors' defaults: 15, 16 steps, 0.01.
+    Balanced,
+    /// Little memory at a fair shape: attributes are as coarse as the shape lets them be.
+    Small,
+    /// Textures as fine as the deepest level can show them, at the price of more voxels.
+    Fine,
+}
+
 /// Settings of a build. The error bounds mean what they mean in the authors' builder, so that builds can be compared.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -71,15 +85,27 @@ impl BuildSettings {
         if !(1..=23).contains(&self.levels) {
             return bad("levels", self.levels.to_string(), "between 1 and 23");
         }
-        for (name, value) in [
-            ("contour-error", self.contour_error),
-            ("color-error", self.color_error),
-            ("normal-error", self.normal_error),
+        for (name, value, most, range) in [
+            ("contour-error", self.contour_error, 23.0, "a level, 0 to 23"),
+            ("color-error", self.color_error, 256.0, "0 to 256 steps"),
+            ("normal-error", self.normal_error, 2.0, "0 to 2"),
         ] {
-            if !(value >= 0.0 && value.is_finite()) {
-                return bad(name, value.to_string(), "zero or a positive number");
+            if !(0.0..=most).contains(&value) {
+                return bad(name, value.to_string(), range);
             }
         }
         Ok(())
+    }
+
+    /// The settings of a preset, ten levels deep.
+    pub fn preset(preset: Preset) -> Self {
+        let (contour_error, color_error, normal_error) = match preset {
+            Preset::Fast => (12.0, 32.0, 0.1),
+            Preset::Balanced => (15.0, 16.0, 0.01),
+            Preset::Small => (13.0, 64.0, 0.25),
+            Preset::Fine => (16.0, 8.0, 0.01),
+        };
+        let texture_test = if preset == Preset::Fine { TextureTest::Texels } else { TextureTest::Samples };
+        Self { contour_error, color_error, normal_error, texture_test, ..Self::default() }
     }
 }

@@ -19,29 +19,47 @@ pub struct Slab {
     hi: f32,
 }
 
+impl Slab {
+    fn of(contour: Contour) -> Self {
+        let decoded = contour.decode();
+        let n = Vec3::from(decoded.normal.map(|c| c as f32));
+        Self { n, lo: decoded.lo() as f32, hi: decoded.hi() as f32 }
+    }
+}
+
 /// The slabs of a voxel's ancestors (and its own) that still bound it.
 #[derive(Clone, Copy, Debug)]
 pub struct Slabs {
     list: [Slab; MAX_SLABS],
     count: usize,
+    /// One triangle goes all the way through the voxel, and so through each of its descendants.
+    plane: bool,
 }
 
 impl Default for Slabs {
     fn default() -> Self {
-        Self { list: [Slab { n: Vec3::ZERO, lo: 0.0, hi: 0.0 }; MAX_SLABS], count: 0 }
+        Self { list: [Slab { n: Vec3::ZERO, lo: 0.0, hi: 0.0 }; MAX_SLABS], count: 0, plane: false }
     }
 }
 
 impl Slabs {
-    /// The same slabs in the units of child `slot`.
-    pub fn for_child(&self, slot: usize) -> Self {
+    /// Becomes the slabs of the parent in the units of child `slot`, those left out that do not bound it.
+    pub fn inherit(&mut self, parent: &Slabs, slot: usize) {
         let offset = Vec3::from(std::array::from_fn(|axis| if slot >> axis & 1 != 0 { 0.25 } else { -0.25 }));
-        let mut slabs = Self::default();
-        for s in self.as_slice() {
+        self.clear();
+        self.plane = parent.plane;
+        for s in parent.as_slice() {
             let at = s.n.dot(offset);
-            slabs.push(Slab { n: s.n, lo: 2.0 * (s.lo - at), hi: 2.0 * (s.hi - at) });
+            let (lo, hi) = (2.0 * (s.lo - at), 2.0 * (s.hi - at));
+            let reach = s.n.abs().element_sum() * 0.5;
+            if lo > -reach || hi < reach {
+                self.push(Slab { n: s.n, lo, hi });
+            }
         }
-        slabs
+    }
+
+    fn clear(&mut self) {
+        (self.count, self.plane) = (0, false);
     }
 
     fn as_slice(&self) -> &[Slab] {
@@ -58,9 +76,12 @@ impl Slabs {
     }
 
     fn retain(&mut self, keep: impl Fn(usize) -> bool) {
-        let old = *self;
-        self.count = 0;
-        (0..old.count).filter(|k| keep(*k)).for_each(|k| self.push(old.list[k]));
+        let mut kept = 0;
+        for k in (0..self.count).filter(|k| keep(*k)) {
+            self.list[kept] = self.list[k];
+            kept += 1;
+        }
+        self.count = kept;
     }
 }
 
@@ -68,8 +89,6 @@ impl Slabs {
 pub struct Shape {
     /// The contour to store.
     pub contour: Option<Contour>,
-    /// What bounds the voxel now, in its units.
-    pub slabs: Slabs,
     /// Whether the shape is within the error bound everywhere, so that no finer voxels are needed.
     pub fits: bool,
 }
@@ -85,7 +104,7 @@ const SAME_DIRECTION: f32 = 0.98;
 /// Weight of a direction that comes from an edge of the surface rather than from its normal.
 const EDGE_WEIGHT: f32 = 0.5;
 /// A contour that moves no plane by more than this part of the voxel is not worth its bytes.
-const MIN_GAIN: f32 = 1.0 / 32.0;
+const MIN_GAIN: f32 = 1.0 / 128.0;
 /// How far planes are kept from the surface, in octree units: positions in a caster have errors of a few 2^-23, and two
 /// contours that both touch the surface must still overlap there.
 const CASTER_MARGIN: f32 = 1.0 / (1 << 21) as f32;
@@ -95,7 +114,39 @@ const CASTER_MARGIN: f32 = 1.0 / (1 << 21) as f32;
 pub struct Shaper {
     polyhedron: Polyhedron,
     points: Vec<Vec3>,
-    candidates: Vec<(Vec3, f32)>,
+    candidates: Vec<Candidate>,
+    normals: NormalCache,
+}
+
+/// A direction that a contour could have.
+struct Candidate {
+    direction: Vec3,
+    weight: f32,
+    /// Its encoding, where it is known.
+    bits: Option<u32>,
+}
+
+/// Encoded normals of the triangles looked at last: neighbouring voxels share them.
+struct NormalCache {
+    /// Triangle and encoded normal, at the triangle's lowest bits.
+    entries: Vec<(u32, Option<u32>)>,
+}
+
+impl Default for NormalCache {
+    fn default() -> Self {
+        Self { entries: vec![(u32::MAX, None); 256] }
+    }
+}
+
+impl NormalCache {
+    fn bits(&mut self, surface: &Surface, triangle: u32) -> Option<u32> {
+        let entry = &mut self.entries[triangle as usize % 256];
+        if entry.0 != triangle {
+            let normal = surface.normals[triangle as usize];
+            *entry = (triangle, Contour::encode_normal(normal.to_array().map(f64::from)));
+        }
+        entry.1
+    }
 }
 
 /// A voxel and the surface in it.
@@ -108,20 +159,25 @@ pub struct Voxel<'a> {
 }
 
 impl Shaper {
-    /// Shapes one voxel. `deviation` is the error bound in octree units.
+    /// Shapes one voxel. `deviation` is the error bound in octree units; `slabs` are those of the ancestors, in the units
+    /// of the voxel, and become what bounds its children.
     ///
     /// `deepest` says that the voxel has no descendants whatever its shape: whether the new contour makes it fit is not
     /// looked at then.
-    pub fn shape(&mut self, voxel: &Voxel, ancestors: Slabs, deviation: f64, deepest: bool) -> Shape {
+    pub fn shape(&mut self, voxel: &Voxel, slabs: &mut Slabs, deviation: f64, deepest: bool) -> Shape {
+        const NOTHING: Shape = Shape { contour: None, fits: false };
         if voxel.pieces.len() > MAX_PIECES {
-            return Shape { contour: None, slabs: ancestors, fits: false };
+            return NOTHING;
         }
-        self.polyhedron.reset();
-        for (k, slab) in ancestors.as_slice().iter().enumerate() {
-            self.cut(slab, k);
+        if let [piece] = voxel.pieces
+            && (slabs.plane || goes_through(voxel, piece))
+            && let Some(bits) = self.normals.bits(voxel.surface, piece.triangle)
+        {
+            return self.plane(voxel, piece, bits, slabs, deviation, deepest);
         }
+        self.cut_all(slabs);
         if self.fits(voxel, deviation) {
-            return Shape { contour: None, slabs: self.bounding(ancestors), fits: true };
+            return Shape { contour: None, fits: true };
         }
         self.points.clear();
         let scale = 1.0 / voxel.size;
@@ -130,34 +186,99 @@ impl Shaper {
             self.points.extend(vertices.iter().map(|v| ((*v - voxel.centre) * scale).as_vec3()));
         }
         self.find_candidates(voxel);
-        let Some((contour, gain)) = self.best(voxel.size) else {
-            return Shape { contour: None, slabs: self.bounding(ancestors), fits: false };
+        let best = self.best(voxel.size).filter(|(_, gain)| *gain >= MIN_GAIN);
+        let Some((contour, _)) = best else {
+            if !deepest {
+                self.bounding(slabs);
+            }
+            return NOTHING;
         };
-        if gain < MIN_GAIN {
-            return Shape { contour: None, slabs: self.bounding(ancestors), fits: false };
+        if deepest {
+            return Shape { contour: Some(contour), fits: false };
         }
-        let decoded = contour.decode();
-        let n = Vec3::from(decoded.normal.map(|c| c as f32));
-        let slab = Slab { n, lo: decoded.lo() as f32, hi: decoded.hi() as f32 };
-        let mut slabs = ancestors;
-        if slabs.is_full() && !deepest {
-            slabs = self.bounding(slabs);
+        if slabs.is_full() {
+            self.bounding(slabs);
             // Still full: forget the oldest, which has grown widest.
             if slabs.is_full() {
                 slabs.retain(|k| k > 0);
             }
-            self.polyhedron.reset();
-            for (k, slab) in slabs.as_slice().iter().enumerate() {
-                self.cut(slab, k);
-            }
+            self.cut_all(slabs);
         }
-        if deepest {
-            return Shape { contour: Some(contour), slabs, fits: false };
-        }
+        let slab = Slab::of(contour);
         self.cut(&slab, slabs.count);
         slabs.push(slab);
         let fits = self.fits(voxel, deviation);
-        Shape { contour: Some(contour), slabs: self.bounding(slabs), fits }
+        self.bounding(slabs);
+        Shape { contour: Some(contour), fits }
+    }
+
+    /// Starts from the cube and cuts it by these slabs.
+    fn cut_all(&mut self, slabs: &Slabs) {
+        self.polyhedron.reset();
+        for (k, slab) in slabs.as_slice().iter().enumerate() {
+            self.cut(slab, k);
+        }
+    }
+
+    /// Shapes a voxel that one triangle goes all the way through: a slab along its plane is all that is of use, and how far
+    /// it is from the triangle needs no search.
+    fn plane(
+        &mut self,
+        voxel: &Voxel,
+        piece: &Piece,
+        bits: u32,
+        slabs: &mut Slabs,
+        deviation: f64,
+        deepest: bool,
+    ) -> Shape {
+        slabs.plane = true;
+        let scale = 1.0 / voxel.size;
+        let normal = voxel.surface.normals[piece.triangle as usize];
+        let vertices = voxel.arena.vertices(piece, &voxel.surface.corners);
+        let n = Vec3::from(Contour::decode_normal(bits).map(|c| c as f32));
+        let (mut lo, mut hi, mut height) = (f32::MAX, f32::MIN, 0.0);
+        for v in vertices {
+            let p = ((*v - voxel.centre) * scale).as_vec3();
+            let d = n.dot(p);
+            (lo, hi) = (lo.min(d), hi.max(d));
+            height = normal.dot(p);
+        }
+        let limit = (deviation * scale) as f32;
+        // The last slab is the narrowest across the plane.
+        let last = slabs.as_slice().last().copied();
+        if last.is_some_and(|slab| self.slab_fits(&slab, normal, height, limit)) {
+            return Shape { contour: None, fits: true };
+        }
+        let reach = n.abs().element_sum() * 0.5;
+        let (outer_lo, outer_hi) =
+            last.filter(|s| s.n == n).map_or((-reach, reach), |s| (s.lo.max(-reach), s.hi.min(reach)));
+        let gain = (outer_hi - hi).max(lo - outer_lo) / n.length();
+        let contour = if gain < MIN_GAIN { None } else { enclosing(bits, lo, hi, voxel.size) };
+        let Some(contour) = contour else { return Shape { contour: None, fits: false } };
+        let slab = Slab::of(contour);
+        let fits = !deepest && self.slab_fits(&slab, normal, height, limit);
+        slabs.clear();
+        slabs.plane = true;
+        slabs.push(slab);
+        Shape { contour: Some(contour), fits }
+    }
+
+    /// Whether no point of the voxel within the slab is further than `limit` from the plane `normal·p = height`.
+    fn slab_fits(&mut self, slab: &Slab, normal: Vec3, height: f32, limit: f32) -> bool {
+        let Slab { n, lo, hi } = *slab;
+        let reach = n.abs().element_sum() * 0.5;
+        if (hi.min(reach) - lo.max(-reach)) > 2.0 * limit * n.length() {
+            return false;
+        }
+        // Along n the slab bounds the distance; across it, the cube does.
+        let along = normal.dot(n) / n.length_squared();
+        let across = (normal - n * along).abs().element_sum() * 0.5;
+        if (along * hi - height + across).max(height - along * lo + across) <= limit {
+            return true;
+        }
+        self.polyhedron.reset();
+        self.cut(slab, 0);
+        self.polyhedron.vertices().all(|v| (normal.dot(v) - height).abs() <= limit)
     }
 
     fn cut(&mut self, slab: &Slab, k: usize) {
@@ -166,11 +287,10 @@ impl Shaper {
         self.polyhedron.cut(-slab.n, -slab.lo, face + 1);
     }
 
-    /// The slabs that still have a face on the polyhedron.
-    fn bounding(&self, mut slabs: Slabs) -> Slabs {
+    /// Keeps the slabs that still have a face on the polyhedron.
+    fn bounding(&self, slabs: &mut Slabs) {
         let faces = self.polyhedron.faces();
         slabs.retain(|k| faces >> (6 + 2 * k) & 3 != 0);
-        slabs
     }
 
     /// Whether no vertex of the polyhedron is further than `deviation` from the surface.
@@ -179,7 +299,7 @@ impl Shaper {
             return false;
         }
         let surface = voxel.surface;
-        self.polyhedron.vertices().iter().all(|v| {
+        self.polyhedron.vertices().all(|v| {
             let p = voxel.centre + v.as_dvec3() * voxel.size;
             voxel.pieces.iter().any(|piece| {
                 let corners = &surface.corners[piece.triangle as usize];
@@ -194,7 +314,8 @@ impl Shaper {
         self.candidates.clear();
         let step = (voxel.pieces.len() / 16).max(1);
         for piece in voxel.pieces.iter().step_by(step) {
-            self.candidate(voxel.surface.normals[piece.triangle as usize], 1.0);
+            let bits = self.normals.bits(voxel.surface, piece.triangle);
+            self.candidate(voxel.surface.normals[piece.triangle as usize], 1.0, bits);
         }
         for piece in voxel.pieces {
             let boundary = voxel.surface.boundary[piece.triangle as usize];
@@ -206,24 +327,26 @@ impl Shaper {
                 let (a, b) = (corners[edge], corners[(edge + 1) % 3]);
                 if segment_meets_cube(a, b, voxel.centre, voxel.size * 0.5) {
                     let along = (b - a).as_vec3();
-                    self.candidate(voxel.surface.normals[piece.triangle as usize].cross(along), EDGE_WEIGHT);
+                    let across = voxel.surface.normals[piece.triangle as usize].cross(along);
+                    if let Some(across) = across.try_normalize() {
+                        self.candidate(across, EDGE_WEIGHT, None);
+                    }
                 }
             }
         }
     }
 
-    fn candidate(&mut self, direction: Vec3, weight: f32) {
-        let Some(direction) = direction.try_normalize() else { return };
-        for (other, w) in &mut self.candidates {
-            if other.dot(direction).abs() >= SAME_DIRECTION {
-                if weight > *w {
-                    (*other, *w) = (direction, weight);
+    fn candidate(&mut self, direction: Vec3, weight: f32, bits: Option<u32>) {
+        for other in &mut self.candidates {
+            if other.direction.dot(direction).abs() >= SAME_DIRECTION {
+                if weight > other.weight {
+                    *other = Candidate { direction, weight, bits };
                 }
                 return;
             }
         }
         if self.candidates.len() < MAX_CANDIDATES {
-            self.candidates.push((direction, weight));
+            self.candidates.push(Candidate { direction, weight, bits });
         }
     }
 
@@ -231,8 +354,9 @@ impl Shaper {
     /// parts of the voxel.
     fn best(&self, size: f64) -> Option<(Contour, f32)> {
         let mut best: Option<(u32, f32, f32, f32, f32)> = None;
-        for (direction, weight) in &self.candidates {
-            let Some(bits) = Contour::encode_normal(direction.to_array().map(f64::from)) else { continue };
+        for Candidate { direction, weight, bits } in &self.candidates {
+            let encode = || Contour::encode_normal(direction.to_array().map(f64::from));
+            let Some(bits) = bits.or_else(encode) else { continue };
             let n = Vec3::from(Contour::decode_normal(bits).map(|c| c as f32));
             let (mut lo, mut hi) = (f32::MAX, f32::MIN);
             for p in &self.points {
@@ -247,12 +371,22 @@ impl Shaper {
             }
         }
         let (bits, lo, hi, gain, _) = best?;
-        let n = Contour::decode_normal(bits);
-        let reach = n.iter().map(|c| c.abs()).sum::<f64>();
-        let margin = reach * f64::from(CASTER_MARGIN) / size;
-        let contour = Contour::encode_bounds(bits, f64::from(lo) - margin, f64::from(hi) + margin)?;
-        Some((contour, gain))
+        Some((enclosing(bits, lo, hi, size)?, gain))
     }
+}
+
+/// The contour with this normal that encloses what lies between `lo` and `hi` in a voxel of this size.
+fn enclosing(bits: u32, lo: f32, hi: f32, size: f64) -> Option<Contour> {
+    let reach = Contour::decode_normal(bits).iter().map(|c| c.abs()).sum::<f64>();
+    let margin = reach * f64::from(CASTER_MARGIN) / size;
+    Contour::encode_bounds(bits, f64::from(lo) - margin, f64::from(hi) + margin)
+}
+
+/// Whether none of the triangle's edges meets the voxel.
+fn goes_through(voxel: &Voxel, piece: &Piece) -> bool {
+    let corners = &voxel.surface.corners[piece.triangle as usize];
+    let half = voxel.size * 0.5 * (1.0 + 1e-6);
+    (0..3).all(|i| !segment_meets_cube(corners[i], corners[(i + 1) % 3], voxel.centre, half))
 }
 
 /// Whether a segment meets the cube with this centre and half edge.
@@ -284,7 +418,8 @@ fn within(p: DVec3, [a, b, c]: &[DVec3; 3], distance: f64) -> bool {
     let outside_ab = ab.cross(n).dot(pa) > 0.0;
     let outside_bc = bc.cross(n).dot(pb) > 0.0;
     let outside_ca = ca.cross(n).dot(pc) > 0.0;
-    if !(outside_ab || outside_bc || outside_ca) {
+    // An area that rounds to zero has no inside.
+    if n != DVec3::ZERO && !(outside_ab || outside_bc || outside_ca) {
         return true;
     }
     let to_segment = |from: DVec3, along: DVec3| {

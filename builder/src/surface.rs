@@ -41,7 +41,7 @@ impl<'a> Surface<'a> {
         let corner = |i: u32| (DVec3::from(mesh.positions[i as usize]) - origin) * scale;
         let with_area: Vec<(u32, [DVec3; 3])> = (mesh.triangles.par_iter().enumerate())
             .map(|(i, t)| (i as u32, t.map(corner)))
-            .filter(|(_, [a, b, c])| (*b - *a).cross(*c - *a).length_squared() > 0.0)
+            .filter(|(_, corners)| has_area(corners))
             .collect();
         if with_area.is_empty() {
             return Err(BuildError::Mesh("no triangle has any area".into()));
@@ -86,8 +86,24 @@ fn place(mesh: &Mesh) -> Result<DMat4, BuildError> {
             (lo + hi) * 0.5
         )));
     }
-    let origin = (lo + hi) * 0.5 - DVec3::splat(extent * 0.5);
+    // Far from the origin these are rounded: no vertex may come to lie outside of the cube for that.
+    let origin = ((lo + hi) * 0.5 - DVec3::splat(extent * 0.5)).min(lo);
+    let extent = extent.max((hi - origin).max_element());
     Ok(DMat4::from_translation(origin) * DMat4::from_scale(DVec3::splat(extent)))
+}
+
+/// Whether three points are not on a line, exactly: an area that rounds to zero is one.
+fn has_area(corners: &[DVec3; 3]) -> bool {
+    let [a, b, c] = *corners;
+    let (ab, ac) = (b - a, c - a);
+    // Far above any rounding error and underflow.
+    if ab.cross(ac).length_squared() > 1e-24 * ab.length_squared() * ac.length_squared() + 1e-280 {
+        return true;
+    }
+    [(0, 1), (1, 2), (2, 0)].into_iter().any(|(x, y)| {
+        let [a, b, c] = corners.map(|p| robust::Coord { x: p[x], y: p[y] });
+        robust::orient2d(a, b, c) != 0.0
+    })
 }
 
 /// Marks edges that only one triangle has, corners being the same where their positions are.

@@ -4,7 +4,7 @@
 use std::collections::HashSet;
 use std::sync::Arc;
 
-use esvo_builder::{BuildError, BuildSettings, Built, Material, Mesh, Texture, build};
+use esvo_builder::{BuildError, BuildSettings, Built, Material, Mesh, Texture, TextureTest, build};
 use esvo_format::{AssembleOptions, Octree};
 use glam::{DVec3, Vec3};
 
@@ -333,7 +333,9 @@ fn textures_are_refined_where_they_vary_and_averaged_above() {
     ]);
     mesh.uvs = mesh.positions.iter().map(|p| [p[0] as f32 * 0.998 + 0.001, p[1] as f32 * 0.998 + 0.001]).collect();
     mesh.materials[0] = Material { base_color: [1.0; 4], texture: Some(texture), ..Material::default() };
-    let octree = run(&mesh, BuildSettings { levels: 7, contour_error: 9.0, ..BuildSettings::default() }).octree;
+    let texture_test = TextureTest::Texels;
+    let settings = BuildSettings { levels: 7, contour_error: 9.0, texture_test, ..BuildSettings::default() };
+    let octree = run(&mesh, settings).octree;
     let mut deep_at_edge = 0;
     walk(&octree, &mut |level, at, slot, child| {
         let color = octree.color(slot, child).unwrap();
@@ -389,7 +391,7 @@ fn bad_settings_and_meshes_are_errors() {
         assert_eq!(text, format!("levels is {levels}: it must be between 1 and 23"));
     }
     let text = message(&good, BuildSettings { color_error: f64::NAN, ..BuildSettings::default() });
-    assert_eq!(text, "color-error is NaN: it must be zero or a positive number");
+    assert_eq!(text, "color-error is NaN: it must be 0 to 256 steps");
     let mut bad = good.clone();
     bad.positions[2][1] = f64::NAN;
     let text = message(&bad, BuildSettings::default());
@@ -490,7 +492,9 @@ mod files {
         std::fs::write(&journal, &bytes[..bytes.len() - 5]).unwrap();
 
         let (first, again) = (AtomicU32::new(0), AtomicU32::new(0));
-        let count = |calls: &AtomicU32| drop(calls.fetch_add(1, Ordering::Relaxed));
+        let count = |calls: &AtomicU32| {
+            calls.fetch_add(1, Ordering::Relaxed);
+        };
         let file = build_file(&mesh, &settings, &path, &options, &|_| count(&again)).unwrap();
         assert!(file.resumed);
         assert!(std::fs::read(&path).unwrap() == whole);

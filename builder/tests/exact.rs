@@ -356,3 +356,27 @@ fn a_vertex_that_is_not_finite_is_named() {
         }
     }
 }
+
+#[test]
+fn areas_that_round_to_nothing() {
+    // Edges that are neighbours in Fibonacci's sequence: their cross product is one unit of 2^-104, far below the
+    // rounding of its terms.
+    let mut fibonacci = vec![1u64, 1];
+    while fibonacci.last().unwrap() < &(1 << 51) {
+        fibonacci.push(fibonacci[fibonacci.len() - 1] + fibonacci[fibonacci.len() - 2]);
+    }
+    let unit = 2.0f64.powi(-52);
+    let mut triangles = Vec::new();
+    for k in 3..12 {
+        let at = |i: usize| fibonacci[fibonacci.len() - i] as f64 * unit;
+        triangles.push([
+            DVec3::new(0.0, 0.0, 0.3),
+            DVec3::new(at(k), at(k + 1), 0.3),
+            DVec3::new(at(k + 1), at(k + 2), 0.3),
+        ]);
+    }
+    check::<BigInt>("all but collinear", &pinned(triangles), 6);
+    // A width whose square is below the smallest double.
+    let needle = [DVec3::ZERO, DVec3::X, DVec3::new(0.5, 1e-170, 0.0)];
+    check::<BigInt>("hardly wide", &pinned(vec![needle]), 6);
+}

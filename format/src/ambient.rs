@@ -62,7 +62,7 @@ impl AmbientBlock {
         }
         // With the ends of the range as references a step is a seventh of it and of what the bits below add, and no error
         // more than half of that. Ranges that leave out a little at the ends, or go beyond them, may be better.
-        let bound = f32::from(high - low + 1) / 14.0;
+        let bound = (f32::from(high - low) + 1.0) / 14.0;
         let part = |sixteenths: i32| (i32::from(high - low) * sixteenths + 8) >> 4;
         let mut best = Self::assign(values, (high.into(), low.into()));
         for (top, bottom) in STARTS {
@@ -173,7 +173,7 @@ mod tests {
                 prop_assert_eq!(block, AmbientBlock::default());
                 return Ok(());
             };
-            let bound = if low == high { 0.0 } else { f32::from(high - low + 1) / 14.0 };
+            let bound = if low == high { 0.0 } else { (f32::from(high - low) + 1.0) / 14.0 };
             for (i, value) in values.iter().enumerate() {
                 let Some(value) = value else { continue };
                 let off = (block.decode(i) * 255.0 - f32::from(*value)).abs();

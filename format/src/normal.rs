@@ -136,7 +136,8 @@ impl NormalBlock {
     pub fn encode(normals: &[Option<Vec3>; 16]) -> Self {
         let Some(first) = normals.iter().flatten().next() else { return Self::default() };
         if normals.iter().flatten().all(|n| n == first) {
-            return Self::assign(normals, RawNormal::encode(*first), Vec3::ZERO, Vec3::ZERO).0;
+            // Axes of length zero: every point of the grid is the base.
+            return Self { base: RawNormal::encode(*first), ..Self::default() };
         }
         let mean: Vec3 = normals.iter().flatten().sum();
         let greedy = Self::encode_reaching(normals, mean);

@@ -110,9 +110,50 @@ impl Tree {
         self.nodes.len() - 1
     }
 
-    /// Turns child `slot` of the node at `index`, for which nothing has been pushed, into a leaf.
-    pub fn make_leaf(&mut self, index: usize, slot: usize) {
-        self.nodes[index].leaf |= 1 << slot;
+    /// Takes voxel `slot` out of the node at `index`, for which nothing has been pushed. Takes as long as there is of the
+    /// tree behind the node. A node whose last voxel goes must be [cancelled](Self::cancel).
+    ///
+    /// # Panics
+    /// If there is no such voxel, or attributes are encoded already.
+    pub fn remove_voxel(&mut self, index: usize, slot: usize) {
+        assert!(self.color_blocks.is_empty() && self.normal_blocks.is_empty() && self.ambient_blocks.is_empty());
+        let bit = 1u8 << slot;
+        let node = &mut self.nodes[index];
+        assert!(node.valid & bit != 0, "no voxel in slot {slot}");
+        let voxel = node.first_voxel as usize + (node.valid & (bit - 1)).count_ones() as usize;
+        let contour = node.first_contour as usize + (node.contours & (bit - 1)).count_ones() as usize;
+        let has_contour = node.contours & bit != 0;
+        (node.valid, node.leaf, node.contours) = (node.valid & !bit, node.leaf & !bit, node.contours & !bit);
+        for later in &mut self.nodes[index + 1..] {
+            later.first_voxel -= 1;
+            later.first_contour -= u32::from(has_contour);
+        }
+        if has_contour {
+            self.contours.remove(contour);
+        }
+        self.voxels -= 1;
+        let all = self.voxels as usize + 1;
+        if self.colors.len() == all {
+            self.colors.remove(voxel);
+        }
+        if self.normals.len() == all {
+            self.normals.remove(voxel);
+        }
+        if self.ambient.len() == all {
+            self.ambient.remove(voxel);
+        }
+    }
+
+    /// Takes back the node that was opened last and has no voxels any more.
+    ///
+    /// # Panics
+    /// If it has, or another was opened since.
+    pub fn cancel(&mut self, index: usize) {
+        assert!(
+            index + 1 == self.nodes.len() && self.nodes[index].valid == 0,
+            "only an empty last node can be cancelled"
+        );
+        self.nodes.pop();
     }
 
     /// Ends the subtree of the node at `index`: everything pushed since belongs to it.
