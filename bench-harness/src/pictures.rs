@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use esvo_builder::{BuildSettings, DisplaceOptions, Mesh, displace};
+use esvo_builder::{BuildSettings, DisplaceOptions, Mesh, TextureTest, displace};
 use esvo_core::exact::CameraRays;
 use esvo_core::shading::{Picture, decode_srgb, encode_srgb, shade};
 use esvo_core::{Camera, CastOptions, Caster, View};
@@ -126,7 +126,8 @@ impl Shown {
         }
         let mesh = &scene.mesh;
         progress.say(format!("{title}: building {levels} levels"));
-        let settings = BuildSettings { levels, ..scene.settings };
+        // A picture is looked at: textures as fine as the level can show them.
+        let settings = BuildSettings { levels, texture_test: TextureTest::Texels, ..scene.settings };
         let built = esvo_builder::build(mesh, &settings, &|_| ()).map_err(|e| BenchError::scene(title, e))?;
         progress.say(format!("{title}: sorting triangles"));
         let corners = mesh.triangles.iter().map(|t| t.map(|v| mesh.positions[v as usize])).collect();

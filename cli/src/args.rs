@@ -75,6 +75,12 @@ pub(crate) struct Build {
     /// Allowed deviation of a component of the unit normal [default: 0.01]
     #[arg(long, value_name = "X")]
     pub(crate) normal_error: Option<f64>,
+    /// What the two are compared with: one sample for each triangle's part of a voxel, as the authors do, or every texel
+    #[arg(long, value_name = "TEST")]
+    pub(crate) texture_test: Option<TextureTest>,
+    /// Start from settings that go together
+    #[arg(long, value_name = "NAME", conflicts_with = "paper")]
+    pub(crate) preset: Option<Preset>,
     /// Start from the paper's settings for one of its scenes
     #[arg(long, value_name = "SCENE")]
     pub(crate) paper: Option<String>,
@@ -364,6 +370,48 @@ pub(crate) enum BenchCommand {
 }
 
 /// An engine, as it is typed.
+/// The names of [`esvo_builder::Preset`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Preset {
+    /// For a first look: 12, 32 steps, 0.1
+    Fast,
+    /// The authors' defaults: 15, 16 steps, 0.01
+    Balanced,
+    /// Few bytes at a fair shape: 13, 64 steps, 0.25
+    Small,
+    /// Every texel that the deepest level can show: 16, 8 steps, 0.01, --texture-test texels
+    Fine,
+}
+
+impl From<Preset> for esvo_builder::Preset {
+    fn from(preset: Preset) -> Self {
+        match preset {
+            Preset::Fast => Self::Fast,
+            Preset::Balanced => Self::Balanced,
+            Preset::Small => Self::Small,
+            Preset::Fine => Self::Fine,
+        }
+    }
+}
+
+/// The names of [`esvo_builder::TextureTest`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum TextureTest {
+    /// One colour and normal for each triangle's part of a voxel
+    Samples,
+    /// Every texel
+    Texels,
+}
+
+impl From<TextureTest> for esvo_builder::TextureTest {
+    fn from(test: TextureTest) -> Self {
+        match test {
+            TextureTest::Samples => Self::Samples,
+            TextureTest::Texels => Self::Texels,
+        }
+    }
+}
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Engine {
     /// The definition of a correct hit: one thread

@@ -110,7 +110,8 @@ fn explain(path: &Path, error: &ImportError) -> String {
 
 fn settings(arguments: &Build, manifest: &SceneManifest, scene: Option<&SceneEntry>) -> Result<BuildSettings, Failure> {
     let named = arguments.paper.as_ref().map(|name| scene::entry(manifest, name)).transpose()?;
-    let mut settings = named.or(scene).map(scene::settings).unwrap_or_default();
+    let preset = arguments.preset.map(|preset| BuildSettings::preset(preset.into()));
+    let mut settings = preset.or_else(|| named.or(scene).map(scene::settings)).unwrap_or_default();
     settings.levels = arguments.levels;
     settings.contours = !arguments.no_contours;
     settings.colors = !arguments.no_colors;
@@ -118,5 +119,6 @@ fn settings(arguments: &Build, manifest: &SceneManifest, scene: Option<&SceneEnt
     settings.contour_error = arguments.contour_error.unwrap_or(settings.contour_error);
     settings.color_error = arguments.color_error.unwrap_or(settings.color_error);
     settings.normal_error = arguments.normal_error.unwrap_or(settings.normal_error);
+    settings.texture_test = arguments.texture_test.map_or(settings.texture_test, Into::into);
     Ok(settings)
 }

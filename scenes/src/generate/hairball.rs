@@ -56,7 +56,7 @@ fn strand(rng: &mut Rng, points: &mut Vec<DVec3>) {
     // The largest of three uniform numbers is distributed as the radius in a filled ball.
     let mut height = (BALL_RADIUS * rng.unit().max(rng.unit()).max(rng.unit())).clamp(lowest, highest);
     let mut climb = rng.range(-0.04, 0.04);
-    let step = rng.range(0.10, 0.19);
+    let step = rng.range(0.07, 0.133);
     let mut up = rng.direction();
     let mut ahead = tangents(up).0;
     let mut bend = 0.0;
