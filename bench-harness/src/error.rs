@@ -66,17 +66,20 @@ pub struct DepthError {
     pub scene: Summary,
     /// The same in edges of the octree's finest voxels.
     pub voxels: Summary,
+    /// The same in edges of the voxel that the ray hit.
+    #[serde(default)]
+    pub hit_voxels: Summary,
 }
 
 impl DepthError {
-    /// Compares hits ray by ray. `rays` are those that both were cast with, and `finest_voxel` is the edge of the octree's
-    /// finest voxels in mesh units ([`finest_voxel`]).
+    /// Compares hits ray by ray. `rays` are those that both were cast with, and `edges` are those of the octree's voxels
+    /// ([`voxel_edges`]).
     ///
     /// # Panics
     /// The number of hits is not that of the rays.
-    pub fn between(rays: &CameraRays, exact: &[TriangleHit], hits: &[Hit], finest_voxel: f64) -> Self {
+    pub fn between(rays: &CameraRays, exact: &[TriangleHit], hits: &[Hit], edges: VoxelEdges) -> Self {
         let mut all = DepthErrors::default();
-        all.add(rays, exact, hits, finest_voxel);
+        all.add(rays, exact, hits, edges);
         all.finish()
     }
 }
@@ -88,6 +91,7 @@ pub struct DepthErrors {
     pixels: Vec<f64>,
     scene: Vec<f64>,
     voxels: Vec<f64>,
+    hit_voxels: Vec<f64>,
 }
 
 impl DepthErrors {
@@ -95,7 +99,7 @@ impl DepthErrors {
     ///
     /// # Panics
     /// The number of hits is not that of the rays.
-    pub fn add(&mut self, rays: &CameraRays, exact: &[TriangleHit], hits: &[Hit], finest_voxel: f64) {
+    pub fn add(&mut self, rays: &CameraRays, exact: &[TriangleHit], hits: &[Hit], edges: VoxelEdges) {
         assert!(exact.len() == rays.pixels() && hits.len() == rays.pixels(), "one hit for every ray");
         let counts = &mut self.counts;
         counts.rays += hits.len() as u64;
@@ -113,7 +117,8 @@ impl DepthErrors {
                     counts.bias_pixels += distance / footprint;
                     self.pixels.push(distance.abs() / footprint);
                     self.scene.push(distance.abs());
-                    self.voxels.push(distance.abs() / finest_voxel);
+                    self.voxels.push(distance.abs() / edges.finest);
+                    self.hit_voxels.push(distance.abs() / (edges.root * f64::from(hit.size())));
                 }
             }
         }
@@ -129,17 +134,27 @@ impl DepthErrors {
         error.pixels = Summary::of(self.pixels);
         error.scene = Summary::of(self.scene);
         error.voxels = Summary::of(self.voxels);
+        error.hit_voxels = Summary::of(self.hit_voxels);
         error
     }
 }
 
-/// Edge of the finest voxels of an object, in mesh units.
+/// Edges of cubes in mesh units.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct VoxelEdges {
+    /// Of the root cube.
+    pub root: f64,
+    /// Of the finest voxels.
+    pub finest: f64,
+}
+
+/// Edges of the root cube and of the finest voxels of an object.
 ///
 /// # Panics
 /// There is no such object.
-pub fn finest_voxel(octree: &Octree, object: usize) -> f64 {
+pub fn voxel_edges(octree: &Octree, object: usize) -> VoxelEdges {
     let root = octree.octree_to_mesh(object).determinant().abs().cbrt();
-    root * (-f64::from(octree.objects()[object].levels)).exp2()
+    VoxelEdges { root, finest: root * (-f64::from(octree.objects()[object].levels)).exp2() }
 }
 
 /// Angles in degrees between the normals of voxels and of the surface, where both were hit. The side does not matter: a
@@ -236,15 +251,16 @@ mod tests {
     #[test]
     fn a_plane_that_lies_deeper_by_a_known_distance() {
         let octree = slab();
-        assert_eq!(finest_voxel(&octree, 0), 2.0);
+        let edges = voxel_edges(&octree, 0);
+        assert_eq!(edges.finest, 2.0);
         let (rays, view, exact, hits) = pictures(&octree, &plane(0.0, 2.0));
-        let same = DepthError::between(&rays, &exact, &hits, 2.0);
+        let same = DepthError::between(&rays, &exact, &hits, edges);
         assert!(same.disagreement < 0.01 && same.both_hit > 1500, "{same:?}");
         assert!(same.scene.max < 1e-5, "{same:?}");
 
         // The triangles lie 0.25 in front of the voxels: straight ahead that is the error, more towards the corners.
         let (_, _, exact, _) = pictures(&octree, &plane(0.25, 1.2));
-        let error = DepthError::between(&rays, &exact, &hits, 2.0);
+        let error = DepthError::between(&rays, &exact, &hits, edges);
         assert!(error.scene.median > 0.25 && error.scene.max < 0.25 * 1.25, "{error:?}");
         assert!((error.voxels.mean - error.scene.mean / 2.0).abs() < 1e-12);
         // A pixel is 2 tan(20°) 3.75 / 40 wide there.
@@ -266,7 +282,8 @@ mod tests {
     fn faults_are_counted() {
         let (octree, scene) = (slab(), plane(0.0, 2.0));
         let (rays, _, exact, hits) = pictures(&octree, &scene);
-        let good = DepthError::between(&rays, &exact, &hits, 2.0);
+        let edges = VoxelEdges { root: 16.0, finest: 2.0 };
+        let good = DepthError::between(&rays, &exact, &hits, edges);
         let mut bad = hits.clone();
         let full: Vec<usize> = (0..bad.len()).filter(|&i| !bad[i].is_miss() && !exact[i].is_miss()).collect();
         bad[full[0]].t = f32::NAN;
@@ -274,13 +291,13 @@ mod tests {
         bad[full[2]] = Hit::miss(1);
         bad[full[3]].t *= 1.5;
         bad[full[4]] = Hit { t: 0.3, ..Hit::miss(1) };
-        let error = DepthError::between(&rays, &exact, &bad, 2.0);
+        let error = DepthError::between(&rays, &exact, &bad, edges);
         assert_eq!((error.strange, error.only_exact), (3, good.only_exact + 1));
         assert!(error.scene.max > 1.9 && error.pixels.p99 < 1e-3, "{error:?}");
         assert!(error.disagreement > good.disagreement);
         // A triangle that is gone is noticed too.
         let half = TriangleScene::new(vec![scene.triangles()[0].map(Into::into)]).unwrap();
-        let error = DepthError::between(&rays, &half.cast_exact(&rays), &hits, 2.0);
+        let error = DepthError::between(&rays, &half.cast_exact(&rays), &hits, edges);
         assert!(error.disagreement > 0.3, "{error:?}");
     }
 }

@@ -13,7 +13,7 @@ use esvo_format::Octree;
 
 use crate::check::{self, Agreement};
 use crate::clock::Clock;
-use crate::error::{DepthError, finest_voxel};
+use crate::error::{DepthError, voxel_edges};
 use crate::flip::image_error;
 use crate::matrix::{Matrix, Variant};
 use crate::mesh_picture;
@@ -109,7 +109,7 @@ pub(crate) fn error(
         // The rays as the kernels take them: the rounding of the camera is not the octree's error.
         let rays = CameraRays::of_view(view, octree.octree_to_mesh(0));
         let exact = truth.of(rays);
-        errors.push(DepthError::between(&rays, &exact.hits, &hits, finest_voxel(octree, 0)));
+        errors.push(DepthError::between(&rays, &exact.hits, &hits, voxel_edges(octree, 0)));
         pictures.extend(image_error(&exact.picture, &shade(octree, view, &hits)));
     }
     Ok(ErrorRow { variant, levels, size: CHECK_SIZE, views: errors, pictures })

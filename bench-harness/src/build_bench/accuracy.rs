@@ -11,7 +11,7 @@ use esvo_format::Octree;
 
 use crate::BenchError;
 use crate::cutout::cast_solid;
-use crate::error::{DepthError, DepthErrors, finest_voxel};
+use crate::error::{DepthError, DepthErrors, voxel_edges};
 use crate::scene::Scene;
 
 /// The triangles of a scene, and what its rays hit among them.
@@ -58,7 +58,7 @@ impl Truth {
         let mut caster = CpuCaster::new(None).map_err(cast)?;
         caster.load(&octree).map_err(cast)?;
         let (to_mesh, root) = (octree.octree_to_mesh(0), octree.objects()[0].root_slot as u32);
-        let finest = finest_voxel(&octree, 0);
+        let edges = voxel_edges(&octree, 0);
         let cameras: Vec<_> = self.scene.views.iter().map(|v| v.camera).collect();
         let mut hits = Vec::new();
         let [leaves, pixel] = [0.0, 1.0].map(|max_voxel_pixels| {
@@ -69,7 +69,7 @@ impl Truth {
                 caster.cast(&view, &mut hits)?;
                 // The rays as the kernels take them: the rounding of the camera is not the octree's error.
                 let rays = CameraRays::of_view(&view, to_mesh);
-                errors.add(&rays, self.hits(rays), &hits, finest);
+                errors.add(&rays, self.hits(rays), &hits, edges);
             }
             Ok(errors.finish())
         });
