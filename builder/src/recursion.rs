@@ -169,6 +169,7 @@ impl<'a> Recursion<'a> {
 
     fn split_now(&self, cube: Cube, path: u32, arena: &Arena, pieces: Vec<Piece>, ancestors: &Bounds) -> Option<Tree> {
         let mut own = Worker::default();
+        own.tree.plain = self.settings.plain_attributes;
         let (own_arena, pieces) = arena.extract(&pieces);
         own.arena = own_arena;
         own.pieces = pieces;
@@ -210,6 +211,7 @@ impl<'a> Recursion<'a> {
             return None;
         }
         let mut tree = Tree::default();
+        tree.plain = self.settings.plain_attributes;
         let node = tree.open(&children);
         for (_, subtree) in results.into_iter().flatten() {
             if let Some(subtree) = subtree {

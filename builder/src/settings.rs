@@ -53,6 +53,8 @@ pub struct BuildSettings {
     pub colors: bool,
     /// Whether normals are stored.
     pub normals: bool,
+    /// Whether colours and normals are stored as they are, 4 bytes each, instead of compressed in blocks: for reference.
+    pub plain_attributes: bool,
     /// How the octree is cut into blocks.
     #[serde(skip)]
     pub assemble: AssembleOptions,
@@ -70,6 +72,7 @@ impl Default for BuildSettings {
             texture_test: TextureTest::default(),
             colors: true,
             normals: true,
+            plain_attributes: false,
             assemble: AssembleOptions::default(),
         }
     }

@@ -359,3 +359,23 @@ fn coarse_leaves_do_not_fill_holes() {
     let covered = covered(&octree, 6);
     assert!((covered - 0.5).abs() < 0.15, "{covered}");
 }
+
+#[test]
+fn plain_attributes_are_stored_as_they_are() {
+    let mut mesh = square();
+    mesh.colors = mesh.positions.iter().map(|[x, y, _]| [*x as f32 * 0.9, 0.1 + *y as f32 * 0.7, 0.3]).collect();
+    mesh.materials[0].base_color = [1.0; 4];
+    let settings = |plain_attributes| BuildSettings { levels: 6, plain_attributes, ..BuildSettings::default() };
+    let [plain, blocks] = [true, false].map(|plain| build(&mesh, &settings(plain), &|_| ()).unwrap().octree);
+    assert!(esvo_format::validate(&plain).findings.is_empty());
+    let slot = plain.objects()[0].root_slot as u32;
+    let differ = (0..8u8).filter(|child| plain.descriptor(slot).valid_mask() >> child & 1 != 0).filter(|&child| {
+        let color = plain.color(slot, child);
+        let [r, g, b] = color.expect("a colour").map(|c| c * 255.0);
+        // Whole steps of 255: nothing has been quantized since.
+        assert!([r, g, b].iter().all(|c| (c - c.round()).abs() < 1e-3), "{r} {g} {b}");
+        Some([r, g, b]) != blocks.color(slot, child).map(|c| c.map(|c| c * 255.0))
+    });
+    assert!(differ.count() > 0, "blocks would have been as exact");
+    assert!(plain.slots().len() > blocks.slots().len());
+}

@@ -101,6 +101,9 @@ pub(crate) struct Build {
     /// Store blocks compressed with Zstandard at this level
     #[arg(long, value_name = "LEVEL", num_args = 0..=1, default_missing_value = "3")]
     pub(crate) compress: Option<i32>,
+    /// Store colours and normals as they are, 4 bytes each, instead of compressed in blocks
+    #[arg(long)]
+    pub(crate) plain_attributes: bool,
     /// Build this scene of the manifest with the paper's settings: its real mesh, or its procedural stand-in
     #[arg(long, value_name = "NAME")]
     pub(crate) scene: Option<String>,

@@ -116,6 +116,7 @@ fn settings(arguments: &Build, manifest: &SceneManifest, scene: Option<&SceneEnt
     settings.contours = !arguments.no_contours;
     settings.colors = !arguments.no_colors;
     settings.normals = !arguments.no_normals;
+    settings.plain_attributes = arguments.plain_attributes;
     settings.contour_error = arguments.contour_error.unwrap_or(settings.contour_error);
     settings.color_error = arguments.color_error.unwrap_or(settings.color_error);
     settings.normal_error = arguments.normal_error.unwrap_or(settings.normal_error);
