@@ -12,8 +12,11 @@ pub mod sealed;
 pub mod split;
 pub mod values;
 
+/// Takes an input and must neither panic nor hang.
+pub type Target = fn(&[u8]);
+
 /// Name and body of every target.
-pub const TARGETS: [(&str, fn(&[u8])); 5] =
+pub const TARGETS: [(&str, Target); 5] =
     [("open", open::run), ("sealed", sealed::run), ("values", values::run), ("oct", oct::run), ("split", split::run)];
 
 /// The bytes with every checksum put right that can be found, so that what is behind the checksums is reached.
