@@ -101,9 +101,6 @@ fn explain(path: &Path, error: &ImportError) -> String {
         ImportError::UnknownKind { .. } if matches!(extension(path).as_str(), "esvo" | "oct") => {
             format!("{}: is an octree already; octrees are built of meshes", path.display())
         }
-        ImportError::Image { .. } => {
-            format!("{error}; replace the image, or take its name out of the material to build with a plain colour")
-        }
         _ => error.to_string(),
     }
 }

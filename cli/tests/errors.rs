@@ -85,7 +85,7 @@ fn a_broken_texture_is_an_error_that_says_what_to_do() {
     );
     folder.put("box.mtl", "newmtl wood\nmap_Kd bad.png\n");
     folder.put("bad.png", "not a picture");
-    let what = "bad.png: it is neither PNG, JPEG nor TGA; replace the image, or take its name out of the material";
+    let what = "cannot decode the image bad.png: it is neither PNG, JPEG nor TGA; convert it to one of them";
     folder.fails(&["build", "box.obj", "-o", "x.esvo"], 1, what);
 }
 
