@@ -107,7 +107,10 @@ impl Job<'_> {
             return Err(failed(log.lines().last().unwrap_or("failed without a word").into()));
         }
         let text = read(&out).map_err(|e| BenchError::io(&out, e))?;
-        let summary = serde_json::from_str(&text).map_err(|e| failed(format!("its report cannot be read: {e}")))?;
+        let mut summary: BuildSummary =
+            serde_json::from_str(&text).map_err(|e| failed(format!("its report cannot be read: {e}")))?;
+        // The folder is gone when the record is read.
+        summary.output = Path::new(&summary.output).file_name().unwrap_or_default().to_string_lossy().into_owned();
         Ok(Ended::Done(Box::new(summary)))
     }
 }
