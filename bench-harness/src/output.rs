@@ -50,7 +50,7 @@ pub fn write(outcome: &Outcome, results: &Path, machine: Option<&str>) -> Result
     })
 }
 
-/// Writes `report.json` and `tables.md` of the format to `<results>/<machine>/<date>-format/`, like [`write`].
+/// Writes `report.json` and `tables.md` of the format to `<results>/<machine>/<date>-format/`, like [`write()`].
 ///
 /// # Errors
 /// The system's.
