@@ -15,6 +15,9 @@ use sha2::{Digest, Sha256};
 
 use crate::{BuildError, BuildSettings, Mesh};
 
+/// The files in the folder.
+const FILES: [&str; 2] = ["journal", "blocks"];
+
 /// What a journal says, in this order: once the first, then any number of the others.
 #[derive(Serialize, Deserialize)]
 enum Record {
@@ -53,9 +56,9 @@ impl Journal {
         std::fs::create_dir_all(&folder).map_err(io)?;
         let open =
             |name| OpenOptions::new().read(true).write(true).create(true).truncate(false).open(folder.join(name));
-        let mut file = open("journal").map_err(io)?;
+        let mut file = open(FILES[0]).map_err(io)?;
         file.try_lock().map_err(|_| BuildError::Busy(folder.clone()))?;
-        let blocks = open("blocks").map_err(io)?;
+        let blocks = open(FILES[1]).map_err(io)?;
         let mut bytes = Vec::new();
         file.read_to_end(&mut bytes).map_err(io)?;
 
@@ -115,11 +118,16 @@ impl Journal {
         writer.put(&blocks).and_then(|()| writer.put(&record)).map_err(|e| BuildError::io(&self.folder, e))
     }
 
-    /// Removes the folder: the output is complete.
+    /// Removes the two files, the output being complete, and the folder unless there is something of others in it.
     pub(crate) fn remove(self) -> Result<(), BuildError> {
         let Self { folder, writer, .. } = self;
         drop(writer);
-        std::fs::remove_dir_all(&folder).map_err(|e| BuildError::io(&folder, e))
+        for name in FILES {
+            std::fs::remove_file(folder.join(name)).map_err(|e| BuildError::io(&folder, e))?;
+        }
+        // Only an empty folder can be removed like this.
+        let _ = std::fs::remove_dir(&folder);
+        Ok(())
     }
 }
 
@@ -178,7 +186,8 @@ fn fingerprint(mesh: &Mesh, settings: &BuildSettings) -> [u8; 32] {
             part(bytemuck::cast_slice(&texture.mips[0].texels));
         }
         if let Some(map) = &material.normal_map {
-            part(format!("{map:?}").as_bytes());
+            part(format!("{} {:?}", map.scale, map.uv_transform.rows).as_bytes());
+            part(bytemuck::cast_slice(&map.texture.mips[0].texels));
         }
     }
     hash.finalize().into()

@@ -514,9 +514,11 @@ mod files {
         build_file(&mesh, &settings(5), &path, &options, &|_| ()).unwrap();
         std::fs::create_dir(&part).unwrap();
         std::fs::write(part.join("journal"), b"not a journal at all").unwrap();
+        std::fs::write(part.join("notes.txt"), b"of somebody else").unwrap();
         let file = build_file(&mesh, &settings(6), &path, &options, &|_| ()).unwrap();
         assert!(!file.resumed);
         assert!(std::fs::read(&path).unwrap() == written(&run(&mesh, settings(6)).octree));
+        assert_eq!(names(&part), ["notes.txt"], "what others put there stays, and nothing else");
     }
 
     #[test]
