@@ -96,10 +96,10 @@ pub(crate) struct Build {
     #[arg(long)]
     pub(crate) resume: bool,
     /// Memory that may be used, in 10^9 bytes; where it is short fewer threads work
-    #[arg(long, value_name = "GB")]
+    #[arg(long, value_name = "GB", value_parser = parse_gigabytes)]
     pub(crate) memory_limit: Option<f64>,
     /// Store blocks compressed with Zstandard at this level
-    #[arg(long, value_name = "LEVEL", num_args = 0..=1, default_missing_value = "3")]
+    #[arg(long, value_name = "LEVEL", num_args = 0..=1, default_missing_value = "3", value_parser = clap::value_parser!(i32).range(1..=22))]
     pub(crate) compress: Option<i32>,
     /// Store colours and normals as they are, 4 bytes each, instead of compressed in blocks
     #[arg(long)]
@@ -449,6 +449,12 @@ pub(crate) enum ViewMode {
     Normals,
     /// Near is white, far is black
     Depth,
+}
+
+/// Gigabytes of 10^9 bytes, above 0.
+fn parse_gigabytes(text: &str) -> Result<f64, String> {
+    let number = text.parse::<f64>().map_err(|e| e.to_string())?;
+    if number > 0.0 && number.is_finite() { Ok(number) } else { Err("not a number above 0".into()) }
 }
 
 pub(crate) fn parse_size(text: &str) -> Result<[u32; 2], String> {

@@ -72,7 +72,7 @@ impl AmbientSettings {
         }
         if !(self.radius > 0.0 && self.radius <= 4.0) {
             let range = "above 0 and at most 4 times the scene";
-            return Err(AmbientError::Setting { name: "radius", value: self.radius.to_string(), range });
+            return Err(AmbientError::Setting { name: "radius", value: format!("{:?}", self.radius), range });
         }
         Ok(())
     }
