@@ -6,7 +6,7 @@ use glam::DMat4;
 use rayon::prelude::*;
 
 use crate::descriptor::MAX_NEAR_POINTER;
-use crate::file::{BlockEntry, CODEC_RAW, FIRST_SLOT, NO_PARENT, ObjectEntry, PAGE_BYTES};
+use crate::file::{BlockEntry, FIRST_SLOT, NO_PARENT, ObjectEntry, PAGE_BYTES};
 use crate::layout::Layout;
 use crate::{FormatError, Octree, Tree};
 
@@ -63,19 +63,12 @@ pub fn assemble(tree: &Tree, octree_to_mesh: DMat4, options: &AssembleOptions) -
     let mut image_offset = 0u64;
     for (planned, layout) in plan.blocks.iter().zip(&layouts) {
         let image_size = layout.parts.total_bytes.next_multiple_of(PAGE_BYTES);
-        blocks.push(BlockEntry {
-            object: 0,
-            parent: planned.parent,
-            cube_position: planned.cube_position,
-            cube_scale: planned.cube_scale,
+        blocks.push(BlockEntry::in_memory(
+            planned.parent,
+            (planned.cube_position, planned.cube_scale),
             image_offset,
             image_size,
-            file_offset: 0,
-            stored_size: image_size,
-            codec: CODEC_RAW,
-            crc: 0,
-            reserved: 0,
-        });
+        ));
         image_offset += image_size;
     }
     if image_offset / 8 > u64::from(u32::MAX) {

@@ -158,6 +158,30 @@ pub struct BlockEntry {
     pub reserved: u64,
 }
 
+impl BlockEntry {
+    /// The entry of a block of object 0 that is in memory: nothing is said of a file.
+    pub(crate) fn in_memory(
+        parent: u32,
+        (cube_position, cube_scale): ([u32; 3], u32),
+        image_offset: u64,
+        image_size: u64,
+    ) -> Self {
+        Self {
+            object: 0,
+            parent,
+            cube_position,
+            cube_scale,
+            image_offset,
+            image_size,
+            file_offset: 0,
+            stored_size: image_size,
+            codec: CODEC_RAW,
+            crc: 0,
+            reserved: 0,
+        }
+    }
+}
+
 /// Size of a [`BlockEntry`] in bytes.
 pub const BLOCK_BYTES: u64 = 72;
 /// Parent of a root block.

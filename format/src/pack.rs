@@ -16,7 +16,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::assemble::{Plan, PlannedBlock, subtree_slots};
-use crate::file::{BlockEntry, CODEC_RAW, FIRST_SLOT, NO_PARENT, ObjectEntry, PAGE_BYTES};
+use crate::file::{BlockEntry, FIRST_SLOT, NO_PARENT, ObjectEntry, PAGE_BYTES};
 use crate::layout::Layout;
 use crate::write::{Front, padding, replace_file};
 use crate::{AssembleOptions, FormatError, Octree, Tree, WriteOptions, codec};
@@ -289,19 +289,12 @@ impl BlockStore {
             };
             place[number as usize] = next as u32;
             let image_size = u64::from(summary.slots) * 8;
-            table.push(BlockEntry {
-                object: 0,
-                parent: parents[next],
-                cube_position: summary.cube_position,
-                cube_scale: summary.cube_scale,
+            table.push(BlockEntry::in_memory(
+                parents[next],
+                (summary.cube_position, summary.cube_scale),
                 image_offset,
                 image_size,
-                file_offset: 0,
-                stored_size: image_size,
-                codec: CODEC_RAW,
-                crc: 0,
-                reserved: 0,
-            });
+            ));
             image_offset += image_size;
             object.levels = object.levels.max(summary.levels);
             object.descriptors += summary.descriptors;
