@@ -76,7 +76,8 @@ pub fn run(
     progress: &Progress,
     mut done: impl FnMut(Pair) -> Result<(), BenchError>,
 ) -> Result<(), BenchError> {
-    let titles: Vec<_> = SHOWN.iter().map(|s| s.0).collect();
+    let mut titles: Vec<_> = SHOWN.iter().map(|s| s.0).collect();
+    titles.dedup();
     if let Some(name) = options.scenes.iter().find(|n| !titles.iter().any(|t| t.eq_ignore_ascii_case(n))) {
         return Err(BenchError::scene(name, format!("there is no picture of it; there are {}", titles.join(", "))));
     }

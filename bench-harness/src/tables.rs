@@ -3,7 +3,7 @@
 use crate::matrix::Variant;
 use crate::paper::Paper;
 use crate::report::{BuildRow, DeviceRecord, Report, SceneReport};
-use crate::text::{TextTable, short};
+use crate::text::{Document, TextTable, short};
 
 /// Every table of a report, in the order of printing.
 pub fn tables(report: &Report) -> Vec<TextTable> {
@@ -18,38 +18,26 @@ pub fn tables(report: &Report) -> Vec<TextTable> {
 
 /// All tables as aligned text for a terminal.
 pub fn to_text(report: &Report) -> String {
-    let mut parts = vec![header(report).join("\n") + "\n"];
-    parts.extend(tables(report).iter().map(TextTable::to_text));
-    if !report.left_out.is_empty() {
-        let lines = report.left_out.iter().map(|l| format!("  {}: {}\n", l.what, l.reason));
-        parts.push(format!("Left out\n{}", lines.collect::<String>()));
-    }
-    parts.join("\n")
+    document(report).to_text()
 }
 
 /// All tables as Markdown.
 pub fn to_markdown(report: &Report) -> String {
-    let mut out = format!("# esvo bench, {}\n\n", report.machine.date);
-    for line in header(report) {
-        out += &format!("- {line}\n");
-    }
-    for table in tables(report) {
-        out += &format!("\n{}", table.to_markdown());
-    }
-    if !report.left_out.is_empty() {
-        out += "\n## Left out\n\n";
-        for left in &report.left_out {
-            out += &format!("- {}: {}\n", left.what, left.reason);
-        }
-    }
-    out += "\n## Credits\n\n";
-    for scene in &report.scenes {
-        out += &format!("- {}: {} ({})\n", scene.name, scene.credit, scene.identity);
-    }
+    let mut out = document(report).to_markdown();
     for (scene, picture) in report.scenes.iter().flat_map(|s| s.pictures.iter().map(move |p| (s, p))) {
         out += &format!("\n![{}, {}]({picture})\n", scene.name, scene.mesh_title());
     }
     out
+}
+
+fn document(report: &Report) -> Document<'_> {
+    Document {
+        title: format!("esvo bench, {}", report.machine.date),
+        header: header(report),
+        tables: tables(report),
+        left_out: &report.left_out,
+        credits: report.scenes.iter().map(|s| [&*s.name, &*s.credit, &*s.identity]).collect(),
+    }
 }
 
 fn header(report: &Report) -> Vec<String> {

@@ -2,6 +2,8 @@
 
 use std::fmt::Write;
 
+use crate::matrix::LeftOut;
+
 /// A table of short texts. The first columns say what a row is and stand to the left, figures stand to the right.
 #[derive(Clone, Debug, Default)]
 pub struct TextTable {
@@ -66,6 +68,55 @@ impl TextTable {
         let _ = writeln!(out, "|{}|", rule.collect::<Vec<_>>().join("|"));
         for row in &self.rows {
             let _ = writeln!(out, "{}", line(row));
+        }
+        out
+    }
+}
+
+/// A record as a person reads it: what it was made with, its tables, what is not in them.
+pub(crate) struct Document<'a> {
+    /// Title, with the date.
+    pub(crate) title: String,
+    /// Lines on machine, commit and what must be known.
+    pub(crate) header: Vec<String>,
+    /// Those with rows.
+    pub(crate) tables: Vec<TextTable>,
+    /// What was asked for and is not there.
+    pub(crate) left_out: &'a [LeftOut],
+    /// Scene, its credit, and what identifies its mesh.
+    pub(crate) credits: Vec<[&'a str; 3]>,
+}
+
+impl Document<'_> {
+    /// Aligned text for a terminal.
+    pub(crate) fn to_text(&self) -> String {
+        let mut parts = vec![self.header.join("\n") + "\n"];
+        parts.extend(self.tables.iter().map(TextTable::to_text));
+        if !self.left_out.is_empty() {
+            let lines = self.left_out.iter().map(|l| format!("  {}: {}\n", l.what, l.reason));
+            parts.push(format!("Left out\n{}", lines.collect::<String>()));
+        }
+        parts.join("\n")
+    }
+
+    /// Markdown.
+    pub(crate) fn to_markdown(&self) -> String {
+        let mut out = format!("# {}\n\n", self.title);
+        for line in &self.header {
+            out += &format!("- {line}\n");
+        }
+        for table in &self.tables {
+            out += &format!("\n{}", table.to_markdown());
+        }
+        if !self.left_out.is_empty() {
+            out += "\n## Left out\n\n";
+            for left in self.left_out {
+                out += &format!("- {}: {}\n", left.what, left.reason);
+            }
+        }
+        out += "\n## Credits\n\n";
+        for [scene, credit, identity] in &self.credits {
+            out += &format!("- {scene}: {credit} ({identity})\n");
         }
         out
     }

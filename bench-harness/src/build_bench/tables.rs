@@ -5,7 +5,7 @@ use super::plan::Contours;
 use super::record::{BuildReport, BuildRow, SceneBuilds};
 use crate::error::{DepthError, Summary};
 use crate::paper::Paper;
-use crate::text::{TextTable, short};
+use crate::text::{Document, TextTable, short};
 
 /// The levels of the paper's Table 1.
 const TABLE1_LEVELS: [u32; 7] = [10, 11, 12, 13, 14, 15, 16];
@@ -27,35 +27,22 @@ fn tables(report: &BuildReport) -> Vec<TextTable> {
 
 /// All tables as aligned text for a terminal.
 pub fn to_text(report: &BuildReport) -> String {
-    let mut parts = vec![header(report).join("\n") + "\n"];
-    parts.extend(tables(report).iter().map(TextTable::to_text));
-    if !report.left_out.is_empty() {
-        let lines = report.left_out.iter().map(|l| format!("  {}: {}\n", l.what, l.reason));
-        parts.push(format!("Left out\n{}", lines.collect::<String>()));
-    }
-    parts.join("\n")
+    document(report).to_text()
 }
 
 /// All tables as Markdown.
 pub fn to_markdown(report: &BuildReport) -> String {
-    let mut out = format!("# esvo bench build, {}\n\n", report.machine.date);
-    for line in header(report) {
-        out += &format!("- {line}\n");
+    document(report).to_markdown()
+}
+
+fn document(report: &BuildReport) -> Document<'_> {
+    Document {
+        title: format!("esvo bench build, {}", report.machine.date),
+        header: header(report),
+        tables: tables(report),
+        left_out: &report.left_out,
+        credits: report.scenes.iter().map(|s| [&*s.name, &*s.credit, &*s.identity]).collect(),
     }
-    for table in tables(report) {
-        out += &format!("\n{}", table.to_markdown());
-    }
-    if !report.left_out.is_empty() {
-        out += "\n## Left out\n\n";
-        for left in &report.left_out {
-            out += &format!("- {}: {}\n", left.what, left.reason);
-        }
-    }
-    out += "\n## Credits\n\n";
-    for scene in &report.scenes {
-        out += &format!("- {}: {} ({})\n", scene.name, scene.credit, scene.identity);
-    }
-    out
 }
 
 fn header(report: &BuildReport) -> Vec<String> {
