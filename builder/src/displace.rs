@@ -38,28 +38,47 @@ pub struct DisplaceOptions {
 /// Limit of [`DisplaceOptions::for_levels`].
 const MAX_TRIANGLES: usize = 1 << 24;
 
+/// How far surfaces may move, by the mesh's largest extent: far beyond what anybody wants, and far below what overflows.
+const MAX_REACH: f64 = 1000.0;
+
 impl DisplaceOptions {
     /// Cells of two of the finest voxels of an octree of `levels` over `mesh`, at most 16.8 million triangles.
     #[must_use]
     pub fn for_levels(mesh: &Mesh, levels: u32, scale: f64) -> Self {
-        let extent = mesh.bounds().map_or(1.0, |(low, high)| (DVec3::from(high) - DVec3::from(low)).max_element());
-        let cell = 2.0 * extent * (-f64::from(levels)).exp2();
+        let cell = 2.0 * extent(mesh).unwrap_or(1.0) * (-f64::from(levels)).exp2();
         Self { scale, cell: if cell > 0.0 { cell } else { 1.0 }, max_triangles: MAX_TRIANGLES }
     }
 
     fn check(&self) -> Result<(), BuildError> {
         let bad = |name, value: String, range| Err(BuildError::Setting { name, value, range });
         if !self.scale.is_finite() {
-            return bad("displacement scale", self.scale.to_string(), "a finite number");
+            return bad("displacement scale", format!("{:?}", self.scale), "a finite number");
         }
         if !(self.cell > 0.0 && self.cell.is_finite()) {
-            return bad("displacement cell", self.cell.to_string(), "above zero and finite");
+            return bad("displacement cell", format!("{:?}", self.cell), "above zero and finite");
         }
         if self.max_triangles == 0 || self.max_triangles > MAX_ELEMENTS {
             return bad("displacement triangles", self.max_triangles.to_string(), "between 1 and 134217728");
         }
         Ok(())
     }
+
+    /// Refuses to move surfaces further than [`MAX_REACH`], which would be a mistake.
+    fn check_reach(&self, mesh: &Mesh) -> Result<(), BuildError> {
+        let Some(extent) = extent(mesh).filter(|&e| e > 0.0) else { return Ok(()) };
+        let of = |map: &HeightMap| (f64::from(map.amplitude.abs()) + f64::from(map.bias.abs())) * self.scale.abs();
+        let reach = mesh.materials.iter().filter_map(|m| m.height_map.as_ref()).map(of).fold(0.0, f64::max);
+        if reach <= MAX_REACH * extent {
+            return Ok(());
+        }
+        let value = format!("up to {reach:?} in a mesh whose largest extent is {extent:?}");
+        Err(BuildError::Setting { name: "displacement", value, range: "at most 1000 times that extent" })
+    }
+}
+
+/// The largest side of the mesh's bounding box.
+fn extent(mesh: &Mesh) -> Option<f64> {
+    mesh.bounds().map(|(low, high)| (DVec3::from(high) - DVec3::from(low)).max_element())
 }
 
 /// Moves the surfaces of `mesh` that have a height map along their interpolated normals (see the source's head for how). The
@@ -81,6 +100,7 @@ fn displace_with(mesh: &Mesh, options: &DisplaceOptions, weld: bool) -> Result<M
         same.warnings.push("nothing was displaced: no triangle has a height map of any height".into());
         return Ok(same);
     }
+    options.check_reach(mesh)?;
     if mesh.uvs.is_empty() {
         return Err(BuildError::Mesh("it has height maps, but no texture coordinates to read them with".into()));
     }

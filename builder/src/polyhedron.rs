@@ -8,188 +8,188 @@ pub const MAX_SLABS: usize = 8;
 const MAX_FACES: usize = 6 + 2 * MAX_SLABS;
 /// Most vertices; a cut that would need more leaves the polyhedron as it is.
 const MAX_VERTICES: usize = 64;
-/// Most edges, likewise.
-const MAX_EDGES: usize = 128;
+/// Places are looked at so many at a time.
+const LANES: usize = 4;
 
-/// An edge: its two vertices and the two faces that meet in it.
-#[derive(Clone, Copy, Debug)]
-struct Edge {
-    ends: [u8; 2],
-    faces: [u8; 2],
-}
-
-/// A convex polyhedron inside the unit cube around the origin, as its vertices and edges.
+/// A convex polyhedron inside the unit cube around the origin, as its vertices and what meets in them.
 ///
-/// Vertices have places that they keep until they are cut away; the places that are free are used again.
+/// Vertices have places that they keep until they are cut away; the places that are free are used again. All vertices are
+/// simple: three edges and three faces each. A cut through a vertex makes several at the same point.
 #[derive(Clone)]
 pub struct Polyhedron {
-    /// Coordinates, four places to a vector.
-    x: [Vec4; MAX_VERTICES / 4],
-    y: [Vec4; MAX_VERTICES / 4],
-    z: [Vec4; MAX_VERTICES / 4],
+    /// Coordinates by place. That in x of a free place is not a number, so that no comparison finds it.
+    x: [f32; MAX_VERTICES],
+    y: [f32; MAX_VERTICES],
+    z: [f32; MAX_VERTICES],
     /// One bit per place that holds a vertex.
     used: u64,
-    edges: [Edge; MAX_EDGES],
-    edge_count: usize,
+    /// Places beyond this have never been used since the last reset.
+    end: usize,
+    /// One bit per place of the vertices at the other ends of a vertex's edges.
+    neighbours: [u64; MAX_VERTICES],
+    /// One bit per face that meets in a vertex.
+    faces: [u32; MAX_VERTICES],
 }
 
 impl Default for Polyhedron {
     fn default() -> Self {
         let mut polyhedron = Self {
-            x: [Vec4::ZERO; MAX_VERTICES / 4],
-            y: [Vec4::ZERO; MAX_VERTICES / 4],
-            z: [Vec4::ZERO; MAX_VERTICES / 4],
+            x: [f32::NAN; MAX_VERTICES],
+            y: [0.0; MAX_VERTICES],
+            z: [0.0; MAX_VERTICES],
             used: 0,
-            edges: [Edge { ends: [0; 2], faces: [0; 2] }; MAX_EDGES],
-            edge_count: 0,
+            end: 0,
+            neighbours: [0; MAX_VERTICES],
+            faces: [0; MAX_VERTICES],
         };
         polyhedron.reset();
         polyhedron
     }
 }
 
-/// The edges of the cube; vertex `i` has the coordinates of its bits.
-const CUBE_EDGES: [Edge; 12] = {
-    let mut edges = [Edge { ends: [0; 2], faces: [0; 2] }; 12];
+/// The neighbours and the faces of the vertices of the cube; vertex `i` has the coordinates of its bits.
+const CUBE: ([u64; 8], [u32; 8]) = {
+    let (mut neighbours, mut faces) = ([0; 8], [0; 8]);
     let mut i = 0;
-    while i < 12 {
-        let (axis, corner) = (i / 4, i % 4);
-        let (b, c) = ((axis + 1) % 3, (axis + 2) % 3);
-        let (high_b, high_c) = (corner & 1, corner >> 1);
-        let start = high_b << b | high_c << c;
-        edges[i] = Edge {
-            ends: [start as u8, (start | 1 << axis) as u8],
-            faces: [(2 * b + high_b) as u8, (2 * c + high_c) as u8],
-        };
+    while i < 8 {
+        let mut axis = 0;
+        while axis < 3 {
+            neighbours[i] |= 1 << (i ^ 1 << axis);
+            faces[i] |= 1 << (2 * axis + (i >> axis & 1));
+            axis += 1;
+        }
         i += 1;
     }
-    edges
+    (neighbours, faces)
 };
+
+/// The bits of a mask, lowest first.
+fn bits(mut mask: u64) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        let bit = mask.trailing_zeros() as usize;
+        mask &= mask.wrapping_sub(1);
+        (bit < 64).then_some(bit)
+    })
+}
 
 impl Polyhedron {
     /// Becomes the whole cube `[-1/2, 1/2]³`.
     pub fn reset(&mut self) {
-        const LOW_HIGH: Vec4 = Vec4::new(-0.5, 0.5, -0.5, 0.5);
-        (self.x[0], self.x[1]) = (LOW_HIGH, LOW_HIGH);
-        let low_low_high_high = Vec4::new(-0.5, -0.5, 0.5, 0.5);
-        (self.y[0], self.y[1]) = (low_low_high_high, low_low_high_high);
-        (self.z[0], self.z[1]) = (Vec4::splat(-0.5), Vec4::splat(0.5));
-        self.used = 0xff;
-        self.edges[..12].copy_from_slice(&CUBE_EDGES);
-        self.edge_count = 12;
-    }
-
-    /// How many vectors have vertices in them.
-    fn vectors(&self) -> usize {
-        (64 - self.used.leading_zeros() as usize).div_ceil(4)
+        const HALVES: [f32; 2] = [-0.5, 0.5];
+        for i in 0..8 {
+            (self.x[i], self.y[i], self.z[i]) = (HALVES[i & 1], HALVES[i >> 1 & 1], HALVES[i >> 2]);
+        }
+        if self.end > 8 {
+            self.x[8..self.end].fill(f32::NAN);
+        }
+        (self.used, self.end) = (0xff, 8);
+        self.neighbours[..8].copy_from_slice(&CUBE.0);
+        self.faces[..8].copy_from_slice(&CUBE.1);
     }
 
     fn vertex(&self, place: usize) -> Vec3 {
-        let (i, k) = (place / 4, place % 4);
-        Vec3::new(self.x[i][k], self.y[i][k], self.z[i][k])
+        Vec3::new(self.x[place], self.y[place], self.z[place])
+    }
+
+    /// `direction·p` of the vertices of all places, so many at a time; not numbers where there are none.
+    fn along(&self, direction: Vec3) -> impl Iterator<Item = Vec4> {
+        let at = |coordinates: &[f32; MAX_VERTICES], i: usize| Vec4::from_slice(&coordinates[i..i + LANES]);
+        (0..self.end)
+            .step_by(LANES)
+            .map(move |i| at(&self.x, i) * direction.x + at(&self.y, i) * direction.y + at(&self.z, i) * direction.z)
     }
 
     /// Cuts away where `normal·p > limit`; the new face gets the number `face`.
     pub fn cut(&mut self, normal: Vec3, limit: f32, face: u8) {
-        let mut distances = [Vec4::ZERO; MAX_VERTICES / 4];
+        let mut distances = [0.0; MAX_VERTICES];
         let mut outside = 0u64;
-        for i in 0..self.vectors() {
-            let d = self.x[i] * normal.x + self.y[i] * normal.y + self.z[i] * normal.z - limit;
-            distances[i] = d;
-            outside |= u64::from(d.cmpgt(Vec4::ZERO).bitmask()) << (4 * i);
+        for (i, at) in self.along(normal).enumerate() {
+            let distance = at - limit;
+            distance.write_to_slice(&mut distances[LANES * i..]);
+            outside |= u64::from(distance.cmpgt(Vec4::ZERO).bitmask()) << (LANES * i);
         }
-        outside &= self.used;
         // A cut that removes nothing is the common case.
         if outside == 0 {
             return;
         }
-        let is_out = |vertex: u8| outside >> vertex & 1 != 0;
-        let crossings = self.edges[..self.edge_count].iter().filter(|e| is_out(e.ends[0]) != is_out(e.ends[1])).count();
-        if crossings > (!self.used).count_ones() as usize || self.edge_count + crossings > MAX_EDGES {
+        let inside = self.used & !outside;
+        let crossings: u32 = bits(outside).map(|v| (self.neighbours[v] & inside).count_ones()).sum();
+        let mut free = !self.used;
+        if crossings > free.count_ones() {
             return;
         }
-        // Where the new face meets an old one: two points each, on edges that the plane crosses.
-        let mut open = [u8::MAX; MAX_FACES];
-        let mut added = [Edge { ends: [0; 2], faces: [0; 2] }; MAX_EDGES / 2];
-        let (mut kept, mut added_count) = (0, 0);
-        for i in 0..self.edge_count {
-            let mut edge = self.edges[i];
-            let [a, b] = edge.ends;
-            match (is_out(a), is_out(b)) {
-                (true, true) => continue,
-                (false, false) => {}
-                (a_is_out, _) => {
-                    let (da, db) = (at(&distances, a), at(&distances, b));
-                    let (pa, pb) = (self.vertex(a as usize), self.vertex(b as usize));
-                    let crossing = (!self.used).trailing_zeros() as u8;
-                    self.put(crossing, pa + (pb - pa) * (da / (da - db)).clamp(0.0, 1.0));
-                    for old in edge.faces {
-                        let other = std::mem::replace(&mut open[old as usize], crossing);
-                        if other != u8::MAX {
-                            added[added_count] = Edge { ends: [other, crossing], faces: [old, face] };
-                            added_count += 1;
-                            open[old as usize] = u8::MAX;
-                        }
+        // For each face of old the new vertex on it that is still to be joined with another: two edges of each face that
+        // the plane meets cross it.
+        const NONE: u8 = u8::MAX;
+        let mut open = [NONE; MAX_FACES];
+        for out in bits(outside) {
+            let (from, distance, faces) = (self.vertex(out), distances[out], self.faces[out]);
+            for kept in bits(self.neighbours[out] & inside) {
+                let t = (distance / (distance - distances[kept])).clamp(0.0, 1.0);
+                let p = from + (self.vertex(kept) - from) * t;
+                let place = free.trailing_zeros() as usize;
+                free &= free - 1;
+                (self.x[place], self.y[place], self.z[place]) = (p.x, p.y, p.z);
+                self.used |= 1 << place;
+                self.neighbours[kept] ^= 1 << out | 1 << place;
+                self.neighbours[place] = 1 << kept;
+                let of_edge = faces & self.faces[kept];
+                self.faces[place] = of_edge | 1 << face;
+                for old in bits(of_edge.into()) {
+                    let other = std::mem::replace(&mut open[old], place as u8);
+                    if other != NONE {
+                        self.neighbours[place] |= 1 << other;
+                        self.neighbours[other as usize] |= 1 << place;
+                        open[old] = NONE;
                     }
-                    edge.ends[usize::from(!a_is_out)] = crossing;
                 }
             }
-            self.edges[kept] = edge;
-            kept += 1;
+            self.x[out] = f32::NAN;
         }
-        self.edges[kept..kept + added_count].copy_from_slice(&added[..added_count]);
-        self.edge_count = kept + added_count;
         self.used &= !outside;
-    }
-
-    fn put(&mut self, place: u8, p: Vec3) {
-        let (i, k) = (place as usize / 4, place as usize % 4);
-        (self.x[i][k], self.y[i][k], self.z[i][k]) = (p.x, p.y, p.z);
-        self.used |= 1 << place;
+        self.end = self.end.max((64 - self.used.leading_zeros() as usize).next_multiple_of(LANES));
     }
 
     /// The vertices; none if nothing is left.
     pub fn vertices(&self) -> impl Iterator<Item = Vec3> + '_ {
-        let mut left = self.used;
-        std::iter::from_fn(move || {
-            let place = left.trailing_zeros();
-            left &= left.wrapping_sub(1);
-            (place < 64).then(|| self.vertex(place as usize))
-        })
+        bits(self.used).map(|place| self.vertex(place))
     }
 
     /// Extent along a direction.
     pub fn extent(&self, direction: Vec3) -> (f32, f32) {
-        let (mut lo, mut hi) = (f32::MAX, f32::MIN);
-        for v in self.vertices() {
-            let d = direction.dot(v);
-            (lo, hi) = (if d < lo { d } else { lo }, if d > hi { d } else { hi });
+        let (mut lo, mut hi) = (Vec4::MAX, Vec4::MIN);
+        for d in self.along(direction) {
+            // What is not a number is never less.
+            lo = Vec4::select(d.cmplt(lo), d, lo);
+            hi = Vec4::select(d.cmpgt(hi), d, hi);
         }
-        (lo, hi)
+        (lo.min_element(), hi.max_element())
     }
 
     /// One bit per face that still bounds the polyhedron.
     pub fn faces(&self) -> u32 {
-        self.edges[..self.edge_count].iter().fold(0, |mask, e| mask | 1 << e.faces[0] | 1 << e.faces[1])
+        bits(self.used).fold(0, |mask, place| mask | self.faces[place])
     }
-}
-
-fn at(distances: &[Vec4; MAX_VERTICES / 4], vertex: u8) -> f32 {
-    distances[vertex as usize / 4][vertex as usize % 4]
 }
 
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+
     use super::*;
+
+    fn edges(p: &Polyhedron) -> u32 {
+        bits(p.used).map(|v| p.neighbours[v].count_ones()).sum::<u32>() / 2
+    }
 
     #[test]
     fn a_cut_corner_has_three_new_edges() {
         let mut p = Polyhedron::default();
         p.reset();
-        assert_eq!(p.edge_count, 12);
+        assert_eq!(edges(&p), 12);
         assert_eq!(p.faces(), 0b111111);
         p.cut(Vec3::ONE, 1.0, 6);
-        assert_eq!((p.vertices().count(), p.edge_count), (10, 15));
+        assert_eq!((p.vertices().count(), edges(&p)), (10, 15));
         assert_eq!(p.faces(), 0b1111111);
         let (lo, hi) = p.extent(Vec3::ONE);
         assert!((lo + 1.5).abs() < 1e-6 && (hi - 1.0).abs() < 1e-6);
@@ -200,10 +200,38 @@ mod tests {
         let mut p = Polyhedron::default();
         p.reset();
         p.cut(Vec3::X, 0.0, 6);
-        assert_eq!(p.edge_count, 12);
+        assert_eq!(edges(&p), 12);
         assert_eq!(p.faces(), 0b1111101);
         assert_eq!(p.extent(Vec3::X), (-0.5, 0.0));
         p.cut(Vec3::NEG_X, -0.25, 7);
         assert!(p.vertices().next().is_none() || p.extent(Vec3::X).0 >= -0.25, "nothing below 1/4 may be left");
+    }
+
+    proptest! {
+        /// What is left has three edges in each vertex, keeps all limits, and reaches as far as the points of a grid that do.
+        #[test]
+        fn cuts_leave_what_is_inside_of_them(cuts in prop::collection::vec((prop::array::uniform3(-1.0f32..1.0), -0.3f32..0.6), 1..12)) {
+            let mut p = Polyhedron::default();
+            p.cut(Vec3::X, 0.1, 6);
+            p.reset();
+            for (k, (n, limit)) in cuts.iter().enumerate() {
+                p.cut(Vec3::from(*n), *limit, 6 + k as u8);
+            }
+            let keeps = |v: Vec3, by: f32| cuts.iter().all(|(n, limit)| Vec3::from(*n).dot(v) <= limit + by);
+            for v in bits(p.used) {
+                prop_assert_eq!(p.neighbours[v].count_ones(), 3);
+                prop_assert_eq!(p.neighbours[v] & !p.used, 0);
+                prop_assert!(keeps(p.vertex(v), 1e-5), "{} is outside", p.vertex(v));
+            }
+            let grid = (0..9 * 9 * 9).map(|i| Vec3::new((i % 9) as f32, (i / 9 % 9) as f32, (i / 81) as f32) / 8.0 - 0.5);
+            let inside: Vec<Vec3> = grid.filter(|v| keeps(*v, -1e-5)).collect();
+            for direction in [Vec3::X, Vec3::ONE, Vec3::new(-0.3, 0.7, 0.2)] {
+                let (lo, hi) = p.extent(direction);
+                for v in &inside {
+                    let d = direction.dot(*v);
+                    prop_assert!(d >= lo - 1e-5 && d <= hi + 1e-5, "{v} is inside, {direction} reaches {lo} to {hi}");
+                }
+            }
+        }
     }
 }

@@ -5,7 +5,7 @@
 //! a contour that encloses the surface.
 
 use esvo_format::Contour;
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec3, Vec4};
 
 use crate::clip::{Arena, Piece};
 use crate::polyhedron::{MAX_SLABS, Polyhedron};
@@ -27,12 +27,55 @@ impl Slab {
     }
 }
 
+/// From `lo` to `hi` along some direction.
+#[derive(Clone, Copy, Debug)]
+struct Range {
+    lo: f32,
+    hi: f32,
+}
+
+impl Range {
+    const NONE: Self = Self { lo: f32::MAX, hi: f32::MIN };
+
+    /// That of the unit cube around the origin.
+    fn of_cube(direction: Vec3) -> Self {
+        let reach = direction.abs().element_sum() * 0.5;
+        Self { lo: -reach, hi: reach }
+    }
+
+    fn add(&mut self, x: f32) {
+        self.lo = self.lo.min(x);
+        self.hi = self.hi.max(x);
+    }
+
+    fn intersect(&mut self, other: &Self) {
+        self.lo = self.lo.max(other.lo);
+        self.hi = self.hi.min(other.hi);
+    }
+}
+
+impl Slab {
+    /// How far what the slab leaves of the unit cube around the origin reaches along a direction.
+    ///
+    /// The farthest point along `g` is a linear program of one constraint beside the box. By its dual it is the least, over
+    /// all `l`, of `max(l hi, l lo) + |g - l n|₁ / 2`, which is convex and straight between `l = 0` and the `g_i / n_i`.
+    fn extent(&self, g: Vec3) -> Range {
+        let Self { n, lo, hi } = *self;
+        // One lane for each of the four; where a component of n is zero, 0 once more.
+        let l = (g / n).extend(0.0);
+        let l = Vec4::select(l.abs().cmple(Vec4::splat(f32::MAX)), l, Vec4::ZERO);
+        let across = ((g.x - l * n.x).abs() + (g.y - l * n.y).abs() + (g.z - l * n.z).abs()) * 0.5;
+        let (a, b) = (l * lo, l * hi);
+        Range { lo: (a.min(b) - across).max_element(), hi: (a.max(b) + across).min_element() }
+    }
+}
+
 /// The slabs of a voxel's ancestors (and its own) that still bound it.
 #[derive(Clone, Copy, Debug)]
 pub struct Slabs {
     list: [Slab; MAX_SLABS],
     count: usize,
-    /// One triangle goes all the way through the voxel, and so through each of its descendants.
+    /// A plane goes all the way through the voxel, and so through those of its descendants that it meets.
     plane: bool,
 }
 
@@ -169,11 +212,10 @@ impl Shaper {
         if voxel.pieces.len() > MAX_PIECES {
             return NOTHING;
         }
-        if let [piece] = voxel.pieces
-            && (slabs.plane || goes_through(voxel, piece))
-            && let Some(bits) = self.normals.bits(voxel.surface, piece.triangle)
+        if (slabs.plane || is_plane(voxel))
+            && let Some(bits) = self.normals.bits(voxel.surface, voxel.pieces[0].triangle)
         {
-            return self.plane(voxel, piece, bits, slabs, deviation, deepest);
+            return plane(voxel, bits, slabs, deviation, deepest);
         }
         self.cut_all(slabs);
         if self.fits(voxel, deviation) {
@@ -220,67 +262,6 @@ impl Shaper {
         }
     }
 
-    /// Shapes a voxel that one triangle goes all the way through: a slab along its plane is all that is of use, and how far
-    /// it is from the triangle needs no search.
-    fn plane(
-        &mut self,
-        voxel: &Voxel,
-        piece: &Piece,
-        bits: u32,
-        slabs: &mut Slabs,
-        deviation: f64,
-        deepest: bool,
-    ) -> Shape {
-        slabs.plane = true;
-        let scale = 1.0 / voxel.size;
-        let normal = voxel.surface.normals[piece.triangle as usize];
-        let vertices = voxel.arena.vertices(piece, &voxel.surface.corners);
-        let n = Vec3::from(Contour::decode_normal(bits).map(|c| c as f32));
-        let (mut lo, mut hi, mut height) = (f32::MAX, f32::MIN, 0.0);
-        for v in vertices {
-            let p = ((*v - voxel.centre) * scale).as_vec3();
-            let d = n.dot(p);
-            (lo, hi) = (lo.min(d), hi.max(d));
-            height = normal.dot(p);
-        }
-        let limit = (deviation * scale) as f32;
-        // The last slab is the narrowest across the plane.
-        let last = slabs.as_slice().last().copied();
-        if last.is_some_and(|slab| self.slab_fits(&slab, normal, height, limit)) {
-            return Shape { contour: None, fits: true };
-        }
-        let reach = n.abs().element_sum() * 0.5;
-        let (outer_lo, outer_hi) =
-            last.filter(|s| s.n == n).map_or((-reach, reach), |s| (s.lo.max(-reach), s.hi.min(reach)));
-        let gain = (outer_hi - hi).max(lo - outer_lo) / n.length();
-        let contour = if gain < MIN_GAIN { None } else { enclosing(bits, lo, hi, voxel.size) };
-        let Some(contour) = contour else { return Shape { contour: None, fits: false } };
-        let slab = Slab::of(contour);
-        let fits = !deepest && self.slab_fits(&slab, normal, height, limit);
-        slabs.clear();
-        slabs.plane = true;
-        slabs.push(slab);
-        Shape { contour: Some(contour), fits }
-    }
-
-    /// Whether no point of the voxel within the slab is further than `limit` from the plane `normal·p = height`.
-    fn slab_fits(&mut self, slab: &Slab, normal: Vec3, height: f32, limit: f32) -> bool {
-        let Slab { n, lo, hi } = *slab;
-        let reach = n.abs().element_sum() * 0.5;
-        if (hi.min(reach) - lo.max(-reach)) > 2.0 * limit * n.length() {
-            return false;
-        }
-        // Along n the slab bounds the distance; across it, the cube does.
-        let along = normal.dot(n) / n.length_squared();
-        let across = (normal - n * along).abs().element_sum() * 0.5;
-        if (along * hi - height + across).max(height - along * lo + across) <= limit {
-            return true;
-        }
-        self.polyhedron.reset();
-        self.cut(slab, 0);
-        self.polyhedron.vertices().all(|v| (normal.dot(v) - height).abs() <= limit)
-    }
-
     fn cut(&mut self, slab: &Slab, k: usize) {
         let face = 6 + 2 * k as u8;
         self.polyhedron.cut(slab.n, slab.hi, face);
@@ -318,12 +299,12 @@ impl Shaper {
             self.candidate(voxel.surface.normals[piece.triangle as usize], 1.0, bits);
         }
         for piece in voxel.pieces {
-            let boundary = voxel.surface.boundary[piece.triangle as usize];
-            if boundary == 0 {
+            let edges = voxel.surface.edges[piece.triangle as usize];
+            if !edges.has_boundary() {
                 continue;
             }
             let corners = &voxel.surface.corners[piece.triangle as usize];
-            for edge in (0..3).filter(|e| boundary >> e & 1 != 0) {
+            for edge in (0..3).filter(|edge| edges.is_boundary(*edge)) {
                 let (a, b) = (corners[edge], corners[(edge + 1) % 3]);
                 if segment_meets_cube(a, b, voxel.centre, voxel.size * 0.5) {
                     let along = (b - a).as_vec3();
@@ -382,11 +363,71 @@ fn enclosing(bits: u32, lo: f32, hi: f32, size: f64) -> Option<Contour> {
     Contour::encode_bounds(bits, f64::from(lo) - margin, f64::from(hi) + margin)
 }
 
-/// Whether none of the triangle's edges meets the voxel.
-fn goes_through(voxel: &Voxel, piece: &Piece) -> bool {
-    let corners = &voxel.surface.corners[piece.triangle as usize];
+/// Normals whose cosine is above this belong to the same plane, as far as the shape of a voxel goes.
+const SAME_PLANE: f32 = 0.99999;
+/// More triangles than this are not looked through for whether they are one plane.
+const MAX_PLANE_TRIANGLES: usize = 16;
+
+/// Whether the surface in a voxel is all but a plane that goes all the way through: its triangles lie in one plane, and no
+/// edge meets the voxel but those where the plane goes on.
+fn is_plane(voxel: &Voxel) -> bool {
+    let (surface, pieces) = (voxel.surface, voxel.pieces);
+    let normal = |piece: &Piece| surface.normals[piece.triangle as usize];
+    let first = normal(&pieces[0]);
     let half = voxel.size * 0.5 * (1.0 + 1e-6);
-    (0..3).all(|i| !segment_meets_cube(corners[i], corners[(i + 1) % 3], voxel.centre, half))
+    pieces.len() <= MAX_PLANE_TRIANGLES
+        && pieces[1..].iter().all(|piece| normal(piece).dot(first).abs() >= SAME_PLANE)
+        && pieces.iter().all(|piece| {
+            let (corners, edges) = (&surface.corners[piece.triangle as usize], surface.edges[piece.triangle as usize]);
+            (0..3).all(|i| {
+                !edges.is_crease(i) || !segment_meets_cube(corners[i], corners[(i + 1) % 3], voxel.centre, half)
+            })
+        })
+}
+
+/// Shapes a voxel that a plane goes all the way through: a slab along it is all that is of use, and how far what is left
+/// of the voxel is from the plane needs no search.
+fn plane(voxel: &Voxel, bits: u32, slabs: &mut Slabs, deviation: f64, deepest: bool) -> Shape {
+    slabs.plane = true;
+    let scale = 1.0 / voxel.size;
+    let normal = voxel.surface.normals[voxel.pieces[0].triangle as usize];
+    let n = Vec3::from(Contour::decode_normal(bits).map(|c| c as f32));
+    // The surface along the contour's normal and along its own. There may be several sheets of it, and each is a plane
+    // only about: from its highest point it falls by no more than its triangles do together.
+    let (mut along_n, mut along_normal, mut fall) = (Range::NONE, Range::NONE, 0.0);
+    for piece in voxel.pieces {
+        let mut of_piece = Range::NONE;
+        for v in voxel.arena.vertices(piece, &voxel.surface.corners) {
+            let p = ((*v - voxel.centre) * scale).as_vec3();
+            along_n.add(n.dot(p));
+            of_piece.add(normal.dot(p));
+        }
+        fall += of_piece.hi - of_piece.lo;
+        along_normal.add(of_piece.lo);
+        along_normal.add(of_piece.hi);
+    }
+    let limit = (deviation * scale) as f32 - fall;
+    let is_near = |outer: &Range| outer.hi - along_normal.hi <= limit && along_normal.lo - outer.lo <= limit;
+    let (mut outer_n, mut outer_normal) = (Range::of_cube(n), Range::of_cube(normal));
+    for slab in slabs.as_slice() {
+        outer_n.intersect(&slab.extent(n));
+        outer_normal.intersect(&slab.extent(normal));
+    }
+    if is_near(&outer_normal) {
+        return Shape { contour: None, fits: true };
+    }
+    let gain = (outer_n.hi - along_n.hi).max(along_n.lo - outer_n.lo) / n.length();
+    let contour = if gain < MIN_GAIN { None } else { enclosing(bits, along_n.lo, along_n.hi, voxel.size) };
+    let Some(contour) = contour else { return Shape { contour: None, fits: false } };
+    if deepest {
+        return Shape { contour: Some(contour), fits: false };
+    }
+    let slab = Slab::of(contour);
+    outer_normal.intersect(&slab.extent(normal));
+    slabs.clear();
+    slabs.plane = true;
+    slabs.push(slab);
+    Shape { contour: Some(contour), fits: is_near(&outer_normal) }
 }
 
 /// Whether a segment meets the cube with this centre and half edge.
@@ -427,4 +468,33 @@ fn within(p: DVec3, [a, b, c]: &[DVec3; 3], distance: f64) -> bool {
         (from - along * t).length_squared()
     };
     to_segment(pa, ab) <= squared || to_segment(pb, bc) <= squared || to_segment(pc, ca) <= squared
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    proptest! {
+        #[test]
+        fn the_extent_of_a_slab_is_that_of_the_cut_cube(
+            n in prop::array::uniform3(-31.0f32..31.0), g in prop::array::uniform3(-1.0f32..1.0), zero in 0usize..8,
+            middle in -0.9f32..0.9, thickness in 0.01f32..1.0,
+        ) {
+            let mut n = Vec3::from(n);
+            for axis in (0..3).filter(|axis| zero >> axis & 1 != 0) {
+                n[axis] = 0.0;
+            }
+            prop_assume!(n.length() > 1.0);
+            let (g, reach) = (Vec3::from(g), n.abs().element_sum() * 0.5);
+            let slab = Slab { n, lo: (middle - thickness) * reach, hi: (middle + thickness) * reach };
+            let mut polyhedron = Polyhedron::default();
+            polyhedron.cut(n, slab.hi, 6);
+            polyhedron.cut(-n, -slab.lo, 7);
+            let (lo, hi) = polyhedron.extent(g);
+            let found = slab.extent(g);
+            prop_assert!((found.lo - lo).abs() < 1e-4 && (found.hi - hi).abs() < 1e-4, "{found:?} for {lo} to {hi}");
+        }
+    }
 }

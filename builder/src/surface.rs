@@ -1,6 +1,7 @@
 //! The mesh as the recursion reads it: corners in the root cube, normals, boundary edges, and what it looks like.
 
 mod color_map;
+mod edges;
 mod look;
 mod shading;
 
@@ -8,6 +9,7 @@ use glam::{DMat4, DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::{BuildError, BuildSettings, Mesh, TextureTest};
+pub use edges::Edges;
 use look::Look;
 pub use shading::Sample;
 use shading::Shading;
@@ -18,8 +20,8 @@ pub struct Surface<'a> {
     pub corners: Vec<[DVec3; 3]>,
     /// Unit geometric normals.
     pub normals: Vec<Vec3>,
-    /// Per triangle: bits 0..3, the edge from corner `i` to `i + 1` belongs to no other triangle.
-    pub boundary: Vec<u8>,
+    /// What the triangles' edges are to the surface.
+    pub edges: Vec<Edges>,
     /// Octree space to mesh space.
     pub octree_to_mesh: DMat4,
     /// Triangles without area.
@@ -50,7 +52,7 @@ impl<'a> Surface<'a> {
         let normals: Vec<Vec3> =
             (corners.par_iter()).map(|[a, b, c]| (*b - *a).cross(*c - *a).normalize_or(DVec3::Z).as_vec3()).collect();
         let looks = Look::all(mesh, settings.texture_test);
-        let boundary = boundary_edges(&corners);
+        let edges = edges::classify(&corners);
         let finest_voxel = (-(settings.levels as f32)).exp2();
         let shading = Shading::new(mesh, &source, &corners, &normals, looks, finest_voxel);
         Ok(Self {
@@ -59,7 +61,7 @@ impl<'a> Surface<'a> {
             tests_texels: settings.texture_test == TextureTest::Texels,
             corners,
             normals,
-            boundary,
+            edges,
             octree_to_mesh,
             shading,
         })
@@ -104,36 +106,4 @@ fn has_area(corners: &[DVec3; 3]) -> bool {
         let [a, b, c] = corners.map(|p| robust::Coord { x: p[x], y: p[y] });
         robust::orient2d(a, b, c) != 0.0
     })
-}
-
-/// Marks edges that only one triangle has, corners being the same where their positions are.
-fn boundary_edges(corners: &[[DVec3; 3]]) -> Vec<u8> {
-    let key = |p: DVec3| p.to_array().map(|x| (x + 0.0).to_bits());
-    let mut order: Vec<u32> = (0..corners.len() as u32 * 3).collect();
-    let at = |i: u32| corners[i as usize / 3][i as usize % 3];
-    order.par_sort_unstable_by_key(|i| key(at(*i)));
-    let mut point = vec![0u32; order.len()];
-    let mut id = 0;
-    for (k, &i) in order.iter().enumerate() {
-        if k > 0 && key(at(order[k - 1])) != key(at(i)) {
-            id += 1;
-        }
-        point[i as usize] = id;
-    }
-    drop(order);
-    let mut edges: Vec<(u64, u32)> = (0..point.len() as u32)
-        .map(|i| {
-            let next = i - i % 3 + (i + 1) % 3;
-            let (a, b) = (point[i as usize], point[next as usize]);
-            (u64::from(a.min(b)) << 32 | u64::from(a.max(b)), i)
-        })
-        .collect();
-    edges.par_sort_unstable();
-    let mut boundary = vec![0u8; corners.len()];
-    for group in edges.chunk_by(|a, b| a.0 == b.0) {
-        if let [(_, i)] = group {
-            boundary[*i as usize / 3] |= 1 << (i % 3);
-        }
-    }
-    boundary
 }

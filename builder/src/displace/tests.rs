@@ -276,6 +276,13 @@ fn what_cannot_be_done_is_said() {
     }
     let found = message(&mesh, DisplaceOptions { scale: f64::NAN, ..OPTIONS });
     assert_eq!(found, "displacement scale is NaN: it must be a finite number");
+    let found = message(&mesh, DisplaceOptions { scale: 1e300, ..OPTIONS });
+    let expected = "in a mesh whose largest extent is 2.0: it must be at most 1000 times that extent";
+    assert!(
+        found.starts_with("displacement is up to 1.0") && found.contains("e299") && found.ends_with(expected),
+        "{found}"
+    );
+    assert!(displace(&mesh, &DisplaceOptions { scale: -1e4, ..OPTIONS }).is_ok());
     assert!(message(&mesh, DisplaceOptions { max_triangles: 0, ..OPTIONS }).contains("between 1 and"));
     let mut bare = mesh.clone();
     bare.uvs.clear();

@@ -1,0 +1,116 @@
+//! Which edges of the triangles end or bend the surface.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+/// What the edges of one triangle are: edge `i` goes from corner `i` to corner `i + 1`.
+#[derive(Clone, Copy, Default, PartialEq, Eq, Debug)]
+pub struct Edges(u8);
+
+impl Edges {
+    const ALL_CREASES: Self = Self(0b111_000);
+
+    /// Whether the edge belongs to no other triangle.
+    pub fn is_boundary(self, edge: usize) -> bool {
+        self.0 >> edge & 1 != 0
+    }
+
+    /// Whether some edge is a boundary.
+    pub fn has_boundary(self) -> bool {
+        self.0 & 0b111 != 0
+    }
+
+    /// Whether the surface ends or bends there, or meets further surface: all but the edges where just one other triangle
+    /// goes on in the same plane.
+    pub fn is_crease(self, edge: usize) -> bool {
+        self.0 >> (edge + 3) & 1 != 0
+    }
+
+    fn set_boundary(&mut self, edge: u32) {
+        self.0 |= 1 << edge;
+    }
+
+    fn set_flat(&mut self, edge: u32) {
+        self.0 &= !(8 << edge);
+    }
+}
+
+/// Sine of the greatest angle between triangles that are in one plane.
+const FLAT: f64 = 1.0 / 16384.0;
+
+/// Tells what the edges of all triangles are, corners being the same where their positions are.
+pub fn classify(corners: &[[DVec3; 3]]) -> Vec<Edges> {
+    let key = |p: DVec3| p.to_array().map(|x| (x + 0.0).to_bits());
+    let mut order: Vec<u32> = (0..corners.len() as u32 * 3).collect();
+    let at = |i: u32| corners[i as usize / 3][i as usize % 3];
+    order.par_sort_unstable_by_key(|i| key(at(*i)));
+    let mut point = vec![0u32; order.len()];
+    let mut id = 0;
+    for (k, &i) in order.iter().enumerate() {
+        if k > 0 && key(at(order[k - 1])) != key(at(i)) {
+            id += 1;
+        }
+        point[i as usize] = id;
+    }
+    drop(order);
+    let mut sides: Vec<(u64, u32)> = (0..point.len() as u32)
+        .map(|i| {
+            let next = i - i % 3 + (i + 1) % 3;
+            let (a, b) = (point[i as usize], point[next as usize]);
+            (u64::from(a.min(b)) << 32 | u64::from(a.max(b)), i)
+        })
+        .collect();
+    sides.par_sort_unstable();
+    let mut edges = vec![Edges::ALL_CREASES; corners.len()];
+    for group in sides.chunk_by(|a, b| a.0 == b.0) {
+        match *group {
+            [(_, i)] => edges[i as usize / 3].set_boundary(i % 3),
+            [(_, i), (_, j)] if is_flat(corners, i, j) => {
+                edges[i as usize / 3].set_flat(i % 3);
+                edges[j as usize / 3].set_flat(j % 3);
+            }
+            _ => {}
+        }
+    }
+    edges
+}
+
+/// Whether the two triangles at an edge, which is side `i` of one and side `j` of the other, lie side by side in a plane.
+fn is_flat(corners: &[[DVec3; 3]], i: u32, j: u32) -> bool {
+    let [i, j] = [i, j].map(|side| {
+        let t = &corners[side as usize / 3];
+        [0, 1, 2].map(|k| t[(side as usize + k) % 3])
+    });
+    let along = i[1] - i[0];
+    // From the edge to the third corners, across it.
+    let [x, y] = [i, j].map(|t| {
+        let side = t[2] - t[0];
+        side - along * (side.dot(along) / along.length_squared())
+    });
+    x.dot(y) < 0.0 && x.cross(y).length_squared() <= FLAT * FLAT * x.length_squared() * y.length_squared()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_edges_of_a_folded_strip() {
+        let p = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::new(1.0, 1.0, 0.0), DVec3::new(1.0, 1.0, 1.0)];
+        // Two triangles side by side, a third that stands up on the second, and the first once more, turned over.
+        let strip = [[p[0], p[1], p[2]], [p[2], p[1], p[3]], [p[3], p[1], p[4]]];
+        let found = classify(&strip);
+        let creases = |e: Edges| [0, 1, 2].map(|i| e.is_crease(i));
+        let boundaries = |e: Edges| [0, 1, 2].map(|i| e.is_boundary(i));
+        assert_eq!(
+            found.iter().map(|e| creases(*e)).collect::<Vec<_>>(),
+            [[true, false, true], [false, true, true], [true, true, true]]
+        );
+        assert_eq!(
+            found.iter().map(|e| boundaries(*e)).collect::<Vec<_>>(),
+            [[true, false, true], [false, false, true], [false, true, true]]
+        );
+        let both_sides = [[p[0], p[1], p[2]], [p[0], p[2], p[1]]];
+        assert!(classify(&both_sides).iter().all(|e| creases(*e) == [true; 3] && !e.has_boundary()));
+    }
+}
