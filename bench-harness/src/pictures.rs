@@ -14,10 +14,11 @@ use esvo_scenes::SceneManifest;
 
 use crate::cutout::cast_solid;
 use crate::flip::image_error;
-use crate::machine::slug;
+use crate::machine::{Machine, slug};
 use crate::mesh_picture::shade_mesh;
 use crate::output::NamedPicture;
 use crate::scene::{self, Scene};
+use crate::text::{Document, TextTable};
 use crate::{BenchError, Progress};
 
 /// Rays along each side of a pixel.
@@ -63,6 +64,8 @@ pub struct Pair {
     pub flip: f64,
     /// Credit to print beside it.
     pub credit: String,
+    /// Whether the mesh is the one that the manifest names.
+    pub identity: String,
     /// The picture and its file's name.
     pub picture: NamedPicture,
 }
@@ -100,6 +103,40 @@ pub fn run(
         last = Some((title, levels, shown));
     }
     Ok(())
+}
+
+/// The table of pictures that were made, as Markdown.
+pub fn to_markdown(pairs: &[Pair], machine: &Machine) -> String {
+    let head = ["picture", "scene", "viewpoint", "levels", "million voxels", "triangles", "FLIP"];
+    let mut table = TextTable::new("Pictures", 3, &head);
+    table.notes = vec![
+        format!(
+            "On the left the octree, on the right the triangles: the same view in the same light, {} rays a pixel.",
+            RAYS * RAYS
+        ),
+        "Built with the scene's settings and textures down to the texel (`--texture-test texels`). Triangles after \
+         displacement, where the scene is displaced (-D). FLIP: the mean over the picture, 0 to 1."
+            .into(),
+    ];
+    let mut credits: Vec<[&str; 3]> = Vec::new();
+    for pair in pairs {
+        let credit = [&*pair.scene, &*pair.credit, &*pair.identity];
+        if !credits.contains(&credit) {
+            credits.push(credit);
+        }
+        table.rows.push(vec![
+            format!("`{}`", pair.picture.name),
+            pair.scene.clone(),
+            pair.view.clone(),
+            pair.levels.to_string(),
+            format!("{:.1}", pair.voxels as f64 / 1e6),
+            pair.triangles.to_string(),
+            format!("{:.3}", pair.flip),
+        ]);
+    }
+    let header = vec![format!("commit {}, {}, {} build", machine.commit, machine.rustc, machine.profile)];
+    let title = format!("esvo bench pictures, {}", machine.date);
+    Document { title, header, tables: vec![table], left_out: &[], credits }.to_markdown()
 }
 
 /// A scene, ready to be shown.
@@ -162,6 +199,7 @@ impl Shown {
             triangles: self.scene.mesh.triangle_count() as u64,
             flip: error.flip,
             credit: self.scene.credit.clone(),
+            identity: self.scene.identity.clone(),
             picture: NamedPicture { name, picture: beside(&left, &right) },
         })
     }
@@ -228,6 +266,27 @@ mod tests {
         assert_eq!((small.width, small.height), (2, 1));
         // Half of the light of white.
         assert_eq!([small.pixel(0, 0), small.pixel(1, 0)], [[188; 3], [0; 3]]);
+    }
+
+    #[test]
+    fn the_table_has_a_row_for_every_picture_and_a_credit_for_every_mesh() {
+        let pair = |view: &str| Pair {
+            scene: "A-D".into(),
+            view: view.into(),
+            levels: 10,
+            voxels: 7_340_000,
+            triangles: 12,
+            flip: 0.0625,
+            credit: "Somebody".into(),
+            identity: "verified".into(),
+            picture: NamedPicture {
+                name: format!("a-{view}.png"),
+                picture: Picture { width: 0, height: 0, rgb8: Vec::new() },
+            },
+        };
+        let text = to_markdown(&[pair("front"), pair("back")], &Machine::detect());
+        assert!(text.contains("| `a-back.png` | A-D | back | 10 | 7.3 | 12 | 0.062 |"), "{text}");
+        assert_eq!(text.matches("Somebody (verified)").count(), 1, "{text}");
     }
 
     #[test]

@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use esvo_bench::pictures::{Options, run as make};
+use esvo_bench::machine::Machine;
+use esvo_bench::pictures::{Options, run as make, to_markdown};
 use esvo_bench::{BenchError, Progress, output, picture};
 
 use crate::args::parse_size;
@@ -13,7 +14,8 @@ use crate::fail::{Failure, print};
 #[derive(Debug, Args)]
 #[command(after_help = "\
 The left half is the octree, the right half the triangles, with four rays for each pixel and the same light: SIBENIK-D
-(displacement), FLIGHT-HELMET (normal maps), JUNGLE (cut-outs). FLIP says how different the halves look, 0 to 1.
+(displacement), FLIGHT-HELMET (normal maps), JUNGLE (cut-outs). FLIP says how different the halves look, 0 to 1. The table is written to pictures.md beside
+the pictures.
 
 Example:
   esvo bench pictures --scenes jungle --levels 10 --out pictures")]
@@ -30,7 +32,7 @@ pub(crate) struct BenchPictures {
     /// Where real meshes are looked for first; then $ESVO_SCENES, then ../shared/scenes
     #[arg(long, value_name = "FOLDER")]
     pub(crate) scenes_dir: Option<PathBuf>,
-    /// Folder for the pictures
+    /// Folder for the pictures and pictures.md, their table
     #[arg(long, value_name = "FOLDER", default_value = "results/pictures")]
     pub(crate) out: PathBuf,
 }
@@ -40,7 +42,8 @@ pub(crate) fn run(arguments: &BenchPictures) -> Result<(), Failure> {
         return Err("--size: at most 8192x8192, as four rays are cast for each pixel".into());
     }
     output::check(&arguments.out)?;
-    std::fs::create_dir_all(&arguments.out).map_err(|e| BenchError::io(&arguments.out, e))?;
+    let machine = Machine::detect();
+    let table = arguments.out.join("pictures.md");
     let options = Options {
         scenes: arguments.scenes.clone(),
         levels: arguments.levels,
@@ -49,7 +52,10 @@ pub(crate) fn run(arguments: &BenchPictures) -> Result<(), Failure> {
     };
     let progress = Progress::terminal();
     let mut lines = String::new();
+    let mut pairs = Vec::new();
     let made = make(&options, &progress, |pair| {
+        // Only now: what cannot be made leaves no folder behind.
+        std::fs::create_dir_all(&arguments.out).map_err(|e| BenchError::io(&arguments.out, e))?;
         let path = arguments.out.join(&pair.picture.name);
         picture::write_png(&path, &pair.picture.picture).map_err(|e| BenchError::io(&path, e))?;
         lines += &format!(
@@ -63,7 +69,9 @@ pub(crate) fn run(arguments: &BenchPictures) -> Result<(), Failure> {
             pair.flip,
             pair.credit
         );
-        Ok(())
+        pairs.push(pair);
+        // After each picture, so that the table tells what is there if the run is stopped.
+        std::fs::write(&table, to_markdown(&pairs, &machine)).map_err(|e| BenchError::io(&table, e))
     });
     progress.finish();
     print(&lines)?;
