@@ -6,12 +6,12 @@ use std::time::Instant;
 use esvo_bench::build_summary::{BuildSeconds, BuildSummary, peak_bytes};
 use esvo_bench::{Progress, scene};
 use esvo_builder::import::{ImportError, load_mesh};
-use esvo_builder::{BuildSettings, FileOptions, Mesh};
+use esvo_builder::{BuildError, BuildSettings, FileOptions, Mesh};
 use esvo_format::WriteOptions;
 use esvo_scenes::{SceneEntry, SceneManifest};
 
 use crate::args::Build;
-use crate::fail::{Failure, check_extension, check_not_input, check_output, complain, extension, print};
+use crate::fail::{Failure, check_extension, check_not_input, check_output, complain, extension, name_file, print};
 use crate::words::{count, size};
 
 pub(crate) fn run(arguments: &Build) -> Result<(), Failure> {
@@ -32,7 +32,7 @@ pub(crate) fn run(arguments: &Build) -> Result<(), Failure> {
     let progress = Progress::terminal();
     let start = Instant::now();
     let (mesh, source) = mesh(arguments, scene, &progress)?;
-    let mesh = arguments.displacement.apply(mesh, settings.levels)?;
+    let mesh = arguments.displacement.apply(mesh, &source, settings.levels)?;
     let import = start.elapsed().as_secs_f64();
     let import_peak_bytes = peak_bytes();
     let start = Instant::now();
@@ -52,14 +52,19 @@ pub(crate) fn run(arguments: &Build) -> Result<(), Failure> {
     let built = esvo_builder::build_file(&mesh, &settings, &arguments.output, &options, &|p| {
         progress.fraction(&what, p.done, &format!("{:.1} M voxels", p.voxels as f64 / 1e6));
     })
-    .map_err(|e| format!("{source}: {e}"))?;
+    .map_err(|e| match e {
+        BuildError::Format(e) => name_file(&arguments.output, e),
+        BuildError::Io { .. } | BuildError::Busy(_) => e.to_string(),
+        _ => format!("{source}: {e}"),
+    })?;
     let build = start.elapsed().as_secs_f64();
     let peaks = (import_peak_bytes, peak_bytes());
     progress.finish();
     for warning in &mesh.warnings {
         complain("warning", warning);
     }
-    let stats = esvo_format::stats(&esvo_format::Octree::open(&arguments.output)?);
+    let written = esvo_format::Octree::open(&arguments.output).map_err(|e| name_file(&arguments.output, e))?;
+    let stats = esvo_format::stats(&written);
     let seconds = BuildSeconds {
         import,
         build,

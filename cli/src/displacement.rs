@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use esvo_builder::{DisplaceOptions, Mesh, displace, import};
+use esvo_builder::{BuildError, DisplaceOptions, Mesh, displace, import};
 
 use crate::fail::Failure;
 
@@ -12,7 +12,7 @@ use crate::fail::Failure;
 pub(crate) struct Displacement {
     /// Displace surfaces by the height maps of their materials (map_bump and disp of .mtl): AMPLITUDE is what white stands
     /// for, in mesh units, where the material says a factor of 1 [without a number: 1/500 of the mesh's largest extent]
-    #[arg(long, value_name = "AMPLITUDE", num_args = 0..=1, default_missing_value = "auto", allow_hyphen_values = true, value_parser = parse_amplitude)]
+    #[arg(long, value_name = "AMPLITUDE", num_args = 0..=1, default_missing_value = "auto", allow_negative_numbers = true, value_parser = parse_amplitude)]
     pub(crate) displace: Option<Amplitude>,
     /// Give a material a height map, or another one; implies --displace
     #[arg(long, value_name = "MATERIAL=FILE", value_parser = parse_height_map)]
@@ -45,7 +45,8 @@ fn parse_height_map(text: &str) -> Result<(String, PathBuf), String> {
 
 impl Displacement {
     /// The mesh as it is to be built to `levels`: displaced if that was asked for. In cells of two of the finest voxels.
-    pub(crate) fn apply(&self, mut mesh: Mesh, levels: u32) -> Result<Mesh, Failure> {
+    /// `source` is what errors call the mesh.
+    pub(crate) fn apply(&self, mut mesh: Mesh, source: &str, levels: u32) -> Result<Mesh, Failure> {
         if self.displace.is_none() && self.height_map.is_empty() {
             return Ok(mesh);
         }
@@ -60,7 +61,10 @@ impl Displacement {
                 (0..3).map(|k| high[k] - low[k]).fold(0.0, f64::max) / 500.0
             }
         };
-        Ok(displace(&mesh, &options)?)
+        displace(&mesh, &options).map_err(|error| match error {
+            BuildError::Setting { .. } => format!("--displace: {error}").into(),
+            _ => format!("{source}: {error}").into(),
+        })
     }
 }
 
