@@ -32,9 +32,17 @@ pub enum BenchError {
         /// What is wrong.
         what: String,
     },
-    /// A file or an octree that cannot be used.
+    /// An octree or a setting that cannot be used.
     #[error(transparent)]
     Format(FormatError),
+    /// The octree in a file cannot be used.
+    #[error("{}: {source}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: FormatError,
+    },
     /// A caster that had worked failed.
     #[error("caster {backend}: {source}")]
     Cast {
@@ -57,6 +65,15 @@ impl BenchError {
     /// An [`Io`](Self::Io) error at `path`.
     pub fn io(path: &Path, source: std::io::Error) -> Self {
         Self::Io { path: path.to_owned(), source }
+    }
+
+    /// What is wrong with the octree in the file at `path`.
+    pub fn file(path: &Path, source: FormatError) -> Self {
+        match source {
+            // The system's errors name the file themselves.
+            FormatError::Io { path, source } => Self::Io { path, source },
+            source => Self::File { path: path.to_owned(), source },
+        }
     }
 
     /// A [`Scene`](Self::Scene) error.

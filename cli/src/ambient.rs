@@ -39,7 +39,7 @@ pub(crate) fn run(arguments: &Ambient) -> Result<(), Failure> {
     let with = octree
         .with_ambient_occlusion(|slot, child| values.value(slot, child))
         .map_err(|e| name_file(&arguments.input, e))?;
-    with.write(&arguments.output)?;
+    with.write(&arguments.output).map_err(|e| name_file(&arguments.output, e))?;
     progress.finish();
     print(&format!(
         "{}: {}, {} each, {seconds:.1} s, {:.1} million rays a second, cast by {} on {}\n",

@@ -9,7 +9,9 @@ use crate::words::count;
 
 pub(crate) fn run(arguments: &Diff) -> Result<(), Failure> {
     let (first, second) = (open(&arguments.first)?, open(&arguments.second)?);
-    let differences = diff::diff(&first, &second, arguments.limit)?;
+    let names = format!("{} and {}", arguments.first.display(), arguments.second.display());
+    let differences =
+        diff::diff(&first, &second, arguments.limit).map_err(|e| format!("{names}: cannot be compared: {e}"))?;
     let text = if arguments.json {
         serde_json::to_string_pretty(&differences)? + "\n"
     } else if differences.is_empty() {
@@ -27,8 +29,7 @@ pub(crate) fn run(arguments: &Diff) -> Result<(), Failure> {
     };
     let printed = print(&text);
     if !differences.is_empty() {
-        let names = (arguments.first.display(), arguments.second.display());
-        return Err(format!("{} and {} differ in {}", names.0, names.1, count(differences.total, "place")).into());
+        return Err(format!("{names} differ in {}", count(differences.total, "place")).into());
     }
     printed
 }

@@ -10,7 +10,7 @@ use esvo_scenes::SceneVariant;
 use glam::DVec3;
 
 use crate::args::{Render, ViewMode};
-use crate::fail::{Failure, check_extension, check_not_input, check_output, complain, open, print};
+use crate::fail::{Failure, check_extension, check_not_input, check_output, complain, name_file, open, print};
 
 /// Iterations that `--view-mode iterations` shows as white: about what grazing rays take at 12 levels.
 const MOST_ITERATIONS: u32 = 100;
@@ -34,7 +34,7 @@ pub(crate) fn run(arguments: &Render) -> Result<(), Failure> {
     let progress = Progress::terminal();
     progress.say("rendering");
     let mut caster = Backend::from(arguments.backend).open(None)?;
-    caster.load(&octree)?;
+    caster.load(&octree).map_err(|e| name_file(&arguments.file, e))?;
     let mut hits = Vec::new();
     caster.cast(&view, &mut hits)?;
     let picture = match arguments.view_mode {

@@ -41,7 +41,10 @@ fn what_cannot_be_done_is_said_in_one_line() {
     folder.ok(&["build", "box.obj", "-o", "plain.esvo", "--levels", "4", "--no-normals"]);
     for (arguments, expected) in [
         (&["ambient", "plain.esvo", "-o", "x.esvo"][..], "plain.esvo: the octree has no normals"),
-        (&["ambient", "box.esvo", "-o", "x.esvo", "--radius", "0"], "radius is 0.0: it must be above 0 and at most 4 times the scene"),
+        (
+            &["ambient", "box.esvo", "-o", "x.esvo", "--radius", "0"],
+            "radius is 0.0: it must be above 0 and at most 4 times the scene",
+        ),
         (&["ambient", "box.esvo", "-o", "box.esvo"], "box.esvo: is the input"),
         (&["ambient", "none.esvo", "-o", "x.esvo"], "none.esvo: "),
     ] {

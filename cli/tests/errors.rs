@@ -111,6 +111,14 @@ fn files_of_the_wrong_kind() {
     every("half.esvo", "half.esvo: ");
     folder.put("header.esvo", &whole[..40]);
     every("header.esvo", "too short");
+    for name in ["absent.esvo", "half.esvo"] {
+        let named = |arguments: &[&str]| folder.fails(&[arguments, &[name]].concat(), 1, &format!("error: {name}: "));
+        named(&["bench", "format"]);
+        named(&["dump"]);
+        named(&["diff", "box.esvo"]);
+        named(&["convert", "-o", "x.oct"]);
+        named(&["ambient", "-o", "x.esvo"]);
+    }
 }
 
 #[test]
@@ -218,4 +226,25 @@ fn benches_that_cannot_be_run() {
     folder.fails(&["bench", "--views", "0"], 1, "at least 1");
     folder.fails(&["bench", "--out", "bad.toml/results"], 1, "bad.toml");
     folder.fails(&["bench", "--time-limit=-1"], 1, "time_limit_seconds");
+    folder.fails(&["bench", "pictures", "--scenes", "teapot", "--out", "made"], 1, "there are SIBENIK-D, ");
+}
+
+#[test]
+fn displacements_out_of_range() {
+    let folder = Folder::new();
+    // A square with a height map: two by two texels of an uncompressed TGA.
+    let mut tga = vec![0, 0, 3, 0, 0, 0, 0, 0, 0, 0, 0, 0, 2, 0, 2, 0, 8, 0];
+    tga.extend([0, 255, 255, 0]);
+    folder.put("height.tga", tga);
+    folder.put("wall.mtl", "newmtl stone\nmap_bump height.tga\n");
+    let corners = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n";
+    folder.put("wall.obj", format!("mtllib wall.mtl\n{corners}usemtl stone\nf 1/1 2/2 3/3 4/4\n"));
+    let build = |more: &[&'static str]| [&["build", "wall.obj", "-o", "wall.esvo", "--levels", "4"], more].concat();
+    folder.fails(&build(&["--displace", "1e300"]), 1, "--displace: displacement is up to 1e300 in a mesh whose");
+    folder.fails(&build(&["--displace", "much"]), 2, "write a number of mesh units");
+    folder.fails(&build(&["--height-map", "wood=height.tga"]), 1, "the mesh has no material wood; it has stone");
+    folder.fails(&build(&["--height-map", "stone=absent.png"]), 1, "absent.png: cannot be read");
+    // An option behind it is not its number.
+    folder.ok(&build(&["--displace", "--no-colors"]));
+    folder.ok(&build(&["--displace", "-0.05"]));
 }

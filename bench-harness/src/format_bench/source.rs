@@ -63,8 +63,8 @@ pub(super) fn octrees(settings: &Settings, progress: &Progress) -> Result<Vec<So
 }
 
 fn from_file(path: &Path) -> Result<Source, BenchError> {
-    let octree = Octree::open(path).map_err(BenchError::Format)?;
-    octree.sound().map_err(|e| BenchError::Format(e.into()))?;
+    let octree = Octree::open(path).map_err(|e| BenchError::file(path, e))?;
+    octree.sound().map_err(|e| BenchError::file(path, e.into()))?;
     let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     Ok(Source::new(name.clone(), name, octree))
 }
