@@ -1,7 +1,7 @@
 //! Contours, and attachments of every type.
 
 use super::super::common::Rng;
-use super::super::writer::{Block, Plan};
+use super::super::writer::Block;
 use super::topology::{branching, chain, chain_slot, leaf_children, smallest};
 use super::{Add, one};
 
