@@ -2,6 +2,7 @@
 
 use crate::clock::{Clock, predict};
 use crate::report::BuildRow;
+use crate::text::GB;
 
 /// Peak memory of a build over the size of its octree. Measured 4.7 for SIBENIK without contours at 12 levels.
 const PEAK: f64 = 5.0;
@@ -47,8 +48,8 @@ pub(crate) fn refusals(builds: &[BuildRow], wanted: Both<bool>, limits: &Limits)
             if bytes > 0.0 && peak > limits.memory {
                 refused[usize::from(contours)] = Some(format!(
                     "takes about {:.1} GB of memory, and the limit is {:.1}; see --memory",
-                    peak / f64::from(1 << 30),
-                    limits.memory / f64::from(1 << 30)
+                    peak / GB,
+                    limits.memory / GB
                 ));
             } else {
                 held += bytes;

@@ -13,7 +13,7 @@ pub struct Machine {
     pub cpu: String,
     /// Hardware threads that this process may use.
     pub threads: usize,
-    /// Memory in MB (2^20 bytes).
+    /// Memory in MiB.
     pub memory_mb: u64,
     /// Operating system and kernel.
     pub os: String,

@@ -22,7 +22,7 @@ pub struct Matrix {
     /// report says so. Absent: no limit.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub time_limit_seconds: Option<f64>,
-    /// Memory that a run may use, in units of 2^30 bytes. A level that is expected to need more is left out.
+    /// Memory that a run may use, in GB (10^9 bytes). A level that is expected to need more is left out.
     pub memory_gb: f64,
     /// Width and height of the pictures in pixels.
     pub resolutions: Vec<[u32; 2]>,

@@ -8,6 +8,7 @@ use crate::error::DepthError;
 use crate::flip::ImageError;
 use crate::machine::Machine;
 use crate::matrix::{LeftOut, Matrix, Variant};
+use crate::text::MIB;
 use crate::timing::{Samples, Spread};
 use crate::{Backend, BenchError};
 
@@ -142,9 +143,9 @@ impl BuildRow {
         self.bytes as f64 / self.voxels.max(1) as f64
     }
 
-    /// Size in MB of 2^20 bytes.
-    pub fn mb(&self) -> f64 {
-        self.bytes as f64 / (1u64 << 20) as f64
+    /// Size in MiB.
+    pub fn mib(&self) -> f64 {
+        self.bytes as f64 / MIB
     }
 }
 

@@ -17,6 +17,7 @@ use crate::measure::{Row, Truth};
 use crate::output::NamedPicture;
 use crate::report::{BuildRow, DeviceRecord, Report, SCHEMA, SceneReport};
 use crate::scene::{self, Scene};
+use crate::text::GB;
 use crate::{Backend, BenchError, Progress, measure};
 
 /// What a run is told.
@@ -200,7 +201,7 @@ impl Runner<'_> {
             let given_back = if kinds == wanted_kinds { last.as_ref().map_or(0, Pair::bytes) } else { 0 };
             let limits = Limits {
                 clock,
-                memory: self.options.matrix.memory_gb * f64::from(1 << 30),
+                memory: self.options.matrix.memory_gb * GB,
                 held: resident_bytes() as f64,
                 given_back: given_back as f64,
             };

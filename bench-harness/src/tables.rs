@@ -43,7 +43,7 @@ fn document(report: &Report) -> Document<'_> {
 fn header(report: &Report) -> Vec<String> {
     let m = &report.machine;
     let mut lines = vec![
-        format!("{}, {} threads, {} MB, {}", m.cpu, m.threads, m.memory_mb, m.os),
+        format!("{}, {} threads, {} MiB, {}", m.cpu, m.threads, m.memory_mb, m.os),
         format!(
             "commit {}, {}, {} build, matrix `{}`, {:.0} s",
             m.commit, m.rustc, m.profile, report.matrix.name, report.seconds
@@ -74,7 +74,7 @@ fn cell(value: Option<String>) -> String {
     value.unwrap_or_else(|| "-".into())
 }
 
-/// Table 1: MB, seconds and bytes per voxel.
+/// Table 1: MiB, seconds and bytes per voxel.
 fn table1(report: &Report, paper: &Paper) -> TextTable {
     let mut levels: Vec<u32> = report.scenes.iter().flat_map(|s| &s.builds).map(|b| b.levels).collect();
     levels.sort_unstable();
@@ -85,9 +85,9 @@ fn table1(report: &Report, paper: &Paper) -> TextTable {
     let mut table =
         TextTable { head, left: 2, ..TextTable::new("Table 1: memory and time of building, by levels", 2, &[]) };
     table.notes = vec![
-        "MB (2^20 bytes) and seconds; bytes per voxel of the largest octree of the row, all voxels counted.".into(),
+        "MiB (2^20 bytes) and seconds; bytes per voxel of the largest octree of the row, all voxels counted.".into(),
         format!(
-            "Paper: built on {}; its meshes, and the levels of its largest octrees, differ from ours.",
+            "Paper: built on {}; its meshes, and the levels of its largest octrees, differ from ours. Its MB are taken for MiB.",
             paper.machine.cpu
         ),
         "Authors: what ESVO 1.4, the paper authors' own builder, makes of our copy of the mesh with contours.".into(),
@@ -100,7 +100,7 @@ fn table1(report: &Report, paper: &Paper) -> TextTable {
             let mut row =
                 vec![scene.name.clone(), format!("{kind}, {}", scene.mesh_title()), scene.triangles.to_string()];
             row.extend(levels.iter().map(|&l| {
-                cell(scene.build(contours, l).map(|b| format!("{} MB {} s", short(b.mb()), short(b.seconds))))
+                cell(scene.build(contours, l).map(|b| format!("{} MiB {} s", short(b.mib()), short(b.seconds))))
             }));
             row.push(format!("{:.2}", largest.bytes_per_voxel()));
             table.rows.push(row);
@@ -108,11 +108,9 @@ fn table1(report: &Report, paper: &Paper) -> TextTable {
         if let Some((bytes, largest)) = paper.bytes_per_voxel(&scene.name) {
             let triangles = cell(paper.triangles(&scene.name).map(|t| t.to_string()));
             let mut row = vec![String::new(), "contours, paper".to_string(), triangles];
-            row.extend(
-                levels.iter().map(|&l| {
-                    cell(paper.build(&scene.name, l).map(|(mb, s)| format!("{} MB {} s", short(mb), short(s))))
-                }),
-            );
+            row.extend(levels.iter().map(|&l| {
+                cell(paper.build(&scene.name, l).map(|(mb, s)| format!("{} MiB {} s", short(mb), short(s))))
+            }));
             row.push(format!("{bytes:.2} at {largest}"));
             table.rows.push(row);
         }

@@ -122,6 +122,11 @@ impl Document<'_> {
     }
 }
 
+/// Bytes of a gigabyte, in which limits are given.
+pub(crate) const GB: f64 = 1e9;
+/// Bytes of a mebibyte, in which sizes are shown.
+pub(crate) const MIB: f64 = (1u64 << 20) as f64;
+
 /// A number with about three digits: `1234`, `123`, `12.3`, `1.23`, `0.12`.
 pub fn short(x: f64) -> String {
     match x.abs() {

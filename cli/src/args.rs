@@ -95,7 +95,7 @@ pub(crate) struct Build {
     /// Keep what is finished in OUTPUT.part and go on from there if an earlier build of the same was interrupted
     #[arg(long)]
     pub(crate) resume: bool,
-    /// Memory that may be used, in 10^9 bytes; where it is short fewer threads work
+    /// Memory that may be used, in GB (10^9 bytes); where it is short fewer threads work
     #[arg(long, value_name = "GB", value_parser = parse_gigabytes)]
     pub(crate) memory_limit: Option<f64>,
     /// Store blocks compressed with Zstandard at this level
@@ -340,7 +340,7 @@ pub(crate) struct Bench {
     /// Timed rounds per row
     #[arg(long, value_name = "N")]
     pub(crate) rounds: Option<usize>,
-    /// Memory that the run may use, in GB; levels that need more are left out
+    /// Memory that the run may use, in GB (10^9 bytes); levels that need more are left out
     #[arg(long, value_name = "GB")]
     pub(crate) memory: Option<f64>,
     /// Seconds that the run is planned to take; 0: no limit

@@ -40,10 +40,10 @@ pub(crate) struct BenchBuild {
     /// Rays that errors are measured with, over all viewpoints of a scene
     #[arg(long, value_name = "N")]
     pub(crate) rays: Option<u64>,
-    /// Memory that a build may take, in GB; levels that need more are left out
+    /// Memory that a build may take, in GB (10^9 bytes); levels that need more are left out
     #[arg(long, value_name = "GB")]
     pub(crate) memory: Option<f64>,
-    /// Disk that a file may take, in GB
+    /// Disk that a file may take, in GB (10^9 bytes)
     #[arg(long, value_name = "GB")]
     pub(crate) disk: Option<f64>,
     /// Seconds that one build may take

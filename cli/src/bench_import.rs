@@ -29,7 +29,7 @@ pub(crate) struct BenchImport {
     /// Seconds that one file may take
     #[arg(long, value_name = "SECONDS", default_value_t = 60.0)]
     pub(crate) time_limit: f64,
-    /// Memory that one process may hold, in GB
+    /// Memory that one process may hold, in GB (10^9 bytes)
     #[arg(long, value_name = "GB", default_value_t = 2.0)]
     pub(crate) memory: f64,
 }

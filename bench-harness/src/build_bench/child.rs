@@ -9,6 +9,7 @@ use super::plan::Contours;
 use crate::BenchError;
 use crate::build_summary::BuildSummary;
 use crate::clock::status_bytes;
+use crate::text::GB;
 
 /// Time between two looks at a child.
 const POLL: Duration = Duration::from_millis(20);
@@ -96,7 +97,7 @@ impl Job<'_> {
                 return Ok(Ended::Stopped(format!("stopped after {:.0} s, the limit", self.seconds)));
             }
             if status_bytes(&process, "VmRSS:").is_some_and(|held| held as f64 > self.memory) {
-                let limit = self.memory / f64::from(1 << 30);
+                let limit = self.memory / GB;
                 return Ok(Ended::Stopped(format!("stopped when it held more than {limit:.1} GB; see --memory")));
             }
             std::thread::sleep(POLL);

@@ -19,6 +19,7 @@ use crate::clock::{Clock, predict};
 use crate::machine::Machine;
 use crate::matrix::LeftOut;
 use crate::scene::{self, Scene};
+use crate::text::GB;
 use crate::{BenchError, Progress};
 use accuracy::Truth;
 use child::{Ended, Job};
@@ -30,7 +31,6 @@ pub use tables::{to_markdown, to_text};
 
 /// Growth from one level to the next where only one level is known.
 const GROWTH: f64 = 4.2;
-const GIGA: f64 = (1u64 << 30) as f64;
 
 /// What a run is told.
 #[derive(Clone, Debug)]
@@ -190,7 +190,7 @@ impl Runner<'_> {
             levels,
             contours,
             output: &self.file,
-            memory: matrix.memory_gb * GIGA,
+            memory: matrix.memory_gb * GB,
             seconds: matrix.build_limit_seconds.min(self.clock.left().max(1.0)),
         };
         job.run()
@@ -211,17 +211,13 @@ impl Runner<'_> {
         let import = scene.rows.first().map_or(0, |r| r.build.import_peak_bytes) as f64;
         let above = |r: &BuildRow| r.build.peak_bytes.saturating_sub(r.build.import_peak_bytes) as f64;
         let memory = import + expected(above)?;
-        if memory > matrix.memory_gb * GIGA {
+        if memory > matrix.memory_gb * GB {
             let limit = matrix.memory_gb;
-            return Some(format!("would take about {:.1} GB of memory, and the limit is {limit}", memory / GIGA));
+            return Some(format!("would take about {:.1} GB of memory, and the limit is {limit}", memory / GB));
         }
         let disk = expected(|r| r.build.file_bytes as f64)?;
-        if disk > matrix.disk_gb * GIGA {
-            return Some(format!(
-                "would take about {:.1} GB of disk, and the limit is {}",
-                disk / GIGA,
-                matrix.disk_gb
-            ));
+        if disk > matrix.disk_gb * GB {
+            return Some(format!("would take about {:.1} GB of disk, and the limit is {}", disk / GB, matrix.disk_gb));
         }
         let seconds = expected(|r| r.build.seconds.import + r.build.seconds.build)?;
         if seconds > matrix.build_limit_seconds {

@@ -22,8 +22,8 @@ pub(crate) struct TheirBuild {
     pub(crate) seconds: f64,
     /// The same while other programs ran, where that was seen.
     pub(crate) seconds_busy: Option<f64>,
-    pub(crate) peak_mb: f64,
-    pub(crate) mb: f64,
+    pub(crate) peak_mib: f64,
+    pub(crate) mib: f64,
     /// Millions.
     pub(crate) descriptors: f64,
     /// Millions.
@@ -79,13 +79,14 @@ impl Authors {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::text::MIB;
 
     #[test]
     fn figures_agree_with_each_other() {
         let authors = Authors::figures();
         for build in &authors.build {
             let voxels = (build.descriptors + build.leaves) * 1e6;
-            let found = build.mb * f64::from(1 << 20) / voxels;
+            let found = build.mib * MIB / voxels;
             assert!((found / build.bytes_per_voxel - 1.0).abs() < 0.02, "{} {}: {found}", build.scene, build.levels);
         }
         assert!(authors.build("HAIRBALL", 10).is_some_and(|b| !b.own_mesh));

@@ -22,9 +22,9 @@ pub struct BuildMatrix {
     pub views: usize,
     /// Rays over all viewpoints of a scene, about.
     pub rays: u64,
-    /// Memory that a build may take, in units of 2^30 bytes.
+    /// Memory that a build may take, in GB (10^9 bytes).
     pub memory_gb: f64,
-    /// Disk that the file of a build may take, in units of 2^30 bytes.
+    /// Disk that the file of a build may take, in GB (10^9 bytes).
     pub disk_gb: f64,
     /// Seconds that one build may take, import and writing included.
     pub build_limit_seconds: f64,

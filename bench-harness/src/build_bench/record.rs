@@ -9,6 +9,7 @@ use crate::error::DepthError;
 use crate::machine::Machine;
 use crate::matrix::LeftOut;
 use crate::report::NamedView;
+use crate::text::MIB;
 use crate::timing::Spread;
 
 /// Version of the record's layout. Fields may be added without a new one.
@@ -95,14 +96,14 @@ impl BuildRow {
         self.spread(|s| s.seconds.build).median
     }
 
-    /// Size of the image in units of 2^20 bytes.
-    pub fn mb(&self) -> f64 {
-        self.build.image_bytes as f64 / f64::from(1 << 20)
+    /// Size of the image in MiB.
+    pub fn mib(&self) -> f64 {
+        self.build.image_bytes as f64 / MIB
     }
 
-    /// Most memory of any of the builds, in units of 2^20 bytes.
-    pub fn peak_mb(&self) -> f64 {
-        self.samples.iter().map(|s| s.peak_bytes).max().unwrap_or(0) as f64 / f64::from(1 << 20)
+    /// Most memory of any of the builds, in MiB.
+    pub fn peak_mib(&self) -> f64 {
+        self.samples.iter().map(|s| s.peak_bytes).max().unwrap_or(0) as f64 / MIB
     }
 
     /// Bytes of the image over all voxels.

@@ -5,7 +5,7 @@ use super::plan::Contours;
 use super::record::{BuildReport, BuildRow, SceneBuilds};
 use crate::error::{DepthError, Summary};
 use crate::paper::Paper;
-use crate::text::{Document, TextTable, short};
+use crate::text::{Document, MIB, TextTable, short};
 
 /// The levels of the paper's Table 1.
 const TABLE1_LEVELS: [u32; 7] = [10, 11, 12, 13, 14, 15, 16];
@@ -50,13 +50,13 @@ fn header(report: &BuildReport) -> Vec<String> {
     let samples = report.scenes.iter().flat_map(|s| &s.rows).flat_map(|r| &r.samples);
     let load = samples.map(|s| s.load).fold(0.0, f64::max);
     let mut lines = vec![
-        format!("{}, {} threads, {} MB, {}", m.cpu, m.threads, m.memory_mb, m.os),
+        format!("{}, {} threads, {} MiB, {}", m.cpu, m.threads, m.memory_mb, m.os),
         format!(
             "commit {}, {}, {} build, matrix `{}`, {:.0} s",
             m.commit, m.rustc, m.profile, report.matrix.name, report.seconds
         ),
         format!(
-            "limits: {} GB of memory, {} GB of disk, {:.0} s for each build",
+            "limits: {} GB (10^9 bytes) of memory, {} GB of disk, {:.0} s for each build",
             report.matrix.memory_gb, report.matrix.disk_gb, report.matrix.build_limit_seconds
         ),
     ];
@@ -94,12 +94,12 @@ fn builds(report: &BuildReport) -> TextTable {
         "prepare",
         "voxelize",
         "write",
-        "peak MB",
+        "peak MiB",
         "of import",
         "descriptors",
         "leaves",
         "contours",
-        "MB",
+        "MiB",
         "B/voxel",
     ];
     let mut table = TextTable::new("Builds", 2, &head);
@@ -107,10 +107,10 @@ fn builds(report: &BuildReport) -> TextTable {
         "Seconds from the mesh in memory to the octree in its file, median ± half the distance of the quartiles, and how they \
          divide into preparing the mesh, voxelizing, and placing and writing blocks; import apart."
             .into(),
-        "Peak MB (2^20 bytes): most memory that the process ever held, and had held when the mesh was read. Descriptors, \
+        "Peak MiB: most memory that the process ever held, and had held when the mesh was read. Descriptors, \
          leaf voxels and contours in millions."
             .into(),
-        "MB: the image, what a caster needs in memory; bytes per voxel, all voxels counted.".into(),
+        "MiB (2^20 bytes): the image, what a caster needs in memory; bytes per voxel, all voxels counted.".into(),
     ];
     for (scene, row) in rows(report) {
         let seconds = row.spread(|s| s.seconds.build);
@@ -125,12 +125,12 @@ fn builds(report: &BuildReport) -> TextTable {
             phase(|s| s.prepare),
             phase(|s| s.voxelize),
             phase(|s| s.write),
-            format!("{:.0}", row.peak_mb()),
-            format!("{:.0}", row.build.import_peak_bytes as f64 / f64::from(1 << 20)),
+            format!("{:.0}", row.peak_mib()),
+            format!("{:.0}", row.build.import_peak_bytes as f64 / MIB),
             millions(row.build.descriptors),
             millions(row.build.leaves),
             millions(row.build.contours),
-            short(row.mb()),
+            short(row.mib()),
             format!("{:.2}", row.bytes_per_voxel()),
         ]);
     }
@@ -144,8 +144,8 @@ fn beside_authors(report: &BuildReport, authors: &Authors) -> TextTable {
         "builder",
         "levels",
         "seconds",
-        "peak MB",
-        "MB",
+        "peak MiB",
+        "MiB",
         "B/voxel",
         "descriptors",
         "leaves",
@@ -173,13 +173,13 @@ fn beside_authors(report: &BuildReport, authors: &Authors) -> TextTable {
             format!("ours, {}", scene.mesh_title()),
             row.levels.to_string(),
             short(ours),
-            format!("{:.0}", row.peak_mb()),
-            short(row.mb()),
+            format!("{:.0}", row.peak_mib()),
+            short(row.mib()),
             format!("{:.2}", row.bytes_per_voxel()),
             millions(build.descriptors),
             millions(build.leaves),
             millions(build.contours),
-            if theirs.own_mesh { ratio(theirs.mb, row.mb()) } else { "-".into() },
+            if theirs.own_mesh { ratio(theirs.mib, row.mib()) } else { "-".into() },
             if theirs.own_mesh { ratio(theirs.seconds, ours) } else { "-".into() },
         ]);
         let busy = theirs.seconds_busy.map_or(String::new(), |s| format!(" ({s})"));
@@ -188,8 +188,8 @@ fn beside_authors(report: &BuildReport, authors: &Authors) -> TextTable {
             if theirs.own_mesh { "authors" } else { "authors, another stand-in" }.into(),
             row.levels.to_string(),
             format!("{}{busy}", short(theirs.seconds)),
-            format!("{:.0}", theirs.peak_mb),
-            short(theirs.mb),
+            format!("{:.0}", theirs.peak_mib),
+            short(theirs.mib),
             format!("{:.1}", theirs.bytes_per_voxel),
             short(theirs.descriptors),
             short(theirs.leaves),
@@ -256,19 +256,22 @@ fn errors_beside_authors(report: &BuildReport, authors: &Authors) -> TextTable {
     table
 }
 
-/// The paper's Table 1: levels against MB, seconds, voxels and bytes per voxel.
+/// The paper's Table 1: levels against MiB, seconds, voxels and bytes per voxel.
 fn table1(report: &BuildReport, paper: &Paper) -> TextTable {
     let mut head = vec!["scene".to_string(), "octree".into(), "figure".into()];
     head.extend(TABLE1_LEVELS.map(|l| l.to_string()));
     let title = "Table 1: limit on octree levels against memory and time";
     let mut table = TextTable { head, left: 3, ..TextTable::new(title, 3, &[]) };
     table.notes = vec![
-        "MB of 2^20 bytes, seconds, millions of voxels (leaves and others), bytes per voxel.".into(),
-        format!("Paper: built on {}, with contours; its meshes are not quite ours.", paper.machine.cpu),
+        "MiB (2^20 bytes), seconds, millions of voxels (leaves and others), bytes per voxel.".into(),
+        format!(
+            "Paper: built on {}, with contours; its meshes are not quite ours. Its MB are taken for MiB.",
+            paper.machine.cpu
+        ),
     ];
     type Figure = (&'static str, fn(&BuildRow) -> String);
     let figures: [Figure; 4] = [
-        ("MB", |r| short(r.mb())),
+        ("MiB", |r| short(r.mib())),
         ("seconds", |r| short(r.seconds())),
         ("voxels", |r| millions(r.build.voxels)),
         ("B/voxel", |r| format!("{:.2}", r.bytes_per_voxel())),
@@ -286,7 +289,7 @@ fn table1(report: &BuildReport, paper: &Paper) -> TextTable {
             }
         }
         if TABLE1_LEVELS.iter().any(|&l| paper.build(&scene.name, l).is_some()) {
-            for (index, name) in ["MB", "seconds"].into_iter().enumerate() {
+            for (index, name) in ["MiB", "seconds"].into_iter().enumerate() {
                 let mut row = vec![scene.name.clone(), "contours, paper".into(), name.into()];
                 let figure = |l| paper.build(&scene.name, l).map(|both| short(<[f64; 2]>::from(both)[index]));
                 row.extend(TABLE1_LEVELS.map(|l| cell(figure(l))));
@@ -300,7 +303,7 @@ fn table1(report: &BuildReport, paper: &Paper) -> TextTable {
 /// How many levels contours save.
 fn saved(report: &BuildReport) -> TextTable {
     let head =
-        ["scene", "mesh", "levels", "median error", "MB", "cubical levels", "cubical MB", "levels saved", "bytes"];
+        ["scene", "mesh", "levels", "median error", "MiB", "cubical levels", "cubical MiB", "levels saved", "bytes"];
     let mut table = TextTable::new("What contours save", 2, &head);
     table.notes = vec![
         "The cubical octree that is as near to the triangles as the one with contours: its level and bytes on the trend of \
@@ -311,16 +314,16 @@ fn saved(report: &BuildReport) -> TextTable {
     for scene in &report.scenes {
         for saved in &scene.saved {
             let voxels = scene.row(Contours::On, saved.levels).and_then(|r| r.error).map(|e| e.voxels.median);
-            let mb = |bytes: f64| short(bytes / f64::from(1 << 20));
+            let mib = |bytes: f64| short(bytes / MIB);
             let beyond = if saved.extrapolated { " (>)" } else { "" };
             table.rows.push(vec![
                 scene.name.clone(),
                 scene.mesh_title().into(),
                 saved.levels.to_string(),
                 cell(voxels.map(|v| format!("{v:.3}"))),
-                mb(saved.bytes),
+                mib(saved.bytes),
                 format!("{:.1}{beyond}", saved.cubical_levels),
-                mb(saved.cubical_bytes),
+                mib(saved.cubical_bytes),
                 format!("{:.1}", saved.cubical_levels - f64::from(saved.levels)),
                 ratio(saved.cubical_bytes, saved.bytes),
             ]);
