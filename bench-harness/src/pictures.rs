@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use esvo_builder::{BuildSettings, DisplaceOptions, Mesh, TextureTest, displace};
+use esvo_builder::{BuildSettings, TextureTest, displace};
 use esvo_core::exact::CameraRays;
 use esvo_core::shading::{Picture, decode_srgb, encode_srgb, shade};
 use esvo_core::{Camera, CastOptions, Caster, View};
@@ -23,8 +23,6 @@ use crate::{BenchError, Progress};
 
 /// Rays along each side of a pixel.
 const RAYS: u32 = 2;
-/// What white stands for in a height map: this part of the mesh's largest extent, as `esvo build --displace` has it.
-const AMPLITUDE: f64 = 1.0 / 500.0;
 
 /// What is shown if nothing else is said: title, scene, viewpoint, levels, displaced.
 const SHOWN: [(&str, &str, &str, u32, bool); 4] = [
@@ -159,8 +157,8 @@ impl Shown {
         }
         if displaced {
             progress.say(format!("{title}: displacing"));
-            scene.mesh =
-                displace(&scene.mesh, &displacement(&scene.mesh, levels)).map_err(|e| BenchError::scene(title, e))?;
+            scene.mesh = displace(&scene.mesh, &scene::displacement(&scene.mesh, levels))
+                .map_err(|e| BenchError::scene(title, e))?;
         }
         let mesh = &scene.mesh;
         progress.say(format!("{title}: building {levels} levels"));
@@ -214,13 +212,6 @@ impl Shown {
         caster.cast(&view, &mut hits)?;
         Ok((shade(&self.octree, &view, &hits), CameraRays::of_view(&view, to_mesh)))
     }
-}
-
-/// As `esvo build --displace` does it.
-fn displacement(mesh: &Mesh, levels: u32) -> DisplaceOptions {
-    let (low, high) = mesh.bounds().unwrap_or_default();
-    let extent = (0..3).map(|k| high[k] - low[k]).fold(0.0, f64::max);
-    DisplaceOptions::for_levels(mesh, levels, extent * AMPLITUDE)
 }
 
 /// The picture with the rays of each pixel averaged in linear light.

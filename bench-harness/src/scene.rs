@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::time::Instant;
 
-use esvo_builder::{BuildSettings, Mesh};
+use esvo_builder::{BuildSettings, DisplaceOptions, Mesh};
 use esvo_core::Camera;
 use esvo_scenes::{CameraSpec, FoundScene, SceneEntry, SceneManifest, SceneVariant, locate_scene};
 
@@ -22,8 +22,10 @@ pub struct Scene {
     pub credit: String,
     /// Whether pictures may be published.
     pub publish: bool,
-    /// The mesh.
+    /// The mesh, not displaced.
     pub mesh: Mesh,
+    /// Whether it is to be displaced.
+    pub displaced: bool,
     /// Viewpoints; at least one.
     pub views: Vec<NamedView>,
     /// The paper's settings of the builder for the scene; levels and contours are the default's.
@@ -42,9 +44,38 @@ pub fn entry<'a>(manifest: &'a SceneManifest, name: &str) -> Result<&'a SceneEnt
         return Err(BenchError::scene(name, format!("unknown; the scenes are {}", names.join(", "))));
     };
     match &entry.unsupported {
+        Some(why) if is_displaced(entry) => {
+            let what =
+                format!("{why} is not supported here; it is by esvo build, esvo bench build and esvo bench pictures");
+            Err(BenchError::scene(&entry.name, what))
+        }
         Some(why) => Err(BenchError::scene(&entry.name, format!("{why} is not supported yet"))),
         None => Ok(entry),
     }
+}
+
+/// The same, for those who displace what is to be displaced ([`is_displaced`]).
+///
+/// # Errors
+/// As [`entry`], displaced scenes excepted.
+pub fn buildable<'a>(manifest: &'a SceneManifest, name: &str) -> Result<&'a SceneEntry, BenchError> {
+    match manifest.scene(name).filter(|e| is_displaced(e)) {
+        Some(displaced) => Ok(displaced),
+        None => entry(manifest, name),
+    }
+}
+
+/// Whether the scene is its mesh displaced by the height maps of its materials.
+pub fn is_displaced(entry: &SceneEntry) -> bool {
+    entry.unsupported.as_deref() == Some("displacement")
+}
+
+/// How a mesh is displaced where nothing else is said, for an octree of so many levels: white stands for 1/500 of the mesh's
+/// largest extent.
+pub fn displacement(mesh: &Mesh, levels: u32) -> DisplaceOptions {
+    let (low, high) = mesh.bounds().unwrap_or_default();
+    let extent = (0..3).map(|k| high[k] - low[k]).fold(0.0, f64::max);
+    DisplaceOptions::for_levels(mesh, levels, extent / 500.0)
 }
 
 /// The paper's settings of the builder for a scene; levels and contours are the default's.
@@ -137,6 +168,7 @@ impl Scene {
             },
             publish: entry.publish || variant == SceneVariant::StandIn,
             mesh,
+            displaced: is_displaced(entry),
             views,
             settings: settings(entry),
             seconds: start.elapsed().as_secs_f64(),

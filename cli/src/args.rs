@@ -104,7 +104,8 @@ pub(crate) struct Build {
     /// Store colours and normals as they are, 4 bytes each, instead of compressed in blocks
     #[arg(long)]
     pub(crate) plain_attributes: bool,
-    /// Build this scene of the manifest with the paper's settings: its real mesh, or its procedural stand-in
+    /// Build this scene of the manifest with the paper's settings: its real mesh, or its procedural stand-in; SIBENIK-D is
+    /// displaced
     #[arg(long, value_name = "NAME")]
     pub(crate) scene: Option<String>,
     /// Build the scene's procedural stand-in even if the real mesh is found

@@ -12,11 +12,13 @@ use crate::fail::{Failure, complain, print};
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Each octree is built by a process of its own and cast against the triangles of its mesh. Tables stand beside the paper's and
-its authors' builder's figures.
+its authors' builder's figures. A scene's levels end where the next one, by the growth of the last two, would exceed a limit.
+The record and the tables are written whenever an octree is done: a run that is stopped leaves what it has. Exit code 1 if a
+build failed. Octrees are built in the temporary folder ($TMPDIR) and removed.
 
 Examples:
   esvo bench build                                     what the authors' builder was measured on
-  esvo bench build --full                              the paper's Table 1, levels 10 to 16
+  esvo bench build --full                              the paper's Table 1, levels 10 to 16: an hour and more
   esvo bench build --scenes sibenik --levels 9,10 --contours on")]
 pub(crate) struct BenchBuild {
     /// The paper's Table 1: every scene, levels 10 to 16, as far as the limits allow
@@ -83,13 +85,18 @@ pub(crate) fn run(arguments: &BenchBuild) -> Result<(), Failure> {
     let program = std::env::current_exe().map_err(|e| format!("this program cannot find itself: {e}"))?;
     let options = Options { matrix, scenes_dir: arguments.scenes_dir.clone(), program };
     let progress = Progress::terminal();
-    let report = run_builds(&options, &progress);
+    let report = run_builds(&options, &progress, &mut |report| write(report, &arguments.out).map(drop));
     progress.finish();
     let report = report?;
     let written = write(&report, &arguments.out)?;
     let printed = print(&if arguments.json { report.to_json() } else { to_text(&report) });
     for path in written {
         complain("written", &path.display().to_string());
+    }
+    let failed: Vec<_> =
+        report.failures().map(|(scene, s)| format!("{} at {} levels: {}", scene.name, s.levels, s.why)).collect();
+    if !failed.is_empty() {
+        return Err(failed.join("; ").into());
     }
     printed
 }

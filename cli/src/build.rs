@@ -16,7 +16,7 @@ use crate::words::{count, size};
 
 pub(crate) fn run(arguments: &Build) -> Result<(), Failure> {
     let manifest = SceneManifest::builtin()?;
-    let scene = arguments.scene.as_ref().map(|name| scene::entry(&manifest, name)).transpose()?;
+    let scene = arguments.scene.as_ref().map(|name| scene::buildable(&manifest, name)).transpose()?;
     let settings = settings(arguments, &manifest, scene)?;
     settings.check()?;
     check_output(&arguments.output)?;
@@ -32,7 +32,7 @@ pub(crate) fn run(arguments: &Build) -> Result<(), Failure> {
     let progress = Progress::terminal();
     let start = Instant::now();
     let (mesh, source) = mesh(arguments, scene, &progress)?;
-    let mesh = arguments.displacement.apply(mesh, &source, settings.levels)?;
+    let mesh = arguments.displacement.apply(mesh, &source, settings.levels, scene.is_some_and(scene::is_displaced))?;
     let import = start.elapsed().as_secs_f64();
     let import_peak_bytes = peak_bytes();
     let start = Instant::now();
@@ -111,7 +111,7 @@ fn explain(path: &Path, error: &ImportError) -> String {
 }
 
 fn settings(arguments: &Build, manifest: &SceneManifest, scene: Option<&SceneEntry>) -> Result<BuildSettings, Failure> {
-    let named = arguments.paper.as_ref().map(|name| scene::entry(manifest, name)).transpose()?;
+    let named = arguments.paper.as_ref().map(|name| scene::buildable(manifest, name)).transpose()?;
     let preset = arguments.preset.map(|preset| BuildSettings::preset(preset.into()));
     let mut settings = preset.or_else(|| named.or(scene).map(scene::settings)).unwrap_or_default();
     settings.levels = arguments.levels;

@@ -3,7 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use esvo_builder::{BuildError, DisplaceOptions, Mesh, displace, import};
+use esvo_bench::scene;
+use esvo_builder::{BuildError, Mesh, displace, import};
 
 use crate::fail::Failure;
 
@@ -44,23 +45,19 @@ fn parse_height_map(text: &str) -> Result<(String, PathBuf), String> {
 }
 
 impl Displacement {
-    /// The mesh as it is to be built to `levels`: displaced if that was asked for. In cells of two of the finest voxels.
-    /// `source` is what errors call the mesh.
-    pub(crate) fn apply(&self, mut mesh: Mesh, source: &str, levels: u32) -> Result<Mesh, Failure> {
-        if self.displace.is_none() && self.height_map.is_empty() {
+    /// The mesh as it is to be built to `levels`: displaced if that was asked for, or if the scene `always` is. In cells of
+    /// two of the finest voxels. `source` is what errors call the mesh.
+    pub(crate) fn apply(&self, mut mesh: Mesh, source: &str, levels: u32, always: bool) -> Result<Mesh, Failure> {
+        if self.displace.is_none() && self.height_map.is_empty() && !always {
             return Ok(mesh);
         }
         for (name, file) in &self.height_map {
             set_height_map(&mut mesh, name, file)?;
         }
-        let mut options = DisplaceOptions::for_levels(&mesh, levels, 1.0);
-        options.scale = match self.displace.unwrap_or(Amplitude::Auto) {
-            Amplitude::Units(units) => units,
-            Amplitude::Auto => {
-                let (low, high) = mesh.bounds().unwrap_or_default();
-                (0..3).map(|k| high[k] - low[k]).fold(0.0, f64::max) / 500.0
-            }
-        };
+        let mut options = scene::displacement(&mesh, levels);
+        if let Some(Amplitude::Units(units)) = self.displace {
+            options.scale = units;
+        }
         displace(&mesh, &options).map_err(|error| match error {
             BuildError::Setting { .. } => format!("--displace: {error}").into(),
             _ => format!("{source}: {error}").into(),

@@ -40,7 +40,7 @@ fn main() -> ExitCode {
     // Interrupted while writing: leave nothing half-written behind.
     let interrupted = ctrlc::set_handler(|| {
         esvo_format::remove_temporaries();
-        esvo_bench::format_bench::remove_temporaries();
+        esvo_bench::remove_temporaries();
         std::process::exit(130);
     });
     if let Err(error) = interrupted {

@@ -111,7 +111,7 @@ fn camera(arguments: &Render, octree: &Octree) -> Result<Camera, Failure> {
         return Ok(viewpoint::overview(octree, up, fov.unwrap_or(60.0), width / height));
     };
     let manifest = esvo_scenes::SceneManifest::builtin()?;
-    let entry = scene::entry(&manifest, name)?;
+    let entry = scene::buildable(&manifest, name)?;
     let (variant, views) = scene::cameras(entry, arguments.scenes_dir.as_deref(), arguments.stand_in)?;
     let index = arguments.view.wrapping_sub(1);
     let view =

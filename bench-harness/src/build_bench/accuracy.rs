@@ -3,6 +3,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use esvo_builder::{Mesh, displace};
 use esvo_core::exact::{CameraRays, TriangleHit};
 use esvo_core::{CastOptions, Caster, View};
 use esvo_cpu::CpuCaster;
@@ -12,13 +13,21 @@ use esvo_format::Octree;
 use crate::BenchError;
 use crate::cutout::cast_solid;
 use crate::error::{DepthError, DepthErrors, voxel_edges};
-use crate::scene::Scene;
+use crate::scene::{Scene, displacement};
 
 /// The triangles of a scene, and what its rays hit among them.
 pub(crate) struct Truth {
     scene: Scene,
-    triangles: TriangleScene,
     size: [u32; 2],
+    /// Those that were asked for last: a displaced mesh has others at every level.
+    known: Option<(u32, Triangles)>,
+}
+
+/// Triangles and what was cast against them.
+struct Triangles {
+    /// The mesh after displacement; `None`: that of the scene.
+    displaced: Option<Mesh>,
+    sorted: TriangleScene,
     /// By their rays, which depend on where the root cube lies: the same for all octrees of a mesh.
     views: Vec<(CameraRays, Vec<TriangleHit>)>,
 }
@@ -29,29 +38,47 @@ pub(crate) struct Errors {
     pub(crate) pixel: DepthError,
 }
 
-impl Truth {
-    /// Of a scene, its pictures being of this size.
-    pub(crate) fn new(scene: Scene, size: [u32; 2]) -> Result<Self, BenchError> {
-        let mesh = &scene.mesh;
+impl Triangles {
+    fn new(scene: &Scene, levels: u32) -> Result<Self, BenchError> {
+        let failed = |e: String| BenchError::scene(&scene.name, e);
+        let displaced = if scene.displaced {
+            let options = displacement(&scene.mesh, levels);
+            Some(displace(&scene.mesh, &options).map_err(|e| failed(e.to_string()))?)
+        } else {
+            None
+        };
+        let mesh = displaced.as_ref().unwrap_or(&scene.mesh);
         let corners = mesh.triangles.iter().map(|t| t.map(|v| mesh.positions[v as usize])).collect();
-        let triangles = TriangleScene::new(corners).map_err(|e| BenchError::scene(&scene.name, e))?;
-        Ok(Self { scene, triangles, size, views: Vec::new() })
+        let sorted = TriangleScene::new(corners).map_err(|e| failed(e.to_string()))?;
+        Ok(Self { displaced, sorted, views: Vec::new() })
     }
 
-    fn hits(&mut self, rays: CameraRays) -> &[TriangleHit] {
+    fn hits(&mut self, scene: &Scene, rays: CameraRays) -> &[TriangleHit] {
         let known = self.views.iter().position(|(known, _)| *known == rays);
         let index = known.unwrap_or_else(|| {
-            let hits = cast_solid(&self.scene.mesh, &self.triangles, &rays);
+            let hits = cast_solid(self.displaced.as_ref().unwrap_or(&scene.mesh), &self.sorted, &rays);
             self.views.push((rays, hits));
             self.views.len() - 1
         });
         &self.views[index].1
     }
+}
 
-    /// Casts every view of the scene against the octree in a file, with its contours if it has any.
-    pub(crate) fn errors(&mut self, file: &Path) -> Result<Errors, BenchError> {
-        let name = self.scene.name.clone();
-        let failed = |what: String| BenchError::scene(&name, what);
+impl Truth {
+    /// Of a scene, its pictures being of this size.
+    pub(crate) fn new(scene: Scene, size: [u32; 2]) -> Self {
+        Self { scene, size, known: None }
+    }
+
+    /// Casts every view of the scene against the octree of `levels` in a file, with its contours if it has any.
+    pub(crate) fn errors(&mut self, file: &Path, levels: u32) -> Result<Errors, BenchError> {
+        let scene = &self.scene;
+        let failed = |what: String| BenchError::scene(&scene.name, what);
+        let usable = |(known, _): &(u32, Triangles)| !scene.displaced || *known == levels;
+        let (_, triangles) = match self.known.take().filter(usable) {
+            Some(known) => self.known.insert(known),
+            None => self.known.insert((levels, Triangles::new(scene, levels)?)),
+        };
         let octree = Arc::new(Octree::open(file).map_err(|e| failed(e.to_string()))?);
         octree.sound().map_err(|e| failed(e.to_string()))?;
         let cast = |e: esvo_core::CastError| failed(e.to_string());
@@ -59,17 +86,16 @@ impl Truth {
         caster.load(&octree).map_err(cast)?;
         let (to_mesh, root) = (octree.octree_to_mesh(0), octree.objects()[0].root_slot as u32);
         let edges = voxel_edges(&octree, 0);
-        let cameras: Vec<_> = self.scene.views.iter().map(|v| v.camera).collect();
         let mut hits = Vec::new();
         let [leaves, pixel] = [0.0, 1.0].map(|max_voxel_pixels| {
             let mut errors = DepthErrors::default();
-            for camera in &cameras {
+            for view in &scene.views {
                 let options = CastOptions { contours: true, beam: false, max_voxel_pixels };
-                let view = View::new(camera, to_mesh, root, self.size.into(), &options)?;
+                let view = View::new(&view.camera, to_mesh, root, self.size.into(), &options)?;
                 caster.cast(&view, &mut hits)?;
                 // The rays as the kernels take them: the rounding of the camera is not the octree's error.
                 let rays = CameraRays::of_view(&view, to_mesh);
-                errors.add(&rays, self.hits(rays), &hits, edges);
+                errors.add(&rays, triangles.hits(scene, rays), &hits, edges);
             }
             Ok(errors.finish())
         });

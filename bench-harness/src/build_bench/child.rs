@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
+use super::limit::Limit;
 use super::plan::Contours;
 use crate::BenchError;
 use crate::build_summary::BuildSummary;
@@ -32,16 +33,20 @@ pub(crate) struct Job<'a> {
     pub(crate) output: &'a Path,
     /// Bytes that the process may hold.
     pub(crate) memory: f64,
+    /// Bytes that the octree may take on disk.
+    pub(crate) disk: f64,
     /// Seconds that it may take.
     pub(crate) seconds: f64,
+    /// Whose limit that is: of one build, or what the run has left.
+    pub(crate) seconds_of: Limit,
 }
 
 /// How a build ended.
 pub(crate) enum Ended {
     /// It is done.
     Done(Box<BuildSummary>),
-    /// It was stopped at a limit, in words.
-    Stopped(String),
+    /// There is no octree: a limit, and in words what happened.
+    Stopped(Limit, String),
 }
 
 /// Kills the process when dropped, so that an error on the way leaves none behind.
@@ -72,15 +77,16 @@ impl Job<'_> {
         command
     }
 
-    /// Runs it to its end or to a limit.
+    /// Runs it to its end or to a limit. That it failed is a limit too.
     ///
     /// # Errors
-    /// The program cannot be started, or says that it failed.
+    /// The program cannot be started, or does not report as it should.
     pub(crate) fn run(&self) -> Result<Ended, BenchError> {
         let failed = |what: String| {
             let what = format!("{} at {} levels, {}: {what}", self.scene, self.levels, self.contours.title());
             BenchError::scene(self.scene, what)
         };
+        let stopped = |limit: Limit, what: String| Ok(Ended::Stopped(limit, what));
         let folder = self.output.parent().unwrap_or(Path::new("."));
         let (out, err) = (folder.join("build.json"), folder.join("build.log"));
         let create = |path: &PathBuf| File::create(path).map_err(|e| BenchError::io(path, e));
@@ -94,22 +100,28 @@ impl Job<'_> {
                 break status;
             }
             if start.elapsed().as_secs_f64() > self.seconds {
-                return Ok(Ended::Stopped(format!("stopped after {:.0} s, the limit", self.seconds)));
+                return stopped(self.seconds_of, format!("stopped after {:.0} s, the limit", self.seconds));
             }
-            if status_bytes(&process, "VmRSS:").is_some_and(|held| held as f64 > self.memory) {
-                let limit = self.memory / GB;
-                return Ok(Ended::Stopped(format!("stopped when it held more than {limit:.1} GB; see --memory")));
+            // Of its own: pages of the file that is looked at once more in the end can be had back at any time.
+            if status_bytes(&process, "RssAnon:").is_some_and(|held| held as f64 > self.memory) {
+                let what = format!("stopped when it held more than {:.1} GB; see --memory", self.memory / GB);
+                return stopped(Limit::Memory, what);
             }
             std::thread::sleep(POLL);
         };
         let read = |path: &PathBuf| std::fs::read(path).map(|b| String::from_utf8_lossy(&b).into_owned());
         if !status.success() {
             let log = read(&err).unwrap_or_default();
-            return Err(failed(log.lines().last().unwrap_or("failed without a word").into()));
+            let last = log.lines().last().unwrap_or("it said nothing");
+            return stopped(Limit::Failed, format!("the build failed: {}", last.trim_start_matches("error: ")));
         }
         let text = read(&out).map_err(|e| BenchError::io(&out, e))?;
         let mut summary: BuildSummary =
             serde_json::from_str(&text).map_err(|e| failed(format!("its report cannot be read: {e}")))?;
+        if summary.file_bytes as f64 > self.disk {
+            let what = format!("took {:.1} GB of disk; see --disk", summary.file_bytes as f64 / GB);
+            return stopped(Limit::Disk, what);
+        }
         // The folder is gone when the record is read.
         summary.output = Path::new(&summary.output).file_name().unwrap_or_default().to_string_lossy().into_owned();
         Ok(Ended::Done(Box::new(summary)))

@@ -5,6 +5,7 @@
 
 mod accuracy;
 mod child;
+mod limit;
 mod peers;
 mod plan;
 mod record;
@@ -13,24 +14,23 @@ mod tables;
 
 use std::path::{Path, PathBuf};
 
-use esvo_scenes::{SceneManifest, SceneVariant};
+use esvo_scenes::{SceneEntry, SceneManifest, SceneVariant};
 
-use crate::clock::{Clock, predict};
+use crate::clock::Clock;
 use crate::machine::Machine;
 use crate::matrix::LeftOut;
 use crate::scene::{self, Scene};
+use crate::scratch::Scratch;
 use crate::text::GB;
 use crate::{BenchError, Progress};
-use accuracy::Truth;
+use accuracy::{Errors, Truth};
 use child::{Ended, Job};
 
+pub use limit::{Limit, Stopped};
 pub use plan::{BuildMatrix, Contours};
 pub use record::{BuildReport, BuildRow, BuildSample, SCHEMA, SceneBuilds};
-pub use saved::SavedLevels;
+pub use saved::{Measure, SavedLevels};
 pub use tables::{to_markdown, to_text};
-
-/// Growth from one level to the next where only one level is known.
-const GROWTH: f64 = 4.2;
 
 /// What a run is told.
 #[derive(Clone, Debug)]
@@ -43,36 +43,45 @@ pub struct Options {
     pub program: PathBuf,
 }
 
-/// Builds everything that the matrix names and its limits allow.
+/// Builds everything that the matrix names and its limits allow, and hands the report to `save` whenever a row is done, so
+/// that a run which is stopped leaves what it has. A build that fails is recorded ([`BuildReport::failures`]) and ends its
+/// ladder of levels; the others go on.
 ///
 /// # Errors
-/// A scene that does not exist, a mesh that cannot be used, a build that fails other than at a limit.
-pub fn run(options: &Options, progress: &Progress) -> Result<BuildReport, BenchError> {
+/// A scene that does not exist, a mesh that cannot be used, builds that give other octrees the second time, what `save` says.
+pub fn run(
+    options: &Options,
+    progress: &Progress,
+    save: &mut dyn FnMut(&BuildReport) -> Result<(), BenchError>,
+) -> Result<BuildReport, BenchError> {
     let matrix = &options.matrix;
     matrix.validate().map_err(|what| BenchError::Matrix { file: matrix.name.clone(), what })?;
     let manifest = SceneManifest::builtin().map_err(|e| BenchError::scene("manifest", e))?;
-    let scratch = tempfile::Builder::new().prefix("esvo-bench-").tempdir();
-    let scratch = scratch.map_err(|e| BenchError::io(&std::env::temp_dir(), e))?;
+    // All names first: a wrong one must not be found after an hour.
+    let entries = (matrix.scenes.iter())
+        .map(|wanted| Ok((scene::buildable(&manifest, &wanted.name)?, &wanted.levels[..])))
+        .collect::<Result<Vec<_>, BenchError>>()?;
+    let scratch = Scratch::new()?;
+    let report = BuildReport {
+        schema: SCHEMA,
+        machine: Machine::detect(),
+        matrix: matrix.clone(),
+        scenes: Vec::new(),
+        left_out: matrix.left_out.clone(),
+        seconds: 0.0,
+        complete: false,
+    };
     let clock = Clock::start(matrix.time_limit_seconds);
-    let mut runner =
-        Runner { options, progress, clock, file: scratch.path().join("octree.esvo"), left_out: Vec::new() };
-    runner.left_out.clone_from(&matrix.left_out);
-    let machine = Machine::detect();
-    let mut scenes = Vec::new();
-    for wanted in &matrix.scenes {
-        let entry = scene::entry(&manifest, &wanted.name)?;
-        progress.say(format!("{}: reading the mesh", entry.name));
-        let scene = Scene::load(entry, options.scenes_dir.as_deref(), matrix.views)?;
-        scenes.push(runner.first_round(scene, &wanted.levels)?);
+    let mut runner = Runner { options, progress, clock, file: scratch.file("octree.esvo"), report, save };
+    for (entry, levels) in entries {
+        runner.scene(entry, levels)?;
     }
     for round in 1..matrix.repeats {
-        runner.round(round, &mut scenes)?;
+        runner.round(round)?;
     }
-    for scene in &mut scenes {
-        scene.saved = saved::saved(&scene.rows);
-    }
-    let Runner { left_out, clock, .. } = runner;
-    Ok(BuildReport { schema: SCHEMA, machine, matrix: matrix.clone(), scenes, left_out, seconds: clock.elapsed() })
+    runner.report.complete = true;
+    runner.save()?;
+    Ok(runner.report)
 }
 
 struct Runner<'a> {
@@ -81,93 +90,117 @@ struct Runner<'a> {
     clock: Clock,
     /// The octree that is being built or looked at.
     file: PathBuf,
-    left_out: Vec<LeftOut>,
+    report: BuildReport,
+    save: &'a mut dyn FnMut(&BuildReport) -> Result<(), BenchError>,
 }
 
 impl Runner<'_> {
+    fn save(&mut self) -> Result<(), BenchError> {
+        self.report.seconds = self.clock.elapsed();
+        (self.save)(&self.report)
+    }
+
     /// Builds a scene level by level, and measures the errors.
-    fn first_round(&mut self, scene: Scene, levels: &[u32]) -> Result<SceneBuilds, BenchError> {
-        let size = self.options.matrix.picture_size(scene.views.len());
-        let mut builds = SceneBuilds {
-            name: scene.name.clone(),
-            mesh: scene.variant.to_string(),
-            triangles: scene.mesh.triangle_count() as u64,
-            identity: scene.identity.clone(),
-            credit: scene.credit.clone(),
-            views: scene.views.clone(),
-            size,
-            rows: Vec::new(),
-            saved: Vec::new(),
-        };
-        let stand_in = scene.variant == SceneVariant::StandIn;
-        let mut truth = Truth::new(scene, size)?;
-        let mut kinds = self.options.matrix.contours.clone();
+    fn scene(&mut self, entry: &SceneEntry, levels: &[u32]) -> Result<(), BenchError> {
+        let matrix = &self.options.matrix;
+        let scenes_dir = self.options.scenes_dir.as_deref();
+        if entry.stand_in.is_none() && esvo_scenes::find_scene_file(entry, scenes_dir).is_none() {
+            let reason = "its mesh is not here, and there is no stand-in; --scenes-dir says where it is".into();
+            self.report.left_out.push(LeftOut { what: entry.name.clone(), reason });
+            return self.save();
+        }
+        self.progress.say(format!("{}: reading the mesh", entry.name));
+        let scene = Scene::load(entry, scenes_dir, matrix.views)?;
+        let size = matrix.picture_size(scene.views.len());
+        self.report.scenes.push(SceneBuilds::new(&scene, size));
+        let mut ladder = Ladder { stand_in: scene.variant == SceneVariant::StandIn, truth: Truth::new(scene, size) };
+        let mut kinds = matrix.contours.clone();
         for (index, &level) in levels.iter().enumerate() {
             for kind in kinds.clone() {
-                let refused = match self.refusal(&builds, kind) {
-                    Some(why) => Some((why, true)),
-                    None => {
-                        let load = load();
-                        match self.build(&builds.name, stand_in, level, kind, &format!("at {level} levels"))? {
-                            Ended::Stopped(why) => Some((why, false)),
-                            Ended::Done(build) => {
-                                let name = &builds.name;
-                                self.progress.say(format!("{name}: error at {level} levels, {}", kind.title()));
-                                let errors = truth.errors(&self.file)?;
-                                let sample = BuildSample { seconds: build.seconds, peak_bytes: build.peak_bytes, load };
-                                builds.rows.push(BuildRow {
-                                    levels: level,
-                                    contours: kind,
-                                    build: *build,
-                                    samples: vec![sample],
-                                    error: Some(errors.leaves),
-                                    error_at_pixel: Some(errors.pixel),
-                                });
-                                None
-                            }
-                        }
-                    }
-                };
-                self.remove();
-                if let Some((why, expected)) = refused {
+                if let Some((limit, why)) = self.step(&mut ladder, level, kind)? {
                     kinds.retain(|k| *k != kind);
-                    self.leave_out(&builds.name, kind, &levels[index..], &why, expected);
+                    self.stop(kind, &levels[index..], limit, why);
                 }
+                self.save()?;
             }
         }
-        Ok(builds)
+        Ok(())
+    }
+
+    /// The scene that is at work.
+    fn builds(&mut self) -> &mut SceneBuilds {
+        self.report.scenes.last_mut().expect("a scene is at work")
+    }
+
+    /// Builds one octree of the scene and measures its errors, or says why there is none.
+    fn step(&mut self, ladder: &mut Ladder, level: u32, kind: Contours) -> Result<Option<(Limit, String)>, BenchError> {
+        let matrix = &self.options.matrix;
+        let left = self.clock.left();
+        let builds = self.builds();
+        let name = builds.name.clone();
+        if let Some(refused) = limit::refusal(&builds.rows, kind, matrix, left) {
+            return Ok(Some(refused));
+        }
+        let load = load();
+        let ended = self.build(&name, ladder.stand_in, level, kind, &format!("at {level} levels"));
+        let build = match ended? {
+            Ended::Stopped(limit, why) => {
+                self.remove();
+                return Ok(Some((limit, why)));
+            }
+            Ended::Done(build) => build,
+        };
+        self.progress.say(format!("{name}: error at {level} levels, {}", kind.title()));
+        let errors = ladder.truth.errors(&self.file, level);
+        self.remove();
+        let sample = BuildSample { seconds: build.seconds, peak_bytes: build.peak_bytes, load };
+        let (errors, failed) = match errors {
+            Ok(Errors { leaves, pixel }) => ([Some(leaves), Some(pixel)], None),
+            Err(e) => ([None, None], Some((Limit::Failed, format!("casting it: {e}")))),
+        };
+        let [error, error_at_pixel] = errors;
+        let row =
+            BuildRow { levels: level, contours: kind, build: *build, samples: vec![sample], error, error_at_pixel };
+        let builds = self.builds();
+        builds.rows.push(row);
+        builds.saved = saved::saved(&builds.rows);
+        Ok(failed)
     }
 
     /// Builds once more what was built and did not take too long.
-    fn round(&mut self, round: usize, scenes: &mut [SceneBuilds]) -> Result<(), BenchError> {
-        for scene in scenes {
-            let stand_in = scene.mesh != "real";
-            for row in &mut scene.rows {
-                let seconds = &row.samples[0].seconds;
-                let all = seconds.import + seconds.build;
-                if all > self.options.matrix.repeat_below_seconds || all > self.clock.left() {
-                    continue;
-                }
-                let load = load();
-                let what = format!("at {} levels, round {}", row.levels, round + 1);
-                let ended = self.build(&scene.name, stand_in, row.levels, row.contours, &what);
-                self.remove();
-                let Ended::Done(build) = ended? else { continue };
-                if (build.voxels, build.image_bytes) != (row.build.voxels, row.build.image_bytes) {
-                    let what = format!(
-                        "{} levels, {}: {} voxels in {} bytes the first time, {} in {} the next: building must give the \
-                         same whatever the threads do",
-                        row.levels,
-                        row.contours.title(),
-                        row.build.voxels,
-                        row.build.image_bytes,
-                        build.voxels,
-                        build.image_bytes
-                    );
-                    return Err(BenchError::scene(&scene.name, what));
-                }
-                row.samples.push(BuildSample { seconds: build.seconds, peak_bytes: build.peak_bytes, load });
+    fn round(&mut self, round: usize) -> Result<(), BenchError> {
+        let all: Vec<(usize, usize)> = (self.report.scenes.iter().enumerate())
+            .flat_map(|(s, scene)| (0..scene.rows.len()).map(move |r| (s, r)))
+            .collect();
+        for (s, r) in all {
+            let scene = &self.report.scenes[s];
+            let row = &scene.rows[r];
+            let (name, stand_in, levels, kind) = (scene.name.clone(), scene.mesh != "real", row.levels, row.contours);
+            let seconds = &row.samples[0].seconds;
+            let all = seconds.import + seconds.build;
+            if all > self.options.matrix.repeat_below_seconds || all > self.clock.left() {
+                continue;
             }
+            let load = load();
+            let what = format!("at {levels} levels, round {}", round + 1);
+            let ended = self.build(&name, stand_in, levels, kind, &what);
+            self.remove();
+            let Ended::Done(build) = ended? else { continue };
+            let row = &mut self.report.scenes[s].rows[r];
+            if (build.voxels, build.image_bytes) != (row.build.voxels, row.build.image_bytes) {
+                let what = format!(
+                    "{levels} levels, {}: {} voxels in {} bytes the first time, {} in {} the next: building must give \
+                     the same whatever the threads do",
+                    kind.title(),
+                    row.build.voxels,
+                    row.build.image_bytes,
+                    build.voxels,
+                    build.image_bytes
+                );
+                return Err(BenchError::scene(&name, what));
+            }
+            row.samples.push(BuildSample { seconds: build.seconds, peak_bytes: build.peak_bytes, load });
+            self.save()?;
         }
         Ok(())
     }
@@ -182,6 +215,7 @@ impl Runner<'_> {
     ) -> Result<Ended, BenchError> {
         self.progress.say(format!("{scene}: building {}, {what}", contours.title()));
         let matrix = &self.options.matrix;
+        let left = self.clock.left().max(1.0);
         let job = Job {
             program: &self.options.program,
             scenes_dir: self.options.scenes_dir.as_deref(),
@@ -191,58 +225,34 @@ impl Runner<'_> {
             contours,
             output: &self.file,
             memory: matrix.memory_gb * GB,
-            seconds: matrix.build_limit_seconds.min(self.clock.left().max(1.0)),
+            disk: matrix.disk_gb * GB,
+            seconds: matrix.build_limit_seconds.min(left),
+            seconds_of: if left < matrix.build_limit_seconds { Limit::Run } else { Limit::Build },
         };
         job.run()
     }
 
-    /// Why the next level of a kind is not built, from what the levels before it took.
-    fn refusal(&self, scene: &SceneBuilds, kind: Contours) -> Option<String> {
-        let matrix = &self.options.matrix;
-        let expected = |of: fn(&BuildRow) -> f64| {
-            let before: Vec<f64> = scene.rows.iter().filter(|r| r.contours == kind).map(of).collect();
-            predict(&before, GROWTH)
-        };
-        let left = self.clock.left();
-        if left <= 0.0 {
-            return Some("the time limit has come".into());
-        }
-        // The mesh is held at every level; what comes on top of it grows.
-        let import = scene.rows.first().map_or(0, |r| r.build.import_peak_bytes) as f64;
-        let above = |r: &BuildRow| r.build.peak_bytes.saturating_sub(r.build.import_peak_bytes) as f64;
-        let memory = import + expected(above)?;
-        if memory > matrix.memory_gb * GB {
-            let limit = matrix.memory_gb;
-            return Some(format!("would take about {:.1} GB of memory, and the limit is {limit}", memory / GB));
-        }
-        let disk = expected(|r| r.build.file_bytes as f64)?;
-        if disk > matrix.disk_gb * GB {
-            return Some(format!("would take about {:.1} GB of disk, and the limit is {}", disk / GB, matrix.disk_gb));
-        }
-        let seconds = expected(|r| r.build.seconds.import + r.build.seconds.build)?;
-        if seconds > matrix.build_limit_seconds {
-            let limit = matrix.build_limit_seconds;
-            return Some(format!("would take about {seconds:.0} s, and the limit of one build is {limit:.0} s"));
-        }
-        (seconds > left).then(|| format!("would take about {seconds:.0} s, and the time limit leaves {left:.0} s"))
-    }
-
-    fn leave_out(&mut self, scene: &str, kind: Contours, levels: &[u32], why: &str, expected: bool) {
+    /// Ends the ladder of a kind: `levels` are those that are not there.
+    fn stop(&mut self, kind: Contours, levels: &[u32], limit: Limit, why: String) {
+        let Some(&first) = levels.first() else { return };
+        let builds = self.builds();
         let all: Vec<_> = levels.iter().map(u32::to_string).collect();
-        let reason = match (expected, levels) {
-            (_, [_]) => why.to_string(),
-            (true, [first, ..]) => format!("{first} levels {why}"),
-            (false, [first, ..]) => format!("{first} levels: {why}"),
-            (_, []) => return,
-        };
-        self.left_out
-            .push(LeftOut { what: format!("{scene}, {}, at {} levels", kind.title(), all.join(", ")), reason });
+        let what = format!("{}, {}, at {} levels", builds.name, kind.title(), all.join(", "));
+        let reason = if levels.len() > 1 { format!("at {first} levels: {why}") } else { why.clone() };
+        builds.stopped.push(Stopped { contours: kind, levels: first, limit, why });
+        self.report.left_out.push(LeftOut { what, reason });
     }
 
     /// The next build starts with an empty disk; that a stopped one left nothing to remove is as well.
     fn remove(&self) {
         let _ = std::fs::remove_file(&self.file);
     }
+}
+
+/// What stays while the levels of a scene are built.
+struct Ladder {
+    stand_in: bool,
+    truth: Truth,
 }
 
 /// 1-minute load of the machine, or 0 where the system does not say.

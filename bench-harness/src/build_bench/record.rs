@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::limit::{Limit, Stopped};
 use super::plan::{BuildMatrix, Contours};
 use super::saved::SavedLevels;
 use crate::build_summary::{BuildSeconds, BuildSummary};
@@ -9,6 +10,7 @@ use crate::error::DepthError;
 use crate::machine::Machine;
 use crate::matrix::LeftOut;
 use crate::report::NamedView;
+use crate::scene::Scene;
 use crate::text::MIB;
 use crate::timing::Spread;
 
@@ -30,6 +32,9 @@ pub struct BuildReport {
     pub left_out: Vec<LeftOut>,
     /// Seconds that the run took.
     pub seconds: f64,
+    /// Whether the run came to its end; otherwise this is what was done when it was stopped.
+    #[serde(default = "yes")]
+    pub complete: bool,
 }
 
 /// Everything about one scene.
@@ -53,6 +58,13 @@ pub struct SceneBuilds {
     pub rows: Vec<BuildRow>,
     /// How many levels contours save.
     pub saved: Vec<SavedLevels>,
+    /// Where the ladders of levels end before they reach what was asked for.
+    #[serde(default)]
+    pub stopped: Vec<Stopped>,
+}
+
+fn yes() -> bool {
+    true
 }
 
 /// One octree.
@@ -113,6 +125,27 @@ impl BuildRow {
 }
 
 impl SceneBuilds {
+    /// Of a scene of which nothing is built yet, its pictures being of this size.
+    pub(crate) fn new(scene: &Scene, size: [u32; 2]) -> Self {
+        Self {
+            name: scene.name.clone(),
+            mesh: scene.variant.to_string(),
+            triangles: scene.mesh.triangle_count() as u64,
+            identity: scene.identity.clone(),
+            credit: scene.credit.clone(),
+            views: scene.views.clone(),
+            size,
+            rows: Vec::new(),
+            saved: Vec::new(),
+            stopped: Vec::new(),
+        }
+    }
+
+    /// What ended the ladder of a kind at or below this level.
+    pub fn stopped(&self, contours: Contours, levels: u32) -> Option<&Stopped> {
+        self.stopped.iter().find(|s| s.contours == contours && s.levels <= levels)
+    }
+
     /// The octree of a kind and level.
     pub fn row(&self, contours: Contours, levels: u32) -> Option<&BuildRow> {
         self.rows.iter().find(|r| r.contours == contours && r.levels == levels)
@@ -125,10 +158,49 @@ impl SceneBuilds {
 }
 
 impl BuildReport {
+    /// Ladders that a failed build ended, with their scenes.
+    pub fn failures(&self) -> impl Iterator<Item = (&SceneBuilds, &Stopped)> {
+        let failed = |s: &&Stopped| s.limit == Limit::Failed;
+        self.scenes.iter().flat_map(move |scene| scene.stopped.iter().filter(failed).map(move |s| (scene, s)))
+    }
+
     /// The record as JSON, indented.
     pub fn to_json(&self) -> String {
         let mut json = serde_json::to_string_pretty(self).expect("a report has text keys only");
         json.push('\n');
         json
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use esvo_builder::BuildSettings;
+
+    use super::*;
+
+    /// An octree that took `seconds`, with a file of `file` and a peak of `peak` GB.
+    pub(crate) fn row(levels: u32, contours: Contours, [seconds, file, peak]: [f64; 3]) -> BuildRow {
+        let build = BuildSummary {
+            schema: 1,
+            source: "made up".into(),
+            triangles: 1_000_000,
+            output: "octree.esvo".into(),
+            settings: BuildSettings::default(),
+            seconds: BuildSeconds { build: seconds, ..BuildSeconds::default() },
+            import_peak_bytes: 0,
+            peak_bytes: (peak * 1e9) as u64,
+            descriptors: 1 << levels,
+            voxels: 1 << (2 * levels),
+            leaves: 1,
+            contours: 0,
+            far_pointers: 0,
+            blocks: 1,
+            image_bytes: (file * 1e9) as u64,
+            file_bytes: (file * 1e9) as u64,
+            kinds: Vec::new(),
+            warnings: Vec::new(),
+        };
+        let sample = BuildSample { seconds: build.seconds, peak_bytes: build.peak_bytes, load: 0.0 };
+        BuildRow { levels, contours, build, samples: vec![sample], error: None, error_at_pixel: None }
     }
 }

@@ -5,13 +5,17 @@ use serde::{Deserialize, Serialize};
 
 use super::plan::Contours;
 use super::record::BuildRow;
+use crate::error::Summary;
 
 /// What the contours of one octree are worth.
 #[derive(Clone, Copy, PartialEq, Debug, Serialize, Deserialize)]
 pub struct SavedLevels {
+    /// Which error is equal.
+    #[serde(default)]
+    pub measure: Measure,
     /// Deepest level of the octree with contours.
     pub levels: u32,
-    /// Its error in mesh units: the median over the rays, which end at leaves only.
+    /// Its error in mesh units: that percentile over the rays, which end at leaves only.
     pub error: f64,
     /// Bytes of its image.
     pub bytes: f64,
@@ -23,10 +27,40 @@ pub struct SavedLevels {
     pub extrapolated: bool,
 }
 
-/// For every octree with contours; empty unless two cubical octrees are there to compare with.
+/// Which part of the rays has at most the error.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Measure {
+    /// Half: how far flat and gently curved surfaces are.
+    #[default]
+    Median,
+    /// 90 %.
+    P90,
+    /// 99 %: how far edges and silhouettes are.
+    P99,
+}
+
+impl Measure {
+    /// Every measure.
+    pub const ALL: [Self; 3] = [Self::Median, Self::P90, Self::P99];
+
+    fn of(self, errors: &Summary) -> f64 {
+        match self {
+            Self::Median => errors.median,
+            Self::P90 => errors.p90,
+            Self::P99 => errors.p99,
+        }
+    }
+}
+
+/// For every octree with contours and every measure; empty unless two cubical octrees are there to compare with.
 pub(crate) fn saved(rows: &[BuildRow]) -> Vec<SavedLevels> {
+    Measure::ALL.into_iter().flat_map(|measure| saved_by(rows, measure)).collect()
+}
+
+fn saved_by(rows: &[BuildRow], measure: Measure) -> Vec<SavedLevels> {
     let point = |row: &BuildRow| {
-        let error = row.error.as_ref()?.scene.median;
+        let error = measure.of(&row.error.as_ref()?.scene);
         (error > 0.0).then_some((f64::from(row.levels), error, row.build.image_bytes as f64))
     };
     let of = |kind: Contours| {
@@ -39,6 +73,7 @@ pub(crate) fn saved(rows: &[BuildRow]) -> Vec<SavedLevels> {
         let (cubical_levels, extrapolated) = crossing(&cubical, error)?;
         let log_bytes: Vec<_> = cubical.iter().map(|p| (p.0, p.2.log2())).collect();
         Some(SavedLevels {
+            measure,
             levels: levels as u32,
             error,
             bytes,
@@ -74,6 +109,25 @@ fn along(points: &[(f64, f64)], x: f64) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::build_bench::record::tests::row;
+    use crate::error::DepthError;
+
+    #[test]
+    fn levels_are_saved_by_every_measure_on_its_own() {
+        let with = |levels, contours, errors: [f64; 3]| {
+            let [median, p90, p99] = errors;
+            let scene = Summary { median, p90, p99, ..Summary::default() };
+            let error = Some(DepthError { scene, ..DepthError::default() });
+            BuildRow { error, ..row(levels, contours, [1.0, 4f64.powi(levels as i32 - 8), 1.0]) }
+        };
+        let mut rows = vec![with(8, Contours::Off, [1.0, 2.0, 4.0]), with(8, Contours::On, [0.125, 0.5, 4.0])];
+        assert_eq!(saved(&rows), [], "one cubical octree is no trend");
+        rows.push(with(9, Contours::Off, [0.5, 1.0, 2.0]));
+        rows.push(with(10, Contours::Off, [0.25, 0.5, 1.0]));
+        let found: Vec<_> = saved(&rows).iter().map(|s| (s.measure, s.cubical_levels, s.extrapolated)).collect();
+        assert_eq!(found, [(Measure::Median, 11.0, true), (Measure::P90, 10.0, false), (Measure::P99, 8.0, false)]);
+        assert!((saved(&rows)[0].cubical_bytes / 64e9 - 1.0).abs() < 1e-9);
+    }
 
     /// Errors that halve and bytes that quadruple with every level.
     const HALVING: [(f64, f64, f64); 3] = [(8.0, 1.0, 1e6), (9.0, 0.5, 4e6), (10.0, 0.25, 16e6)];

@@ -3,6 +3,7 @@
 use super::peers::{Authors, Termination, TheirError};
 use super::plan::Contours;
 use super::record::{BuildReport, BuildRow, SceneBuilds};
+use super::saved::{Measure, SavedLevels};
 use crate::error::{DepthError, Summary};
 use crate::paper::Paper;
 use crate::text::{Document, MIB, TextTable, short};
@@ -60,6 +61,9 @@ fn header(report: &BuildReport) -> Vec<String> {
             report.matrix.memory_gb, report.matrix.disk_gb, report.matrix.build_limit_seconds
         ),
     ];
+    if !report.complete {
+        lines.push("not finished: these are the rows that were done so far".into());
+    }
     if load > 1.5 {
         lines.push(format!("the machine was not idle: a load of up to {load:.1} before a build; seconds are too long"));
     }
@@ -88,6 +92,7 @@ fn builds(report: &BuildReport) -> TextTable {
         "scene",
         "octree",
         "levels",
+        "triangles",
         "seconds",
         "builds",
         "import",
@@ -107,6 +112,9 @@ fn builds(report: &BuildReport) -> TextTable {
         "Seconds from the mesh in memory to the octree in its file, median ± half the distance of the quartiles, and how they \
          divide into preparing the mesh, voxelizing, and placing and writing blocks; import apart."
             .into(),
+        "Triangles in millions, after displacement (SIBENIK-D, displaced in cells of two finest voxels): displacing counts as \
+         import."
+            .into(),
         "Peak MiB: most memory that the process ever held, and had held when the mesh was read. Descriptors, \
          leaf voxels and contours in millions."
             .into(),
@@ -119,6 +127,7 @@ fn builds(report: &BuildReport) -> TextTable {
             scene.name.clone(),
             format!("{}, {}", row.contours.title(), scene.mesh_title()),
             row.levels.to_string(),
+            millions(row.build.triangles),
             format!("{} ±{:.0}%", short(seconds.median), seconds.percent()),
             row.samples.len().to_string(),
             phase(|s| s.import),
@@ -264,6 +273,9 @@ fn table1(report: &BuildReport, paper: &Paper) -> TextTable {
     let mut table = TextTable { head, left: 3, ..TextTable::new(title, 3, &[]) };
     table.notes = vec![
         "MiB (2^20 bytes), seconds, millions of voxels (leaves and others), bytes per voxel.".into(),
+        "> 8 GB, > 20 min and the like: not built, as the growth of the last two levels says that the file, or the build, would \
+         exceed that limit; the list of what was left out has what was expected. -: not asked for."
+            .into(),
         format!(
             "Paper: built on {}, with contours; its meshes are not quite ours. Its MB are taken for MiB.",
             paper.machine.cpu
@@ -284,7 +296,8 @@ fn table1(report: &BuildReport, paper: &Paper) -> TextTable {
             for (name, figure) in figures {
                 let octree = format!("{}, {}", contours.title(), scene.mesh_title());
                 let mut row = vec![scene.name.clone(), octree, name.into()];
-                row.extend(TABLE1_LEVELS.map(|l| cell(scene.row(contours, l).map(figure))));
+                let stopped = |l| scene.stopped(contours, l).map(|s| s.limit.cell(&report.matrix));
+                row.extend(TABLE1_LEVELS.map(|l| cell(scene.row(contours, l).map(figure).or_else(|| stopped(l)))));
                 table.rows.push(row);
             }
         }
@@ -302,34 +315,62 @@ fn table1(report: &BuildReport, paper: &Paper) -> TextTable {
 
 /// How many levels contours save.
 fn saved(report: &BuildReport) -> TextTable {
-    let head =
-        ["scene", "mesh", "levels", "median error", "MiB", "cubical levels", "cubical MiB", "levels saved", "bytes"];
+    let head = [
+        "scene",
+        "mesh",
+        "levels",
+        "median error",
+        "MiB",
+        "cubical levels",
+        "cubical MiB",
+        "bytes",
+        "levels saved",
+        "by the 90th",
+        "by the 99th",
+    ];
     let mut table = TextTable::new("What contours save", 2, &head);
     table.notes = vec![
-        "The cubical octree that is as near to the triangles as the one with contours: its level and bytes on the trend of \
-         the cubical octrees that were built, straight in the logarithm between two levels. (>) beyond the deepest of them."
+        "The cubical octree that is as near to the triangles as the one with contours: its level by the errors that were \
+         measured, interpolated in the logarithm of the error between two levels, and its bytes likewise. (>) beyond the \
+         deepest cubical octree, (<) above the coarsest: their trend goes on."
             .into(),
-        "Median error in finest voxels of the octree with contours; bytes: cubical over contours.".into(),
+        "Median error in finest voxels of the octree with contours, rays ending at leaves; bytes: cubical over contours. \
+         Levels saved at an equal median error, and at an equal 90th and 99th percentile of it."
+            .into(),
     ];
     for scene in &report.scenes {
-        for saved in &scene.saved {
-            let voxels = scene.row(Contours::On, saved.levels).and_then(|r| r.error).map(|e| e.voxels.median);
+        for median in scene.saved.iter().filter(|s| s.measure == Measure::Median) {
+            let levels = median.levels;
+            let of = |measure| scene.saved.iter().find(|s| s.measure == measure && s.levels == levels);
+            let voxels = scene.row(Contours::On, levels).and_then(|r| r.error).map(|e| e.voxels.median);
             let mib = |bytes: f64| short(bytes / MIB);
-            let beyond = if saved.extrapolated { " (>)" } else { "" };
+            let spared = |s: &SavedLevels| format!("{:.1}{}", s.cubical_levels - f64::from(levels), beyond(scene, s));
             table.rows.push(vec![
                 scene.name.clone(),
                 scene.mesh_title().into(),
-                saved.levels.to_string(),
+                levels.to_string(),
                 cell(voxels.map(|v| format!("{v:.3}"))),
-                mib(saved.bytes),
-                format!("{:.1}{beyond}", saved.cubical_levels),
-                mib(saved.cubical_bytes),
-                format!("{:.1}", saved.cubical_levels - f64::from(saved.levels)),
-                ratio(saved.cubical_bytes, saved.bytes),
+                mib(median.bytes),
+                format!("{:.1}{}", median.cubical_levels, beyond(scene, median)),
+                mib(median.cubical_bytes),
+                ratio(median.cubical_bytes, median.bytes),
+                spared(median),
+                cell(of(Measure::P90).map(spared)),
+                cell(of(Measure::P99).map(spared)),
             ]);
         }
     }
     table
+}
+
+/// Marks what lies outside the levels of the cubical octrees.
+fn beyond(scene: &SceneBuilds, saved: &SavedLevels) -> &'static str {
+    let coarser = |r: &BuildRow| r.contours == Contours::Off && f64::from(r.levels) <= saved.cubical_levels;
+    match saved.extrapolated {
+        false => "",
+        true if scene.rows.iter().any(coarser) => " (>)",
+        true => " (<)",
+    }
 }
 
 /// All errors.
@@ -380,4 +421,60 @@ fn errors(report: &BuildReport) -> TextTable {
         }
     }
     table
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::build_bench::record::tests::row;
+    use crate::build_bench::{BuildMatrix, Limit, SCHEMA, Stopped};
+    use crate::machine::Machine;
+
+    fn report() -> BuildReport {
+        let stopped = |contours, levels, limit| Stopped { contours, levels, limit, why: "would".into() };
+        let scene = SceneBuilds {
+            name: "SIBENIK-D".into(),
+            mesh: "real".into(),
+            triangles: 73_564,
+            identity: "verified".into(),
+            credit: "somebody".into(),
+            views: Vec::new(),
+            size: [4, 3],
+            rows: vec![
+                row(10, Contours::On, [2.0, 0.1, 0.2]),
+                row(10, Contours::Off, [1.5, 0.2, 0.2]),
+                row(11, Contours::On, [700.0, 0.2, 0.2]),
+            ],
+            saved: Vec::new(),
+            stopped: vec![stopped(Contours::Off, 11, Limit::Disk), stopped(Contours::On, 12, Limit::Build)],
+        };
+        BuildReport {
+            schema: SCHEMA,
+            machine: Machine::detect(),
+            matrix: BuildMatrix::full_run(),
+            scenes: vec![scene],
+            left_out: Vec::new(),
+            seconds: 1.0,
+            complete: false,
+        }
+    }
+
+    #[test]
+    fn cells_say_why_they_have_no_figure() {
+        let report = report();
+        let table = table1(&report, &Paper::figures());
+        let cells = |row: usize| table.rows[row][2..].join(" | ");
+        let rest = ["> 20 min"; 5].join(" | ");
+        assert_eq!(cells(1), format!("seconds | 2.00 | 700 | {rest}"));
+        assert_eq!(cells(4), format!("MiB | 191 | {}", ["> 8 GB"; 6].join(" | ")));
+    }
+
+    #[test]
+    fn a_report_that_is_not_finished_says_so_and_is_read_again() {
+        let report = report();
+        assert!(to_text(&report).contains("not finished"));
+        let again: BuildReport = serde_json::from_str(&report.to_json()).unwrap();
+        assert_eq!(again, report);
+        assert!(!to_text(&BuildReport { complete: true, ..again }).contains("not finished"));
+    }
 }

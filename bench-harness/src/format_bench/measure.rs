@@ -9,9 +9,10 @@ use std::time::Instant;
 
 use esvo_format::{FormatError, Octree, RangeRead, Region, StreamReader, WriteOptions, validate_file};
 
-use super::source::{Folder, Source, copies};
+use super::source::{Source, copies};
 use super::{AccessRow, FormatReport, LargeFile, SCHEMA, Settings, StorageRow, Timed, ValidationRow};
 use crate::machine::Machine;
+use crate::scratch::Scratch;
 use crate::{BenchError, Progress};
 
 /// Bytes of a page of the page cache.
@@ -29,7 +30,7 @@ pub(super) fn all(settings: &Settings, sources: &[Source], progress: &Progress) 
     let start = Instant::now();
     let first = &sources[0];
     let storage = storage(settings, first, progress)?;
-    let folder = Folder::new()?;
+    let folder = Scratch::new()?;
     let mut validation = Vec::new();
     for source in sources {
         progress.say(format!("validating, {}", source.row.name));

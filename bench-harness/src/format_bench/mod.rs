@@ -18,7 +18,6 @@ use crate::machine::Machine;
 use crate::timing::Spread;
 use crate::{BenchError, Progress};
 
-pub use source::remove_temporaries;
 pub use tables::{to_json, to_markdown, to_text};
 
 /// Version of the record.

@@ -1,12 +1,10 @@
 //! The octrees that are measured, and the large file that is made of one.
 
-use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
+use std::path::Path;
 
 use esvo_builder::BuildSettings;
 use esvo_format::file::NO_PARENT;
 use esvo_format::{AssembleOptions, FormatError, Octree, stats};
-use tempfile::TempDir;
 
 use super::{OctreeRow, Settings};
 use crate::{BenchError, Progress};
@@ -97,39 +95,6 @@ pub(super) fn copies(octree: &Octree, bytes: u64) -> Result<Octree, FormatError>
         }
     }
     Octree::from_parts(objects, blocks, image)
-}
-
-/// The folder of the run that is going on.
-static FOLDER: Mutex<Option<PathBuf>> = Mutex::new(None);
-
-/// A folder for large files, which is removed when it is dropped or by [`remove_temporaries`].
-pub(super) struct Folder(TempDir);
-
-impl Folder {
-    pub(super) fn new() -> Result<Self, BenchError> {
-        let folder = tempfile::Builder::new().prefix("esvo-").tempdir();
-        let folder = folder.map_err(|e| BenchError::io(&std::env::temp_dir(), e))?;
-        *FOLDER.lock().unwrap_or_else(PoisonError::into_inner) = Some(folder.path().into());
-        Ok(Self(folder))
-    }
-
-    pub(super) fn file(&self, name: &str) -> PathBuf {
-        self.0.path().join(name)
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        remove_temporaries();
-    }
-}
-
-/// Removes the large files of a run that is going on: for a program that is interrupted.
-pub fn remove_temporaries() {
-    if let Some(folder) = FOLDER.lock().unwrap_or_else(PoisonError::into_inner).take() {
-        // What cannot be removed stays; there is nobody to tell.
-        let _ = std::fs::remove_dir_all(folder);
-    }
 }
 
 #[cfg(test)]
