@@ -1,6 +1,9 @@
 //! Colour blocks: 16 colours in 64 bits, DXT1 without its transparency (paper section 3.5; spec section 8.1).
 
 use bytemuck::{Pod, Zeroable};
+use glam::Vec4;
+
+use crate::lanes::{sum, sums, weights};
 
 /// Sixteen colours: two references in RGB 5:6:5 and a two-bit interpolation index per colour.
 ///
@@ -46,90 +49,231 @@ impl ColorBlock {
     /// The root of the mean square of the errors is at most twice that which an exhaustive search over the references
     /// finds, and 1.5 steps of 255; in most cases within a few hundredths of it.
     pub fn encode(colors: &[Option<[u8; 3]>; 16]) -> Self {
-        let mut used = colors.iter().flatten();
-        let Some(&first) = used.next() else { return Self::default() };
-        let (mut a, mut b) = (first, first);
-        if used.any(|c| *c != first) {
-            (a, b) = furthest_pair(colors);
-        }
-        let refs = [quantize(a), quantize(b)];
-        let mut best = Self::with_references(colors, refs[0], refs[1]);
-        if a != b {
-            // Least squares for the references given the indices: pays on gradients, where the extremes are outliers.
-            let (block, error) = best;
-            if let Some((a, b)) = fit_references(colors, block.indices) {
-                let fitted = Self::with_references(colors, quantize(a), quantize(b));
-                if fitted.1 < error {
-                    best = fitted;
-                }
-            }
-        }
-        best.0
-    }
-
-    /// Best indices for given references, and the squared error.
-    fn with_references(colors: &[Option<[u8; 3]>; 16], ref0: u16, ref1: u16) -> (Self, f32) {
-        let head = (ref1 as u32) << 16 | ref0 as u32;
-        let palette = palette(head).map(|c| c.map(|x| x * 255.0));
-        let (mut indices, mut error) = (0, 0.0);
+        // Those that are used come first, with a fourth byte of 1.
+        let (mut words, mut places, mut count) = ([0u32; 24], [0u8; 16], 0);
         for (i, color) in colors.iter().enumerate() {
-            let Some(color) = color else { continue };
-            let distance = |p: &[f32; 3]| (0..3).map(|k| (p[k] - color[k] as f32).powi(2)).sum::<f32>();
-            let (index, d) =
-                (0..4).map(|k| (k, distance(&palette[k]))).min_by(|x, y| x.1.total_cmp(&y.1)).unwrap_or((0, 0.0));
-            indices |= (index as u32) << (2 * i);
-            error += d;
+            let word = color.map_or(0, |[r, g, b]| u32::from_le_bytes([r, g, b, 1]));
+            (words[count & 15], places[count & 15]) = (word, 2 * i as u8);
+            count += (word >> 24) as usize;
         }
-        (Self { head, indices }, error)
+        let (first, used) = (words[0], &places[..count]);
+        if words[..count].iter().all(|word| *word == first) {
+            let (head, index) = if count == 0 { (0, 0) } else { one_color(first) };
+            return Self { head, indices: used.iter().fold(0, |indices, place| indices | index << place) };
+        }
+        let (head, codes) = if count > 8 { search::<4>(&mut words, count) } else { search::<2>(&mut words, count) };
+        let index = |(k, place): (usize, &u8)| (codes >> (2 * k) & 3) << place;
+        Self { head, indices: used.iter().enumerate().map(index).fold(0, |indices, index| indices | index) }
     }
 }
 
-fn furthest_pair(colors: &[Option<[u8; 3]>; 16]) -> ([u8; 3], [u8; 3]) {
-    let mut best = (0, [0; 3], [0; 3]);
-    for (i, a) in colors.iter().enumerate() {
-        let Some(a) = a else { continue };
-        for b in colors[i + 1..].iter().flatten() {
-            let d: i32 = (0..3).map(|k| (a[k] as i32 - b[k] as i32).pow(2)).sum();
-            if d > best.0 {
-                best = (d, *a, *b);
+/// A block's references and index for a single colour: the second reference makes up for what is lost in the first, of which
+/// a third is seen.
+fn one_color(word: u32) -> (u32, u32) {
+    let bytes = word.to_le_bytes();
+    let wanted = [0, 1, 2].map(|k| wide(bytes[k]));
+    let ref0 = quantize_first(wanted);
+    let first = [ref0 << 16, ref0 << 21, ref0 << 27];
+    let head = quantize_second([0, 1, 2].map(|k| 3 * wanted[k] - 2 * i64::from(first[k])), ref0);
+    let off = palette(head).map(|p| (0..3).map(|k| (p[k] * 255.0 - f32::from(bytes[k])).powi(2)).sum::<f32>());
+    let nearest = (1..4).fold(0, |best, k| if off[k] < off[best] { k } else { best });
+    (head, nearest as u32)
+}
+
+/// Up to `4 G` colours, four to a vector, steps of 255. Lanes behind the last are filled and weigh nothing.
+struct Texels<const G: usize> {
+    channels: [[Vec4; G]; 3],
+    weights: [Vec4; G],
+    count: f32,
+}
+
+/// What references can do for colours.
+struct Assigned<const G: usize> {
+    head: u32,
+    /// Low and high bits of the indices.
+    bits: [u32; 2],
+    /// How much of the second reference each colour gets.
+    shares: [Vec4; G],
+    /// Sum of the squares of the errors.
+    error: f32,
+}
+
+/// Steps of 255, squared, between colours that lie so close together that their mean in full precision is worth trying.
+const CLOSE: i32 = 160;
+/// Mean square of what rounding costs: below that a fit is not worth its time.
+const ROUNDING: f32 = 8.0;
+
+/// References and indices for the first `count` words, which are not all the same.
+fn search<const G: usize>(words: &mut [u32; 24], count: usize) -> (u32, u32) {
+    let first = words[0];
+    words[count..4 * G].fill(first);
+    // So that every colour has `2 G` others behind it.
+    words.copy_within(..2 * G, 4 * G);
+    let mut lanes = [[0.0f32; 24]; 3];
+    for i in 0..6 * G {
+        lanes[0][i] = (words[i] & 255) as i32 as f32;
+        lanes[1][i] = (words[i] >> 8 & 255) as i32 as f32;
+        lanes[2][i] = (words[i] >> 16 & 255) as i32 as f32;
+    }
+    let (i, j) = furthest_pair::<G>(&lanes);
+    let (a, b) = (words[i].to_le_bytes(), words[j].to_le_bytes());
+    let texels = Texels::<G>::new(&lanes, count);
+    let mut best = texels.assign(quantize_pair(a, b));
+    let apart: i32 = (0..3).map(|k| (i32::from(a[k]) - i32::from(b[k])).pow(2)).sum();
+    if apart < CLOSE {
+        let third = std::array::from_fn(|g| texels.weights[g] * (1.0 / 3.0));
+        let mean = texels.assign(texels.fit(&third));
+        if mean.error < best.error {
+            best = mean;
+        }
+    }
+    if best.error > ROUNDING * texels.count {
+        // Least squares for the references given the indices: pays on gradients, where the extremes are outliers.
+        let fitted = texels.assign(texels.fit(&best.shares));
+        if fitted.error < best.error {
+            best = fitted;
+        }
+    }
+    (best.head, spread(best.bits[0]) | spread(best.bits[1]) << 1)
+}
+
+/// Indices of the two colours furthest apart among the first `4 G`, which the next `2 G` lanes repeat.
+fn furthest_pair<const G: usize>(lanes: &[[f32; 24]; 3]) -> (usize, usize) {
+    let mut furthest = [Vec4::ZERO; G];
+    let mut tag = Vec4::ZERO;
+    for shift in 1..=2 * G {
+        for (g, furthest) in furthest.iter_mut().enumerate() {
+            let apart =
+                |channel: &[f32; 24]| Vec4::from_slice(&channel[4 * g..]) - Vec4::from_slice(&channel[4 * g + shift..]);
+            let (r, g, b) = (apart(&lanes[0]), apart(&lanes[1]), apart(&lanes[2]));
+            // The square is an integer below 2^18, so that it keeps the shift in three more bits, exactly.
+            *furthest = furthest.max((r * r + g * g + b * b) * 8.0 + tag);
+        }
+        tag += Vec4::ONE;
+    }
+    let mut best = 0;
+    for (g, furthest) in furthest.iter().enumerate() {
+        for (k, key) in furthest.to_array().into_iter().enumerate() {
+            best = best.max((key as u32) << 4 | (4 * g + k) as u32);
+        }
+    }
+    let (i, shift) = ((best & 15) as usize, (best >> 4 & 7) as usize + 1);
+    (i, (i + shift) % (4 * G))
+}
+
+impl<const G: usize> Texels<G> {
+    fn new(lanes: &[[f32; 24]; 3], count: usize) -> Self {
+        let mut texels = Self { channels: [[Vec4::ZERO; G]; 3], weights: weights(count as f32), count: count as f32 };
+        for g in 0..G {
+            for k in 0..3 {
+                texels.channels[k][g] = Vec4::from_slice(&lanes[k][4 * g..]);
             }
         }
+        texels
     }
-    (best.1, best.2)
-}
 
-/// References that minimise the squared error for fixed indices, or `None` where the indices do not tell them apart.
-fn fit_references(colors: &[Option<[u8; 3]>; 16], indices: u32) -> Option<([u8; 3], [u8; 3])> {
-    const WEIGHT: [f32; 4] = [1.0, 0.0, 2.0 / 3.0, 1.0 / 3.0];
-    let (mut aa, mut ab, mut bb) = (0.0, 0.0, 0.0);
-    let (mut ax, mut bx) = ([0.0f32; 3], [0.0f32; 3]);
-    for (i, color) in colors.iter().enumerate() {
-        let Some(color) = color else { continue };
-        let wa = WEIGHT[(indices >> (2 * i) & 3) as usize];
-        let wb = 1.0 - wa;
-        (aa, ab, bb) = (aa + wa * wa, ab + wa * wb, bb + wb * wb);
-        for k in 0..3 {
-            ax[k] += wa * color[k] as f32;
-            bx[k] += wb * color[k] as f32;
+    /// The best indices for given references. The four colours lie on a line, so that thresholds along it tell which is the
+    /// nearest.
+    #[inline]
+    fn assign(&self, head: u32) -> Assigned<G> {
+        let [a, b] = references(head).map(|r| r.map(|c| c * 255.0));
+        let d = [b[0] - a[0], b[1] - a[1], b[2] - a[2]];
+        let along = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
+        let start = d[0] * a[0] + d[1] * a[1] + d[2] * a[2];
+        let at = |part: f32| Vec4::splat(start + along * part);
+        let (t1, t2, t3) = (at(1.0 / 6.0), at(0.5), at(5.0 / 6.0));
+        let (mut bits, mut shares, mut error) = ([0; 2], [Vec4::ZERO; G], Vec4::ZERO);
+        for g in 0..G {
+            let c = [self.channels[0][g], self.channels[1][g], self.channels[2][g]];
+            let t = c[0] * d[0] + c[1] * d[1] + c[2] * d[2];
+            let (m1, m2, m3) = (t.cmpgt(t1), t.cmpgt(t2), t.cmpgt(t3));
+            // Along the line the indices are 0, 2, 3, 1.
+            bits[0] |= m2.bitmask() << (4 * g);
+            bits[1] |= (m1.bitmask() ^ m3.bitmask()) << (4 * g);
+            let third = |mask| Vec4::select(mask, Vec4::splat(1.0 / 3.0), Vec4::ZERO);
+            let share = third(m1) + third(m2) + third(m3);
+            let off = |k: usize| c[k] - (share * d[k] + Vec4::splat(a[k]));
+            let (r, g_off, b) = (off(0), off(1), off(2));
+            shares[g] = share * self.weights[g];
+            error += (r * r + g_off * g_off + b * b) * self.weights[g];
         }
+        Assigned { head, bits, shares, error: sum(error) }
     }
-    let det = aa * bb - ab * ab;
-    if det < 1e-3 {
-        return None;
+
+    /// References with the least squared error for these shares; the second makes up for the rounding of the first.
+    #[inline]
+    fn fit(&self, shares: &[Vec4; G]) -> u32 {
+        let (mut bs, mut bb) = (Vec4::ZERO, Vec4::ZERO);
+        let (mut ax, mut bx) = ([Vec4::ZERO; 3], [Vec4::ZERO; 3]);
+        for g in 0..G {
+            let (b, a) = (shares[g], self.weights[g] - shares[g]);
+            (bs, bb) = (bs + b, bb + b * b);
+            for k in 0..3 {
+                ax[k] += self.channels[k][g] * a;
+                bx[k] += self.channels[k][g] * b;
+            }
+        }
+        let (b, bb) = (sum(bs), sum(bb));
+        let (ab, aa) = (b - bb, self.count - 2.0 * b + bb);
+        let ax = sums(ax);
+        let bx = sums(bx);
+        let det = aa * bb - ab * ab;
+        // Where all shares are the same, the mean is as good as any.
+        let (pa, pb) = if det < 1e-3 { (1.0 / self.count, -1.0 / self.count) } else { (bb / det, ab / det) };
+        let part = |k: usize| wide_part(ax[k] * pa - bx[k] * pb);
+        let ref0 = quantize_first([part(0), part(1), part(2)]);
+        let [a, _] = references(ref0);
+        let inverse = if bb > 0.0 { 1.0 / bb } else { 0.0 };
+        let part = |k: usize| wide_part((bx[k] - a[k] * 255.0 * ab) * inverse);
+        quantize_second([part(0), part(1), part(2)], ref0)
     }
-    let a = std::array::from_fn(|k| ((ax[k] * bb - bx[k] * ab) / det).round().clamp(0.0, 255.0) as u8);
-    let b = std::array::from_fn(|k| ((bx[k] * aa - ax[k] * ab) / det).round().clamp(0.0, 255.0) as u8);
-    Some((a, b))
 }
 
-/// Nearest 5:6:5 value under the decoder's scale, where field `f` of `n` bits means `f / 2^n` and a little more.
-fn quantize(c: [u8; 3]) -> u16 {
-    let field = |v: u8, bits: u32| {
-        let levels = (1u32 << bits) as f32;
-        // The bits below add half a unit on average.
-        (v as f32 / 255.0 * levels - 0.5).round().clamp(0.0, levels - 1.0) as u16
-    };
-    field(c[0], 5) << 11 | field(c[1], 6) << 5 | field(c[2], 5)
+/// Bit i goes to bit 2i.
+fn spread(bits: u32) -> u32 {
+    let bits = (bits | bits << 8) & 0x00ff_00ff;
+    let bits = (bits | bits << 4) & 0x0f0f_0f0f;
+    let bits = (bits | bits << 2) & 0x3333_3333;
+    (bits | bits << 1) & 0x5555_5555
+}
+
+/// A channel in the decoder's integer units, `2^-32`.
+fn wide(byte: u8) -> i64 {
+    i64::from(byte) * 0x0101_0101
+}
+
+/// The same for a number of steps of 255.
+fn wide_part(steps: f32) -> i64 {
+    (steps.clamp(0.0, 255.0) * 0x0101_0101 as f32) as i64
+}
+
+/// The low word for two colours. Nothing lies below the blue of the first reference, so that it is rather too dark than too
+/// bright: the one with less blue goes there.
+fn quantize_pair(a: [u8; 4], b: [u8; 4]) -> u32 {
+    let (a, b) = if a[2] > b[2] { (b, a) } else { (a, b) };
+    let wide = |color: [u8; 4]| [wide(color[0]), wide(color[1]), wide(color[2])];
+    quantize_second(wide(b), quantize_first(wide(a)))
+}
+
+/// The nearest value of a field, `below` being what its channel is with nothing in the field.
+fn field(wanted: i64, below: i64, bits: u32) -> i64 {
+    ((wanted - below + (1 << (31 - bits))) >> (32 - bits)).clamp(0, (1 << bits) - 1)
+}
+
+/// The first reference, each field chosen for the bits that lie below it.
+fn quantize_first(wanted: [i64; 3]) -> u32 {
+    let b = field(wanted[2], 0, 5);
+    let g = field(wanted[1], b << 21, 6);
+    let r = field(wanted[0], g << 21 | b << 16, 5);
+    (r << 11 | g << 5 | b) as u32
+}
+
+/// The low word with this first reference and a second, likewise.
+fn quantize_second(wanted: [i64; 3], ref0: u32) -> u32 {
+    let low = i64::from(ref0);
+    let low = field(wanted[2], low << 11, 5) << 16 | low;
+    let low = field(wanted[1], low << 5, 6) << 21 | low;
+    (field(wanted[0], low, 5) << 27 | low) as u32
 }
 
 #[cfg(test)]
@@ -162,16 +306,78 @@ mod tests {
                 colors.iter().enumerate().map(of).sum::<f32>()
             };
             prop_assume!(colors.iter().flatten().count() > 0);
-            let (a, b) = furthest_pair(&colors);
-            let plain = ColorBlock::with_references(&colors, quantize(a), quantize(b)).0;
-            prop_assert!(error(ColorBlock::encode(&colors)) <= error(plain) * 1.0001 + 1e-6);
+            // Which of several pairs that are as far apart the encoder takes is its own affair.
+            let plain = furthest_pairs(&colors)
+                .into_iter()
+                .map(|(a, b)| error(with_references(&colors, quantize_pair(wide4(a), wide4(b))).0))
+                .fold(0.0, f32::max);
+            prop_assert!(error(ColorBlock::encode(&colors)) <= plain * 1.0001 + 1e-6);
+        }
+
+        #[test]
+        fn indices_are_those_of_the_nearest_colours(colors in prop::array::uniform16(prop::option::of(prop::array::uniform3(any::<u8>())))) {
+            let block = ColorBlock::encode(&colors);
+            let error = |block: ColorBlock| {
+                let of = |(i, c): (usize, &Option<[u8; 3]>)| {
+                    let d = block.decode(i);
+                    c.map_or(0.0, |c| (0..3).map(|k| (d[k] * 255.0 - f32::from(c[k])).powi(2)).sum::<f32>())
+                };
+                colors.iter().enumerate().map(of).sum::<f32>()
+            };
+            let least = with_references(&colors, block.head).1;
+            prop_assert!(error(block) <= least * 1.0001 + 0.01, "{} instead of {least}", error(block));
+            let unused = (0..16).filter(|i| colors[*i].is_none()).fold(0, |mask, i| mask | 3 << (2 * i));
+            prop_assert_eq!(block.indices & unused, 0);
+        }
+
+        #[test]
+        fn fields_are_the_nearest_for_the_bits_below_them(a in prop::array::uniform3(any::<u8>()), b in prop::array::uniform3(any::<u8>())) {
+            let head = quantize_pair(wide4(a), wide4(b));
+            let (a, b) = if a[2] > b[2] { (b, a) } else { (a, b) };
+            let off = |head: u32, which: usize, k: usize, c: u8| (references(head)[which][k] * 255.0 - f32::from(c)).abs();
+            for (which, color) in [(0, a), (1, b)] {
+                for (k, shift, bits) in [(0, 11, 5), (1, 5, 6), (2, 0, 5)] {
+                    let shift = shift + 16 * which as u32;
+                    let others = head & !(((1 << bits) - 1) << shift);
+                    let least = (0..1u32 << bits).map(|f| off(others | f << shift, which, k, color[k])).fold(f32::MAX, f32::min);
+                    prop_assert!(off(head, which, k, color[k]) <= least + 1e-4);
+                }
+            }
         }
     }
 
+    fn wide4([r, g, b]: [u8; 3]) -> [u8; 4] {
+        [r, g, b, 1]
+    }
+
+    /// All pairs of colours that are as far apart as any.
+    fn furthest_pairs(colors: &[Option<[u8; 3]>; 16]) -> Vec<([u8; 3], [u8; 3])> {
+        let used: Vec<[u8; 3]> = colors.iter().flatten().copied().collect();
+        let apart = |a: [u8; 3], b: [u8; 3]| (0..3).map(|k| u32::from(a[k].abs_diff(b[k])).pow(2)).sum::<u32>();
+        let pairs = || used.iter().flat_map(|a| used.iter().map(|b| (*a, *b)));
+        let furthest = pairs().map(|(a, b)| apart(a, b)).max();
+        pairs().filter(|(a, b)| Some(apart(*a, *b)) == furthest).collect()
+    }
+
+    /// Best indices for given references, each by trying all, and the squared error in steps of 255.
+    fn with_references(colors: &[Option<[u8; 3]>; 16], head: u32) -> (ColorBlock, f32) {
+        let palette = palette(head).map(|c| c.map(|x| x * 255.0));
+        let (mut indices, mut error) = (0, 0.0);
+        for (i, color) in colors.iter().enumerate() {
+            let Some(color) = color else { continue };
+            let distance = |p: &[f32; 3]| (0..3).map(|k| (p[k] - color[k] as f32).powi(2)).sum::<f32>();
+            let (index, d) =
+                (0..4).map(|k| (k, distance(&palette[k]))).min_by(|x, y| x.1.total_cmp(&y.1)).unwrap_or((0, 0.0));
+            indices |= (index as u32) << (2 * i);
+            error += d;
+        }
+        (ColorBlock { head, indices }, error)
+    }
+
     /// The references with the least squares for these indices, each channel by trying all of its pairs.
-    fn exhaustive_references(colors: &[Option<[u8; 3]>; 16], indices: u32) -> (u16, u16) {
+    fn exhaustive_references(colors: &[Option<[u8; 3]>; 16], indices: u32) -> u32 {
         const WEIGHT: [f32; 4] = [1.0, 0.0, 2.0 / 3.0, 1.0 / 3.0];
-        let (mut ref0, mut ref1) = (0u16, 0u16);
+        let mut head = 0u32;
         for (k, bits, shift) in [(0, 5, 11), (1, 6, 5), (2, 5, 0)] {
             // Sums over the colours, so that a pair takes no loop over them.
             let (mut aa, mut ab, mut bb, mut av, mut bv) = (0.0, 0.0, 0.0, 0.0, 0.0);
@@ -188,9 +394,9 @@ mod tests {
             };
             let pairs = (0..1u16 << bits).flat_map(|p| (0..1u16 << bits).map(move |q| (p, q)));
             let (p, q) = pairs.min_by(|a, b| cost(*a).total_cmp(&cost(*b))).unwrap();
-            (ref0, ref1) = (ref0 | p << shift, ref1 | q << shift);
+            head |= u32::from(p) << shift | u32::from(q) << (shift + 16);
         }
-        (ref0, ref1)
+        head
     }
 
     /// What an encoder finds that starts from every pair of the colours, tries all references for the indices, and goes on
@@ -200,10 +406,9 @@ mod tests {
         let mut least = f32::MAX;
         for (i, a) in used.iter().enumerate() {
             for b in &used[i..] {
-                let mut best = ColorBlock::with_references(colors, quantize(*a), quantize(*b));
+                let mut best = with_references(colors, quantize_pair(wide4(*a), wide4(*b)));
                 for _ in 0..6 {
-                    let (ref0, ref1) = exhaustive_references(colors, best.0.indices);
-                    let next = ColorBlock::with_references(colors, ref0, ref1);
+                    let next = with_references(colors, exhaustive_references(colors, best.0.indices));
                     if next.1 >= best.1 {
                         break;
                     }

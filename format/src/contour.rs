@@ -49,6 +49,13 @@ fn nearest(x: f64) -> i32 {
     (x + 0.5f64.copysign(x)) as i32
 }
 
+/// The smallest integer that is no less, within 0 and 129; without a call into a library, likewise.
+fn round_up(x: f64) -> u32 {
+    let x = x.clamp(0.0, 128.5);
+    let whole = x as u32;
+    whole + u32::from(x > f64::from(whole))
+}
+
 impl Contour {
     /// The slab this contour stands for, exactly.
     pub fn decode(self) -> Slab {
@@ -102,8 +109,8 @@ impl Contour {
         let position = Contour(word).decode().position;
         let thickness = 2.0 * (position - lo).max(hi - position);
         let fraction = f64::from(word) / f64::from(1u32 << 25);
-        let field = (thickness / UNIT - fraction).ceil().max(0.0);
-        (field <= 127.0).then_some(Contour(word | (field as u32) << 25))
+        let field = round_up(thickness / UNIT - fraction);
+        (field <= 127).then_some(Contour(word | field << 25))
     }
 }
 
@@ -120,6 +127,18 @@ mod tests {
         assert_eq!(Contour::decode_normal(bits), [-31.0, 0.0, 0.0]);
         assert_eq!(Contour::encode_normal([0.0; 3]), None);
         assert_eq!(Contour::encode_normal([f64::NAN, 0.0, 0.0]), None);
+    }
+
+    #[test]
+    fn rounding_up_is_that_of_the_library() {
+        let values =
+            [f64::NAN, f64::INFINITY, -f64::INFINITY, -1.0, -1e-300, -0.0, 0.0, 1e-300, 127.0, 127.0f64.next_up()];
+        let steps = (-50..1400).map(|k| f64::from(k) / 10.0);
+        let whole = (0..130).flat_map(|k| [f64::from(k).next_down(), f64::from(k), f64::from(k).next_up()]);
+        for x in values.into_iter().chain(steps).chain(whole) {
+            let up = x.ceil().max(0.0);
+            assert_eq!(f64::from(round_up(x)), if up > 129.0 { 129.0 } else { up }, "{x}");
+        }
     }
 
     proptest! {

@@ -112,6 +112,7 @@ pub mod dump;
 mod error;
 pub mod file;
 mod io;
+mod lanes;
 mod layout;
 mod layout_attributes;
 mod needs;

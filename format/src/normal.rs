@@ -2,7 +2,9 @@
 //! section 8.2).
 
 use bytemuck::{Pod, Zeroable};
-use glam::Vec3;
+use glam::{Vec3, Vec4};
+
+use crate::lanes::{sum, sums, weights};
 
 /// One normal as a point on a cube, 32 bits.
 ///
@@ -45,25 +47,33 @@ impl RawNormal {
 
     /// The nearest raw normal of a direction of any length; +z for one that is zero or not finite.
     pub fn encode(n: Vec3) -> Self {
-        let n = if n.is_finite() && n != Vec3::ZERO { n } else { Vec3::Z };
         let a = n.abs();
-        let axis = if a.x >= a.y && a.x >= a.z {
-            0
-        } else if a.y >= a.z {
-            1
-        } else {
-            2
+        let largest = a.x.max(a.y).max(a.z);
+        // Neither comparison holds for what is not a number.
+        if !(a.x + a.y + a.z < f32::MAX && largest > 0.0) {
+            return Self::encode_unusual(n);
+        }
+        // Selected as integers, without branches: which axis it is cannot be predicted.
+        let [x, y, z] = n.to_array().map(f32::to_bits);
+        let (x_is_main, y_beats_z) = (a.x >= a.y && a.x >= a.z, a.y >= a.z);
+        let pick = |x: u32, y: u32, z: u32| {
+            let other = if y_beats_z { y } else { z };
+            if x_is_main { x } else { other }
         };
-        let (main, u, v) = match axis {
-            0 => (n.x, n.y, n.z),
-            1 => (n.y, n.z, n.x),
-            _ => (n.z, n.x, n.y),
-        };
-        let v = nearest(v / main.abs() * 8192.0).clamp(-8192, 8191);
+        let (sign, axis) = (pick(x, y, z) >> 31, pick(0, 1, 2));
+        let (u, v) = (f32::from_bits(pick(y, z, x)), f32::from_bits(pick(z, x, y)));
+        let v = nearest(v / largest * 8192.0).clamp(-8192, 8191);
         let v_bits = v as u32 & 0x3fff;
-        let fraction = v_bits as f32 / 16384.0;
-        let u = nearest(u / main.abs() * 16384.0 - fraction).clamp(-16384, 16383);
-        Self((u32::from(main < 0.0)) << 31 | axis << 29 | (u as u32 & 0x7fff) << 14 | v_bits)
+        let fraction = v_bits as i32 as f32 / 16384.0;
+        let u = nearest(u / largest * 16384.0 - fraction).clamp(-16384, 16383);
+        Self(sign << 31 | axis << 29 | (u as u32 & 0x7fff) << 14 | v_bits)
+    }
+
+    #[cold]
+    fn encode_unusual(n: Vec3) -> Self {
+        // Components may be so large that they have no sum.
+        let n = if n.is_finite() && n != Vec3::ZERO { n * 0.25 } else { Vec3::Z };
+        Self::encode(n)
     }
 }
 
@@ -103,20 +113,18 @@ fn decode_axis(word: u32) -> Vec3 {
 
 /// The 16-bit axis nearest to `axis`; `below` are the 16 bits that will lie under it in the decoder's word.
 fn encode_axis(axis: Vec3, below: u32) -> u32 {
-    let largest = axis.abs().max_element();
-    // Smallest exponent for which the largest component still fits into 4 signed bits.
-    let mut exponent = 0u32;
-    while exponent < 15 && largest > 7.4 * f32::from_bits((exponent + 127 - 13) << 23) {
-        exponent += 1;
-    }
-    let unit = f32::from_bits((exponent + 127 - 13) << 23);
-    let mut bits = exponent << 16 | (below & 0xffff);
-    for (component, shift) in [(axis.z, 20u32), (axis.y, 24), (axis.x, 28)] {
-        let fraction = bits as f32 / (1u32 << shift) as f32;
-        let field = nearest(component / unit - fraction).clamp(-8, 7) as u32 & 15;
-        bits |= field << shift;
-    }
-    bits >> 16
+    // Smallest exponent for which the largest component still fits into 4 signed bits: a logarithm, rounded up.
+    let largest = axis.abs().max_element() * (1.0 / 7.4);
+    let logarithm = ((largest.to_bits() as i32 + 0x7f_ffff) >> 23) - 127;
+    let exponent = (logarithm + 13).clamp(0, 15) as u32;
+    // Integers, the field of each component being on top of what lies below it in the decoder's word.
+    let scale = f32::from_bits((127 + 41 - exponent) << 23);
+    let [x, y, z] = (axis * scale).to_array().map(|component| component as i64);
+    let field = |wanted: i64, below: u32| ((wanted - i64::from(below) + (1 << 27)) >> 28).clamp(-8, 7) as u32 & 15;
+    let word = exponent << 24 | (below & 0xffff) << 8;
+    let word = (field(z, word) << 28 | word) >> 4;
+    let word = (field(y, word) << 28 | word) >> 4;
+    (field(x, word) << 28 | word) >> 16
 }
 
 impl NormalBlock {
@@ -128,8 +136,10 @@ impl NormalBlock {
         point.normalize_or(Vec3::Z)
     }
 
-    /// A block for these unit normals; `None` entries are unused. Two ways of placing the grid are tried (a patch
-    /// around the mean, and axes that reach for the outliers) and the better one is kept.
+    /// A block for these unit normals; `None` entries are unused. The grid is placed as a patch around the mean, along the
+    /// principal axes of the normals, or, where they point every way, with axes that reach for the outliers. Then a fit of
+    /// least squares for the indices that this gives is tried, in which what is rounded later makes up for what was rounded
+    /// before.
     ///
     /// Normals that are all the same come back within 0.05 degrees; those in a cone of half angle `a`, up to 45 degrees,
     /// within `0.7 a` and 0.05 degrees, most of them within `0.2 a`.
@@ -139,105 +149,311 @@ impl NormalBlock {
             // Axes of length zero: every point of the grid is the base.
             return Self { base: RawNormal::encode(*first), ..Self::default() };
         }
-        let mean: Vec3 = normals.iter().flatten().sum();
-        let greedy = Self::encode_reaching(normals, mean);
-        match Self::encode_patch(normals, mean) {
-            Some(patch) if patch.1 <= greedy.1 => patch.0,
-            _ => greedy.0,
+        let (mut lanes, mut places, mut count) = ([[0.0f32; 16]; 3], [0u8; 16], 0);
+        for (i, normal) in normals.iter().enumerate() {
+            let n = normal.map_or([0.0; 3], |n| n.to_array());
+            (lanes[0][count & 15], lanes[1][count & 15], lanes[2][count & 15]) = (n[0], n[1], n[2]);
+            places[count & 15] = 2 * i as u8;
+            count += usize::from(normal.is_some());
         }
-    }
-
-    /// The grid as a patch on the plane through the mean normal, along the principal axes of the normals there.
-    fn encode_patch(normals: &[Option<Vec3>; 16], mean: Vec3) -> Option<(Self, f32)> {
-        let axis = mean.try_normalize()?;
-        if normals.iter().flatten().any(|n| n.dot(axis) < 0.25) {
-            return None;
+        for (lanes, first) in lanes.iter_mut().zip(first.to_array()) {
+            lanes[count..].fill(first);
         }
-        // Lengths as on the cube, so that what is measured here is in the decoder's units.
-        let axis = axis / axis.abs().max_element();
-        let (right, up) = axis.normalize().any_orthonormal_pair();
-        let points = normals.map(|n| n.map(|n| n * (axis.length_squared() / n.dot(axis)) - axis));
-        let plane = points.map(|p| p.map(|p| (p.dot(right), p.dot(up))));
-        let count = plane.iter().flatten().count() as f32;
-        let (mx, my) = plane.iter().flatten().fold((0.0, 0.0), |(x, y), p| (x + p.0 / count, y + p.1 / count));
-        let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
-        for (x, y) in plane.iter().flatten() {
-            let (x, y) = (x - mx, y - my);
-            (xx, xy, yy) = (xx + x * x, xy + x * y, yy + y * y);
+        let (mut block, points) = if count > 8 { search::<4>(&lanes, count) } else { search::<2>(&lanes, count) };
+        for (point, place) in points.iter().zip(&places[..count]) {
+            let point = *point as i32 as u32;
+            block.u_indices |= (point & 3) << place;
+            block.v_indices |= (point >> 2 & 3) << place;
         }
-        let angle = 0.5 * (2.0 * xy).atan2(xx - yy);
-        let (sin, cos) = angle.sin_cos();
-        let (major, minor) = (right * cos + up * sin, up * cos - right * sin);
-        let range = |direction: Vec3| {
-            points.iter().flatten().fold((f32::MAX, f32::MIN), |(lo, hi), p| {
-                let d = p.dot(direction);
-                (lo.min(d), hi.max(d))
-            })
-        };
-        let ((ulo, uhi), (vlo, vhi)) = (range(major), range(minor));
-        let centre = axis + major * ((ulo + uhi) * 0.5) + minor * ((vlo + vhi) * 0.5);
-        let base = RawNormal::encode(centre);
-        let scale = base.decode_point().length() / centre.length();
-        Some(Self::assign(normals, base, major * ((uhi - ulo) * 0.5 * scale), minor * ((vhi - vlo) * 0.5 * scale)))
-    }
-
-    /// Axes that reach from the mean to the normals furthest from what is expressible so far.
-    fn encode_reaching(normals: &[Option<Vec3>; 16], mean: Vec3) -> (Self, f32) {
-        let used = || normals.iter().flatten().copied();
-        let count = used().count() as f32;
-        let start = if mean.length() < 0.1 * count {
-            used().max_by(|a, b| a.dot(mean).total_cmp(&b.dot(mean))).unwrap_or(Vec3::Z)
-        } else {
-            mean
-        };
-        let base = RawNormal::encode(start);
-        let point = base.decode_point();
-        let length = point.length();
-        let fit = |n: Vec3, axis: Vec3| {
-            GRID.map(|c| point + axis * c)
-                .map(|p| (p, cosine(p, n)))
-                .into_iter()
-                .max_by(|a, b| a.1.total_cmp(&b.1))
-                .unwrap_or((point, 0.0))
-        };
-        let worst = |axis: Vec3| {
-            used().map(|n| (n, fit(n, axis).1)).min_by(|a, b| a.1.total_cmp(&b.1)).map_or(point, |(n, _)| n)
-        };
-        let n = worst(Vec3::ZERO);
-        let u = n * length - point;
-        let n = worst(u);
-        let v = n * length - fit(n, u).0;
-        Self::assign(normals, base, u, v)
-    }
-
-    /// Quantizes the axes, picks the best grid point for every normal, and returns the sum of `1 - cos(error)`.
-    fn assign(normals: &[Option<Vec3>; 16], base: RawNormal, u: Vec3, v: Vec3) -> (Self, f32) {
-        let u_bits = encode_axis(u, 0);
-        let v_bits = encode_axis(v, u_bits);
-        let mut block = Self { base, u_indices: 0, axes: v_bits << 16 | u_bits, v_indices: 0 };
-        let (u, v, point) = (decode_axis(block.axes << 16), decode_axis(block.axes), base.decode_point());
-        let grid: [Vec3; 16] =
-            std::array::from_fn(|k| (point + u * GRID[k & 3] + v * GRID[k >> 2]).normalize_or(Vec3::Z));
-        let mut error = 0.0;
-        for (i, n) in normals.iter().enumerate() {
-            let Some(n) = n else { continue };
-            let (mut best, mut best_dot) = (0, f32::MIN);
-            for (k, g) in grid.iter().enumerate() {
-                let dot = g.dot(*n);
-                if dot > best_dot {
-                    (best, best_dot) = (k as u32, dot);
-                }
-            }
-            block.u_indices |= (best & 3) << (2 * i);
-            block.v_indices |= (best >> 2) << (2 * i);
-            error += 1.0 - best_dot;
-        }
-        (block, error)
+        block
     }
 }
 
-fn cosine(a: Vec3, b: Vec3) -> f32 {
-    a.dot(b) / a.length().max(1e-20)
+/// Up to `4 G` unit normals, four to a vector. Lanes behind the last are filled and weigh nothing.
+struct Texels<const G: usize> {
+    normals: [[Vec4; G]; 3],
+    weights: [Vec4; G],
+    count: f32,
+}
+
+/// What a grid can do for normals.
+struct Assigned<const G: usize> {
+    base: RawNormal,
+    axes: u32,
+    /// Point of the grid for each normal, u index and four times the v index.
+    points: [Vec4; G],
+    /// Sum of the squares of the chords between normals and points.
+    error: f32,
+}
+
+/// Mean square of the chords (about 1.8 degrees) below which another fit is not worth its time.
+const GOOD: f32 = 1e-3;
+/// How wide the normals may be across, as a part of how wide they are along, for the second axis to make up for the
+/// rounding of the first, half of a seventh, instead.
+const NARROW: f32 = 0.07;
+
+/// The block without its indices, and the points of the grid, for the first `count` lanes.
+fn search<const G: usize>(lanes: &[[f32; 16]; 3], count: usize) -> (NormalBlock, [f32; 16]) {
+    let texels = Texels::<G>::new(lanes, count);
+    let mean = texels.mean();
+    let mut best = texels.patch(mean).unwrap_or_else(|| texels.reach(mean));
+    for _ in 0..2 {
+        if best.error < GOOD * texels.count {
+            break;
+        }
+        match texels.refine(&best) {
+            Some(next) if next.error < best.error => best = next,
+            _ => break,
+        }
+    }
+    let mut points = [0.0; 16];
+    for (points, four) in points.chunks_exact_mut(4).zip(best.points) {
+        points.copy_from_slice(&four.to_array());
+    }
+    (NormalBlock { base: best.base, axes: best.axes, ..NormalBlock::default() }, points)
+}
+
+fn dot(a: [Vec4; 3], b: Vec3) -> Vec4 {
+    a[0] * b.x + a[1] * b.y + a[2] * b.z
+}
+
+/// The nearest integers of numbers below 2^22.
+fn round(x: Vec4) -> Vec4 {
+    let big = Vec4::splat(12_582_912.0);
+    (x + big) - big
+}
+
+/// Coordinates in the grid of indices.
+fn coordinate(index: Vec4) -> Vec4 {
+    index * (2.0 / 3.0) - Vec4::ONE
+}
+
+impl<const G: usize> Texels<G> {
+    fn new(lanes: &[[f32; 16]; 3], count: usize) -> Self {
+        let mut texels = Self { normals: [[Vec4::ZERO; G]; 3], weights: weights(count as f32), count: count as f32 };
+        for g in 0..G {
+            for k in 0..3 {
+                texels.normals[k][g] = Vec4::from_slice(&lanes[k][4 * g..]);
+            }
+        }
+        texels
+    }
+
+    fn four(&self, g: usize) -> [Vec4; 3] {
+        [self.normals[0][g], self.normals[1][g], self.normals[2][g]]
+    }
+
+    /// Sum of the normals.
+    fn mean(&self) -> Vec3 {
+        let mut total = [Vec4::ZERO; 3];
+        for g in 0..G {
+            for k in 0..3 {
+                total[k] += self.normals[k][g] * self.weights[g];
+            }
+        }
+        sums(total).into()
+    }
+
+    /// The grid as a patch on the plane through the mean normal, along the principal axes of the normals there. `None` if
+    /// a normal is so far from the mean that it has no good place on that plane.
+    fn patch(&self, mean: Vec3) -> Option<Assigned<G>> {
+        let axis = mean.try_normalize()?;
+        let (right, up) = axis.any_orthonormal_pair();
+        let (mut least, mut lengths) = (Vec4::ONE, [Vec4::ZERO; G]);
+        let (mut x, mut y) = ([Vec4::ZERO; G], [Vec4::ZERO; G]);
+        let (mut sx, mut sy, mut sxx, mut sxy, mut syy) = (Vec4::ZERO, Vec4::ZERO, Vec4::ZERO, Vec4::ZERO, Vec4::ZERO);
+        for g in 0..G {
+            let (n, weight) = (self.four(g), self.weights[g]);
+            let along = dot(n, axis);
+            least = least.min(along);
+            lengths[g] = Vec4::ONE / along;
+            (x[g], y[g]) = (dot(n, right) * lengths[g], dot(n, up) * lengths[g]);
+            let (wx, wy) = (x[g] * weight, y[g] * weight);
+            (sx, sy) = (sx + wx, sy + wy);
+            (sxx, sxy, syy) = (sxx + wx * x[g], sxy + wx * y[g], syy + wy * y[g]);
+        }
+        if least.min_element() < 0.25 {
+            return None;
+        }
+        let (sx, sy) = (sum(sx) / self.count, sum(sy));
+        let (xx, xy) = (sum(sxx) - sx * sx * self.count, sum(sxy) - sx * sy);
+        let yy = sum(syy) - sy * sy / self.count;
+        let (cos, sin) = half_angle(xx - yy, 2.0 * xy);
+        let rotated = |g: usize| (x[g] * cos + y[g] * sin, y[g] * cos - x[g] * sin);
+        let (mut lo, mut hi) = ([Vec4::MAX; 2], [Vec4::MIN; 2]);
+        for g in 0..G {
+            let (u, v) = rotated(g);
+            lo = [lo[0].min(u), lo[1].min(v)];
+            hi = [hi[0].max(u), hi[1].max(v)];
+        }
+        let (lo, hi) = (lo.map(Vec4::min_element), hi.map(Vec4::max_element));
+        let (wide, across) = (hi[0] - lo[0], hi[1] - lo[1]);
+        let (u_steps, v_steps) = (3.0 / wide.max(1e-12), 3.0 / across.max(1e-12));
+        let (mut us, mut vs) = ([Vec4::ZERO; G], [Vec4::ZERO; G]);
+        for g in 0..G {
+            let (u, v) = rotated(g);
+            us[g] = coordinate(round((u - lo[0]) * u_steps));
+            vs[g] = if across < NARROW * wide { us[g] } else { coordinate(round((v - lo[1]) * v_steps)) };
+            lengths[g] *= self.weights[g];
+        }
+        let (base, axes) = self.fit(&lengths, &us, &vs)?;
+        Some(self.assign(base, axes))
+    }
+
+    /// Axes that reach from the mean to the normals furthest from what is expressible so far.
+    fn reach(&self, mean: Vec3) -> Assigned<G> {
+        let start = if mean.length() < 0.1 * self.count { -self.furthest(&[-mean]) } else { mean };
+        let base = RawNormal::encode(start);
+        let point = base.decode_point();
+        let length = point.length();
+        let u = encode_axis(self.furthest(&[point]) * length - point, 0);
+        let points = GRID.map(|c| point + decode_axis(u << 16) * c);
+        let n = self.furthest(&points);
+        let cosine = |p: &Vec3| p.dot(n) / p.length().max(1e-20);
+        let nearest = points.into_iter().max_by(|a, b| cosine(a).total_cmp(&cosine(b))).unwrap_or(point);
+        self.assign(base, encode_axis(n * length - nearest, u) << 16 | u)
+    }
+
+    /// The normal that is furthest from all of these directions.
+    fn furthest(&self, directions: &[Vec3]) -> Vec3 {
+        let mut cosines = [Vec4::splat(-2.0); G];
+        for direction in directions {
+            let direction = *direction / direction.length().max(1e-20);
+            for (g, cosine) in cosines.iter_mut().enumerate() {
+                *cosine = cosine.max(dot(self.four(g), direction));
+            }
+        }
+        let (mut least, mut furthest) = (f32::MAX, Vec3::Z);
+        for (g, cosines) in cosines.iter().enumerate() {
+            for (k, cosine) in cosines.to_array().into_iter().enumerate() {
+                if cosine < least {
+                    let [x, y, z] = self.four(g);
+                    (least, furthest) = (cosine, Vec3::new(x[k], y[k], z[k]));
+                }
+            }
+        }
+        furthest
+    }
+
+    /// A fit for the points that the normals have been given.
+    fn refine(&self, found: &Assigned<G>) -> Option<Assigned<G>> {
+        let (base, u, v) = (found.base.decode_point(), decode_axis(found.axes << 16), decode_axis(found.axes));
+        let (mut lengths, mut us, mut vs) = ([Vec4::ZERO; G], [Vec4::ZERO; G], [Vec4::ZERO; G]);
+        for g in 0..G {
+            let n = self.four(g);
+            let row = round(found.points[g] * 0.25 - Vec4::splat(0.375));
+            (us[g], vs[g]) = (coordinate(found.points[g] - row * 4.0), coordinate(row));
+            let point = |k: usize| us[g] * u[k] + vs[g] * v[k] + Vec4::splat(base[k]);
+            // What comes closest to the point in the direction of the normal.
+            let length = n[0] * point(0) + n[1] * point(1) + n[2] * point(2);
+            lengths[g] = length.max(Vec4::splat(0.05)) * self.weights[g];
+        }
+        let (base, axes) = self.fit(&lengths, &us, &vs)?;
+        Some(self.assign(base, axes))
+    }
+
+    /// Base and axes of the grid that comes closest, in the sum of squares, to the normals at these lengths, with these
+    /// coordinates. The u axis is rounded first; the v axis is fitted to what it became, and the base to both.
+    fn fit(&self, lengths: &[Vec4; G], us: &[Vec4; G], vs: &[Vec4; G]) -> Option<(RawNormal, u32)> {
+        let (mut su, mut sv, mut suu, mut suv, mut svv) = (Vec4::ZERO, Vec4::ZERO, Vec4::ZERO, Vec4::ZERO, Vec4::ZERO);
+        let (mut sp, mut spu, mut spv) = ([Vec4::ZERO; 3], [Vec4::ZERO; 3], [Vec4::ZERO; 3]);
+        for g in 0..G {
+            let (u, v) = (us[g], vs[g]);
+            let (wu, wv) = (u * self.weights[g], v * self.weights[g]);
+            (su, sv, suu, suv, svv) = (su + wu, sv + wv, suu + u * wu, suv + u * wv, svv + v * wv);
+            for k in 0..3 {
+                let p = self.normals[k][g] * lengths[g];
+                (sp[k], spu[k], spv[k]) = (sp[k] + p, spu[k] + p * u, spv[k] + p * v);
+            }
+        }
+        let total = |s: [Vec4; 3]| Vec3::from(sums(s));
+        // Means, and the moments about them.
+        let part = 1.0 / self.count;
+        let (u_mean, v_mean) = (sum(su) * part, sum(sv) * part);
+        let (sp, spu, spv) = (total(sp), total(spu), total(spv));
+        let uu = sum(suu) - u_mean * u_mean * self.count;
+        let uv = sum(suv) - u_mean * v_mean * self.count;
+        let vv = sum(svv) - v_mean * v_mean * self.count;
+        let (pu, pv, p_mean) = (spu - sp * u_mean, spv - sp * v_mean, sp * part);
+        let inverse = |x: f32| if x > 1e-3 * self.count { 1.0 / x } else { 0.0 };
+        let det = uu * vv - uv * uv;
+        let (u, v) = if det > 1e-6 * self.count * self.count {
+            ((pu * vv - pv * uv) / det, (pv * uu - pu * uv) / det)
+        } else {
+            (pu * inverse(uu), Vec3::ZERO)
+        };
+        // The length of the main axis, which the base cannot have, becomes 1.
+        let unit = (p_mean - u * u_mean - v * v_mean).abs().max_element();
+        if unit.is_nan() || unit < 0.01 {
+            return None;
+        }
+        let u_bits = encode_axis(u / unit, 0);
+        let u = decode_axis(u_bits << 16) * unit;
+        let v = (pv - u * uv) * inverse(vv);
+        let axes = encode_axis(v / unit, u_bits) << 16 | u_bits;
+        let v = decode_axis(axes) * unit;
+        Some((RawNormal::encode(p_mean - u * u_mean - v * v_mean), axes))
+    }
+
+    /// The best point of a grid for every normal.
+    fn assign(&self, base: RawNormal, axes: u32) -> Assigned<G> {
+        let (u, v, point) = (decode_axis(axes << 16), decode_axis(axes), base.decode_point());
+        // Relative to the base, so that small angles keep their precision: the point with the least square of the chord is
+        // that with the most `2 n·p - p·p`.
+        let centre = point.normalize();
+        let steps = Vec4::from_array(GRID);
+        let row = [
+            steps * u.x + Vec4::splat(point.x),
+            steps * u.y + Vec4::splat(point.y),
+            steps * u.z + Vec4::splat(point.z),
+        ];
+        let mut grid = [[0.0f32; 4]; 16];
+        for (four, c) in grid.chunks_exact_mut(4).zip(GRID) {
+            let [x, y, z] =
+                [row[0] + Vec4::splat(v.x * c), row[1] + Vec4::splat(v.y * c), row[2] + Vec4::splat(v.z * c)];
+            let square = x * x + y * y + z * z;
+            let length = Vec4::from_array(square.to_array().map(f32::sqrt));
+            let inverse = Vec4::ONE / length.max(Vec4::splat(1e-20));
+            let [x, y, z] = [x * inverse - centre.x, y * inverse - centre.y, z * inverse - centre.z];
+            let square = (x * x + y * y + z * z).to_array();
+            let (x, y, z) = ((x + x).to_array(), (y + y).to_array(), (z + z).to_array());
+            for (k, point) in four.iter_mut().enumerate() {
+                *point = [x[k], y[k], z[k], square[k]];
+            }
+        }
+        let (mut points, mut error) = ([Vec4::ZERO; G], Vec4::ZERO);
+        // Two groups at a time, so that they stay in registers.
+        for g in (0..G).step_by(2) {
+            let [a, b] = [g, g + 1].map(|g| {
+                let n = self.four(g);
+                [n[0] - centre.x, n[1] - centre.y, n[2] - centre.z]
+            });
+            let (mut most, mut best, mut tag) = ([Vec4::MIN; 2], [Vec4::ZERO; 2], Vec4::ZERO);
+            for &[x, y, z, square] in &grid {
+                let scores = [a[0] * x + a[1] * y + a[2] * z - square, b[0] * x + b[1] * y + b[2] * z - square];
+                best[0] = Vec4::select(scores[0].cmpgt(most[0]), tag, best[0]);
+                best[1] = Vec4::select(scores[1].cmpgt(most[1]), tag, best[1]);
+                most = [most[0].max(scores[0]), most[1].max(scores[1])];
+                tag += Vec4::ONE;
+            }
+            (points[g], points[g + 1]) = (best[0], best[1]);
+            error += (a[0] * a[0] + a[1] * a[1] + a[2] * a[2] - most[0]) * self.weights[g];
+            error += (b[0] * b[0] + b[1] * b[1] + b[2] * b[2] - most[1]) * self.weights[g + 1];
+        }
+        Assigned { base, axes, points, error: sum(error) }
+    }
+}
+
+/// Cosine and sine of half the angle of `(x, y)`.
+fn half_angle(x: f32, y: f32) -> (f32, f32) {
+    let length = (x * x + y * y).sqrt();
+    if length == 0.0 {
+        return (1.0, 0.0);
+    }
+    // The larger of the two first, so that nothing cancels out.
+    let larger = (0.5 + 0.5 * x.abs() / length).sqrt();
+    let smaller = 0.5 * y / (length * larger);
+    if x >= 0.0 { (larger, smaller) } else { (smaller.abs(), larger.copysign(y)) }
 }
 
 #[cfg(test)]
@@ -287,6 +503,76 @@ mod tests {
                 prop_assert!(off <= 0.7 * degrees + 0.05, "{off} degrees off in a cone of {degrees}");
             }
         }
+    }
+
+    #[test]
+    fn half_angles_are_those_of_trigonometry() {
+        for k in -36..=36 {
+            let angle = (k as f32 * 4.999).to_radians();
+            let (cos, sin) = half_angle(angle.cos() * 3e-7, angle.sin() * 3e-7);
+            assert!((cos - (0.5 * angle).cos()).abs() < 1e-5 && (sin - (0.5 * angle).sin()).abs() < 1e-5, "{angle}");
+        }
+        assert_eq!(half_angle(0.0, 0.0), (1.0, 0.0));
+    }
+
+    proptest! {
+        #[test]
+        fn raw_normals_are_those_of_the_plain_method(n in prop::array::uniform3(prop::num::f32::ANY)) {
+            prop_assert_eq!(RawNormal::encode(n.into()), plain_raw(n.into()));
+        }
+
+        #[test]
+        fn raw_normals_of_directions_are_too(n in prop::array::uniform3(-2i8..=2), f in prop::array::uniform3(-1.0f32..1.0), scale in 0.0f32..0.1) {
+            // With equal and with zero components.
+            let n = Vec3::from(n.map(f32::from)) + Vec3::from(f) * scale.max(0.05) - Vec3::from(f) * 0.05;
+            prop_assert_eq!(RawNormal::encode(n), plain_raw(n));
+        }
+
+        #[test]
+        fn axes_are_the_nearest(axis in prop::array::uniform3(-1.0f32..1.0), scale in -9i32..3, below in 0u32..0x10000) {
+            let axis = Vec3::from(axis) * 2f32.powi(scale);
+            let bits = encode_axis(axis, below);
+            let found = decode_axis(bits << 16 | below);
+            let unit = 2f32.powi((bits & 15) as i32 - 13);
+            for k in 0..3 {
+                // At the ends of the range of a field its fraction counts too.
+                prop_assert!((found[k] - axis[k]).abs() <= unit * 0.66, "{axis} became {found} in units of {unit}");
+            }
+            prop_assert!(bits & 15 == 0 || axis.abs().max_element() > 3.69 * unit);
+        }
+
+        #[test]
+        fn points_of_the_grid_are_the_nearest(
+            seeds in prop::array::uniform16(prop::option::of(prop::array::uniform3(-1.0f32..1.0))), spread in 0.01f32..2.0,
+        ) {
+            let normals = seeds.map(|n| (Vec3::Y + Vec3::from(n?) * spread).try_normalize());
+            let block = NormalBlock::encode(&normals);
+            for (i, n) in normals.iter().enumerate() {
+                let Some(n) = n else {
+                    prop_assert_eq!((block.u_indices | block.v_indices) >> (2 * i) & 3, 0);
+                    continue;
+                };
+                let with = |k: u32| NormalBlock { u_indices: k & 3, v_indices: k >> 2, ..block }.decode(0);
+                let least = (0..16).map(|k| with(k).distance(*n)).fold(f32::MAX, f32::min);
+                prop_assert!(block.decode(i).distance(*n) <= least + 2e-4);
+            }
+        }
+    }
+
+    /// The raw normal as section 8.2 of the specification puts it.
+    fn plain_raw(n: Vec3) -> RawNormal {
+        let n = if n.is_finite() && n != Vec3::ZERO { n } else { Vec3::Z };
+        let a = n.abs();
+        let (axis, main, u, v) = if a.x >= a.y && a.x >= a.z {
+            (0, n.x, n.y, n.z)
+        } else if a.y >= a.z {
+            (1, n.y, n.z, n.x)
+        } else {
+            (2, n.z, n.x, n.y)
+        };
+        let v = nearest(v / main.abs() * 8192.0).clamp(-8192, 8191) as u32 & 0x3fff;
+        let u = nearest(u / main.abs() * 16384.0 - v as f32 / 16384.0).clamp(-16384, 16383) as u32 & 0x7fff;
+        RawNormal(u32::from(main < 0.0) << 31 | axis << 29 | u << 14 | v)
     }
 
     #[test]
