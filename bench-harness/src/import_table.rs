@@ -4,11 +4,12 @@
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, ExitStatus, Stdio};
+use std::process::{Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 use esvo_builder::import::is_mesh_file;
 
+use crate::process::Process;
 use crate::text::TextTable;
 use crate::{BenchError, Progress};
 
@@ -177,17 +178,6 @@ struct Trial<'a> {
     output: PathBuf,
 }
 
-/// Kills the process when dropped, so that an error on the way leaves none behind.
-struct Guard(Child);
-
-impl Drop for Guard {
-    fn drop(&mut self) {
-        // One that has ended cannot be killed, and need not be.
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
-}
-
 impl Trial<'_> {
     fn run(&self) -> Result<Outcome, BenchError> {
         // Whatever an earlier file left must not be taken for this one's.
@@ -201,15 +191,15 @@ impl Trial<'_> {
         command.arg("--levels").arg(self.options.levels.to_string());
         command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(errors);
         let start = Instant::now();
-        let mut child = Guard(command.spawn().map_err(|e| BenchError::io(&self.options.program, e))?);
+        let process = Process::start(&mut command).map_err(|e| BenchError::io(&self.options.program, e))?;
         let status = loop {
-            if let Some(status) = child.0.try_wait().map_err(|e| BenchError::io(&self.options.program, e))? {
+            if let Some(status) = process.ended().map_err(|e| BenchError::io(&self.options.program, e))? {
                 break status;
             }
             if start.elapsed().as_secs_f64() > self.options.seconds {
                 return Ok(Outcome::Broken(format!("not done after {:.0} s", self.options.seconds)));
             }
-            if held_bytes(child.0.id()).is_some_and(|held| held > self.options.memory) {
+            if process.held_bytes().is_some_and(|held| held > self.options.memory) {
                 let limit = self.options.memory as f64 / 1e9;
                 return Ok(Outcome::Broken(format!("held more than {limit:.1} GB of memory")));
             }
@@ -256,13 +246,6 @@ impl Trial<'_> {
         let triangles = meta["triangles"].as_u64().ok_or("the metadata does not say how many triangles there were")?;
         Ok((triangles, esvo_format::stats(&octree).voxels))
     }
-}
-
-/// Bytes that a process holds in memory, where the system says so.
-fn held_bytes(process: u32) -> Option<u64> {
-    let status = std::fs::read_to_string(format!("/proc/{process}/status")).ok()?;
-    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;
-    Some(line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()? * 1024)
 }
 
 #[cfg(all(test, unix))]

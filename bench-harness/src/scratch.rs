@@ -37,8 +37,8 @@ impl Drop for Scratch {
     }
 }
 
-/// Removes the large files of all runs that are going on: for a program that is interrupted.
-pub fn remove_temporaries() {
+/// Removes the large files of all runs that are going on.
+pub(crate) fn remove_temporaries() {
     for folder in folders().drain(..) {
         // What cannot be removed stays; there is nobody to tell.
         let _ = std::fs::remove_dir_all(folder);

@@ -15,6 +15,7 @@ mod dump;
 mod fail;
 mod info;
 mod render;
+mod selection;
 mod validate;
 mod words;
 
@@ -40,7 +41,7 @@ fn main() -> ExitCode {
     // Interrupted while writing: leave nothing half-written behind.
     let interrupted = ctrlc::set_handler(|| {
         esvo_format::remove_temporaries();
-        esvo_bench::remove_temporaries();
+        esvo_bench::interrupted();
         std::process::exit(130);
     });
     if let Err(error) = interrupted {

@@ -2,14 +2,14 @@
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use super::limit::Limit;
 use super::plan::Contours;
 use crate::BenchError;
 use crate::build_summary::BuildSummary;
-use crate::clock::status_bytes;
+use crate::process::Process;
 use crate::text::GB;
 
 /// Time between two looks at a child.
@@ -49,17 +49,6 @@ pub(crate) enum Ended {
     Stopped(Limit, String),
 }
 
-/// Kills the process when dropped, so that an error on the way leaves none behind.
-struct Guard(Child);
-
-impl Drop for Guard {
-    fn drop(&mut self) {
-        // One that has ended cannot be killed, and need not be.
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
-}
-
 impl Job<'_> {
     fn command(&self) -> Command {
         let mut command = Command::new(self.program);
@@ -93,17 +82,15 @@ impl Job<'_> {
         let mut command = self.command();
         command.stdin(Stdio::null()).stdout(create(&out)?).stderr(create(&err)?);
         let start = Instant::now();
-        let mut child = Guard(command.spawn().map_err(|e| BenchError::io(self.program, e))?);
-        let process = child.0.id().to_string();
+        let process = Process::start(&mut command).map_err(|e| BenchError::io(self.program, e))?;
         let status = loop {
-            if let Some(status) = child.0.try_wait().map_err(|e| BenchError::io(self.program, e))? {
+            if let Some(status) = process.ended().map_err(|e| BenchError::io(self.program, e))? {
                 break status;
             }
             if start.elapsed().as_secs_f64() > self.seconds {
                 return stopped(self.seconds_of, format!("stopped after {:.0} s, the limit", self.seconds));
             }
-            // Of its own: pages of the file that is looked at once more in the end can be had back at any time.
-            if status_bytes(&process, "RssAnon:").is_some_and(|held| held as f64 > self.memory) {
+            if process.held_bytes().is_some_and(|held| held as f64 > self.memory) {
                 let what = format!("stopped when it held more than {:.1} GB; see --memory", self.memory / GB);
                 return stopped(Limit::Memory, what);
             }

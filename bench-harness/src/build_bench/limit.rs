@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::plan::{BuildMatrix, Contours};
 use super::record::BuildRow;
-use crate::text::GB;
+use crate::text::{GB, short};
 
 /// Growth from one level to the next where only one level is known: surfaces quadruple.
 const FIRST_GROWTH: f64 = 4.2;
@@ -66,14 +66,15 @@ pub(crate) fn refusal(rows: &[BuildRow], kind: Contours, matrix: &BuildMatrix, l
     };
     let disk = expected(|r| r.build.file_bytes as f64)?;
     if disk > matrix.disk_gb * GB {
-        let why = format!("would take about {:.1} GB of disk, and the limit is {}", disk / GB, matrix.disk_gb);
+        let why = format!("would take about {} GB of disk, and the limit is {}", short(disk / GB), matrix.disk_gb);
         return Some((Limit::Disk, why));
     }
     // The mesh is held at every level; what comes on top of it grows.
     let import = rows.iter().map(|r| r.build.import_peak_bytes).max().unwrap_or(0) as f64;
     let memory = import + expected(|r| r.build.peak_bytes.saturating_sub(r.build.import_peak_bytes) as f64)?;
     if memory > matrix.memory_gb * GB {
-        let why = format!("would take about {:.1} GB of memory, and the limit is {}", memory / GB, matrix.memory_gb);
+        let why =
+            format!("would take about {} GB of memory, and the limit is {}", short(memory / GB), matrix.memory_gb);
         return Some((Limit::Memory, why));
     }
     let seconds = expected(|r| r.build.seconds.import + r.build.seconds.build)?;
