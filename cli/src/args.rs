@@ -10,6 +10,7 @@ use crate::bench_format::BenchFormat;
 use crate::bench_import::BenchImport;
 use crate::bench_pictures::BenchPictures;
 use crate::displacement::Displacement;
+use crate::selection::Selection;
 
 /// Sparse voxel octrees: build, inspect, render and benchmark.
 #[derive(Debug, Parser)]
@@ -320,15 +321,8 @@ pub(crate) struct Bench {
     /// The paper's whole matrix: every scene, resolution and viewpoint, levels up to what the memory allows
     #[arg(long, conflicts_with = "matrix")]
     pub(crate) full: bool,
-    /// Read the matrix from a TOML file
-    #[arg(long, value_name = "FILE")]
-    pub(crate) matrix: Option<PathBuf>,
-    /// Only these scenes
-    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
-    pub(crate) scenes: Vec<String>,
-    /// These levels for every scene
-    #[arg(long, value_name = "N,...", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=23))]
-    pub(crate) levels: Vec<u32>,
+    #[command(flatten)]
+    pub(crate) selection: Selection,
     /// Only these engines
     #[arg(long, value_enum, value_delimiter = ',')]
     pub(crate) backends: Vec<Engine>,
@@ -341,27 +335,15 @@ pub(crate) struct Bench {
     /// Timed rounds per row
     #[arg(long, value_name = "N")]
     pub(crate) rounds: Option<usize>,
-    /// Memory that the run may use, in GB (10^9 bytes); levels that need more are left out
-    #[arg(long, value_name = "GB")]
-    pub(crate) memory: Option<f64>,
-    /// Seconds that the run is planned to take; 0: no limit
-    #[arg(long, value_name = "SECONDS")]
-    pub(crate) time_limit: Option<f64>,
     /// Threads of the CPU caster
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
     pub(crate) threads: Option<u16>,
-    /// Where real meshes are looked for first; then $ESVO_SCENES, then ../shared/scenes
-    #[arg(long, value_name = "FOLDER")]
-    pub(crate) scenes_dir: Option<PathBuf>,
     /// Where the folder MACHINE/DATE/ is made
     #[arg(long, value_name = "FOLDER", default_value = "results")]
     pub(crate) out: PathBuf,
     /// Name of the machine's folder [default: made from the processor's]
     #[arg(long, value_name = "NAME")]
     pub(crate) machine: Option<String>,
-    /// Print the record as JSON instead of the tables
-    #[arg(long)]
-    pub(crate) json: bool,
 }
 
 /// What else can be measured.
@@ -373,7 +355,6 @@ pub(crate) enum BenchCommand {
     Import(BenchImport),
 }
 
-/// An engine, as it is typed.
 /// The names of [`esvo_builder::Preset`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Preset {
@@ -416,6 +397,7 @@ impl From<TextureTest> for esvo_builder::TextureTest {
     }
 }
 
+/// An engine, as it is typed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Engine {
     /// The definition of a correct hit: one thread

@@ -22,26 +22,25 @@ pub(crate) fn run(arguments: &Bench) -> Result<(), Failure> {
 /// The matrix: the paper's two tables.
 fn tables_run(arguments: &Bench) -> Result<(), Failure> {
     let matrix = matrix(arguments)?;
-    if let Some(folder) = arguments.scenes_dir.as_ref().filter(|f| !f.is_dir()) {
-        return Err(format!("--scenes-dir {}: there is no such folder", folder.display()).into());
-    }
+    let selection = &arguments.selection;
+    selection.check()?;
     output::check(&arguments.out)?;
     let options =
-        run::Options { matrix, scenes_dir: arguments.scenes_dir.clone(), threads: arguments.threads.map(Into::into) };
+        run::Options { matrix, scenes_dir: selection.scenes_dir.clone(), threads: arguments.threads.map(Into::into) };
     let progress = Progress::terminal();
     let outcome = run::run(&options, &progress);
     progress.finish();
     let outcome = outcome?;
     let folder = output::write(&outcome, &arguments.out, arguments.machine.as_deref())?;
     let report = &outcome.report;
-    let text = if arguments.json {
+    let text = if selection.json {
         report.to_json()
     } else {
         format!("{}\nWritten to {}\n", tables::to_text(report), folder.display())
     };
     // A closed pipe must not hide wrong answers.
     let printed = print(&text);
-    if arguments.json {
+    if selection.json {
         complain("written", &folder.display().to_string());
     }
     let wrong = report.failures().count();
@@ -56,22 +55,16 @@ fn tables_run(arguments: &Bench) -> Result<(), Failure> {
 }
 
 fn matrix(arguments: &Bench) -> Result<Matrix, Failure> {
-    let mut matrix = match &arguments.matrix {
+    let selection = &arguments.selection;
+    let mut matrix = match &selection.matrix {
         Some(file) => Matrix::read(file)?,
         None if arguments.full => Matrix::full_run(),
         None => Matrix::default_run(),
     };
-    if !arguments.scenes.is_empty() {
-        matrix.select_scenes(&arguments.scenes);
+    if !selection.scenes.is_empty() {
+        matrix.select_scenes(&selection.scenes);
     }
-    if !arguments.levels.is_empty() {
-        let mut levels = arguments.levels.clone();
-        levels.sort_unstable();
-        levels.dedup();
-        for scene in &mut matrix.scenes {
-            scene.levels.clone_from(&levels);
-        }
-    }
+    selection.apply(&mut matrix.scenes, &mut matrix.memory_gb, &mut matrix.time_limit_seconds);
     if !arguments.backends.is_empty() {
         matrix.backends = arguments.backends.iter().map(|&b| Backend::from(b)).collect();
         matrix.backends.dedup();
@@ -81,12 +74,6 @@ fn matrix(arguments: &Bench) -> Result<Matrix, Failure> {
     }
     matrix.views = arguments.views.unwrap_or(matrix.views);
     matrix.rounds = arguments.rounds.unwrap_or(matrix.rounds);
-    matrix.memory_gb = arguments.memory.unwrap_or(matrix.memory_gb);
-    match arguments.time_limit {
-        Some(0.0) => matrix.time_limit_seconds = None,
-        Some(seconds) => matrix.time_limit_seconds = Some(seconds),
-        None => {}
-    }
     matrix.validate()?;
     Ok(matrix)
 }

@@ -7,6 +7,7 @@ use esvo_bench::build_bench::{BuildMatrix, Contours, Options, run as run_builds,
 use esvo_bench::{Progress, output};
 
 use crate::fail::{Failure, complain, print};
+use crate::selection::Selection;
 
 /// Measure building: seconds, memory, bytes, and error against the triangles.
 #[derive(Debug, Args)]
@@ -24,15 +25,8 @@ pub(crate) struct BenchBuild {
     /// The paper's Table 1: every scene, levels 10 to 16, as far as the limits allow
     #[arg(long, conflicts_with = "matrix")]
     pub(crate) full: bool,
-    /// Read what to build from a TOML file
-    #[arg(long, value_name = "FILE")]
-    pub(crate) matrix: Option<PathBuf>,
-    /// Only these scenes
-    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
-    pub(crate) scenes: Vec<String>,
-    /// These levels for every scene
-    #[arg(long, value_name = "N,...", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=23))]
-    pub(crate) levels: Vec<u32>,
+    #[command(flatten)]
+    pub(crate) selection: Selection,
     /// With contours, without, or both
     #[arg(long, value_enum)]
     pub(crate) contours: Option<Which>,
@@ -42,27 +36,15 @@ pub(crate) struct BenchBuild {
     /// Rays that errors are measured with, over all viewpoints of a scene
     #[arg(long, value_name = "N")]
     pub(crate) rays: Option<u64>,
-    /// Memory that a build may take, in GB (10^9 bytes); levels that need more are left out
-    #[arg(long, value_name = "GB")]
-    pub(crate) memory: Option<f64>,
     /// Disk that a file may take, in GB (10^9 bytes)
     #[arg(long, value_name = "GB")]
     pub(crate) disk: Option<f64>,
     /// Seconds that one build may take
     #[arg(long, value_name = "SECONDS")]
     pub(crate) build_limit: Option<f64>,
-    /// Seconds that the run is planned to take; 0: no limit
-    #[arg(long, value_name = "SECONDS")]
-    pub(crate) time_limit: Option<f64>,
-    /// Where real meshes are looked for first; then $ESVO_SCENES, then ../shared/scenes
-    #[arg(long, value_name = "FOLDER")]
-    pub(crate) scenes_dir: Option<PathBuf>,
     /// Folder for the record and the tables, named after the matrix
     #[arg(long, value_name = "FOLDER", default_value = "results/build")]
     pub(crate) out: PathBuf,
-    /// Print the record as JSON instead of the tables
-    #[arg(long)]
-    pub(crate) json: bool,
 }
 
 /// Which octrees are built.
@@ -78,18 +60,17 @@ pub(crate) enum Which {
 
 pub(crate) fn run(arguments: &BenchBuild) -> Result<(), Failure> {
     let matrix = matrix(arguments)?;
-    if let Some(folder) = arguments.scenes_dir.as_ref().filter(|f| !f.is_dir()) {
-        return Err(format!("--scenes-dir {}: there is no such folder", folder.display()).into());
-    }
+    let selection = &arguments.selection;
+    selection.check()?;
     output::check(&arguments.out)?;
     let program = std::env::current_exe().map_err(|e| format!("this program cannot find itself: {e}"))?;
-    let options = Options { matrix, scenes_dir: arguments.scenes_dir.clone(), program };
+    let options = Options { matrix, scenes_dir: selection.scenes_dir.clone(), program };
     let progress = Progress::terminal();
     let report = run_builds(&options, &progress, &mut |report| write(report, &arguments.out).map(drop));
     progress.finish();
     let report = report?;
     let written = write(&report, &arguments.out)?;
-    let printed = print(&if arguments.json { report.to_json() } else { to_text(&report) });
+    let printed = print(&if selection.json { report.to_json() } else { to_text(&report) });
     for path in written {
         complain("written", &path.display().to_string());
     }
@@ -102,22 +83,16 @@ pub(crate) fn run(arguments: &BenchBuild) -> Result<(), Failure> {
 }
 
 fn matrix(arguments: &BenchBuild) -> Result<BuildMatrix, Failure> {
-    let mut matrix = match &arguments.matrix {
+    let selection = &arguments.selection;
+    let mut matrix = match &selection.matrix {
         Some(file) => BuildMatrix::read(file)?,
         None if arguments.full => BuildMatrix::full_run(),
         None => BuildMatrix::default_run(),
     };
-    if !arguments.scenes.is_empty() {
-        matrix.select_scenes(&arguments.scenes);
+    if !selection.scenes.is_empty() {
+        matrix.select_scenes(&selection.scenes);
     }
-    if !arguments.levels.is_empty() {
-        let mut levels = arguments.levels.clone();
-        levels.sort_unstable();
-        levels.dedup();
-        for scene in &mut matrix.scenes {
-            scene.levels.clone_from(&levels);
-        }
-    }
+    selection.apply(&mut matrix.scenes, &mut matrix.memory_gb, &mut matrix.time_limit_seconds);
     match arguments.contours {
         Some(Which::Both) => matrix.contours = vec![Contours::On, Contours::Off],
         Some(Which::On) => matrix.contours = vec![Contours::On],
@@ -126,14 +101,8 @@ fn matrix(arguments: &BenchBuild) -> Result<BuildMatrix, Failure> {
     }
     matrix.repeats = arguments.repeats.unwrap_or(matrix.repeats);
     matrix.rays = arguments.rays.unwrap_or(matrix.rays);
-    matrix.memory_gb = arguments.memory.unwrap_or(matrix.memory_gb);
     matrix.disk_gb = arguments.disk.unwrap_or(matrix.disk_gb);
     matrix.build_limit_seconds = arguments.build_limit.unwrap_or(matrix.build_limit_seconds);
-    match arguments.time_limit {
-        Some(0.0) => matrix.time_limit_seconds = None,
-        Some(seconds) => matrix.time_limit_seconds = Some(seconds),
-        None => {}
-    }
     matrix.validate()?;
     Ok(matrix)
 }

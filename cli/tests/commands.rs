@@ -138,6 +138,24 @@ fn bench_format_writes_its_record() {
 }
 
 #[test]
+fn bench_build_goes_on_where_it_can_and_says_what_is_left_out() {
+    let folder = Folder::new();
+    let scenes = "sibenik-d,sibenik";
+    let limits = ["--rays", "10000", "--repeats", "1", "--disk", "0.00008", "--out", "made"];
+    let text = folder.ok(&[&["bench", "build", "--scenes", scenes, "--levels", "4,5,10"], &limits[..]].concat());
+    assert!(text.contains("SIBENIK-D: its mesh is not here"), "{text}");
+    assert!(text.contains("SIBENIK, cubical, at ") && text.contains("GB of disk, and the limit is 0.00008"), "{text}");
+    let table = std::fs::read_to_string(folder.path("made/build.md")).unwrap();
+    for part in ["| SIBENIK | cubical, stand-in | 4 |", "## What contours save", "| SIBENIK | stand-in | 4 |"] {
+        assert!(table.contains(part), "{part} is not in:\n{table}");
+    }
+    let record: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(folder.path("made/build.json")).unwrap()).unwrap();
+    assert_eq!((&record["complete"], &record["scenes"][0]["stopped"][0]["limit"]), (&true.into(), &"disk".into()));
+    folder.fails(&["bench", "build", "--scenes", "sibenik,teapot", "--out", "other"], 1, "the scenes are");
+}
+
+#[test]
 fn bench_writes_its_record() {
     let folder = Folder::new();
     folder.put("small.toml", SMALL);

@@ -1,0 +1,62 @@
+//! What `esvo bench` and `esvo bench build` have in common: which part of a matrix is measured, and where it goes.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use esvo_bench::matrix::SceneEntry;
+
+use crate::fail::Failure;
+
+/// Changes to a matrix.
+#[derive(Debug, Args)]
+pub(crate) struct Selection {
+    /// Read the matrix from a TOML file
+    #[arg(long, value_name = "FILE")]
+    pub(crate) matrix: Option<PathBuf>,
+    /// Only these scenes
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    pub(crate) scenes: Vec<String>,
+    /// These levels for every scene
+    #[arg(long, value_name = "N,...", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=23))]
+    levels: Vec<u32>,
+    /// Memory that the run, or one build of bench build, may take, in GB (10^9 bytes); levels that need more are left out
+    #[arg(long, value_name = "GB")]
+    memory: Option<f64>,
+    /// Seconds that the run is planned to take; 0: no limit
+    #[arg(long, value_name = "SECONDS")]
+    time_limit: Option<f64>,
+    /// Where real meshes are looked for first; then $ESVO_SCENES, then ../shared/scenes
+    #[arg(long, value_name = "FOLDER")]
+    pub(crate) scenes_dir: Option<PathBuf>,
+    /// Print the record as JSON instead of the tables
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+impl Selection {
+    /// Refuses a folder of scenes that is none.
+    pub(crate) fn check(&self) -> Result<(), Failure> {
+        match self.scenes_dir.as_ref().filter(|f| !f.is_dir()) {
+            Some(folder) => Err(format!("--scenes-dir {}: there is no such folder", folder.display()).into()),
+            None => Ok(()),
+        }
+    }
+
+    /// Puts levels and limits, where they are given, in place of those of a matrix.
+    pub(crate) fn apply(&self, scenes: &mut [SceneEntry], memory_gb: &mut f64, time_limit: &mut Option<f64>) {
+        if !self.levels.is_empty() {
+            let mut levels = self.levels.clone();
+            levels.sort_unstable();
+            levels.dedup();
+            for scene in scenes {
+                scene.levels.clone_from(&levels);
+            }
+        }
+        *memory_gb = self.memory.unwrap_or(*memory_gb);
+        match self.time_limit {
+            Some(0.0) => *time_limit = None,
+            Some(seconds) => *time_limit = Some(seconds),
+            None => {}
+        }
+    }
+}
