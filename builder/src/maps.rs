@@ -13,10 +13,9 @@
 use std::sync::Arc;
 
 use glam::{Vec2, Vec3};
-use rayon::prelude::*;
 
-use crate::import::texture::{half, neighbours, taps};
-use crate::import::{MAX_TEXTURE_SIDE, TextureError};
+use crate::import::TextureError;
+use crate::import::texture::{check_size, halve, mip_level, neighbours, wrap};
 
 /// An image of `N` linear channels with all its mip levels, 16 bits each: 0 stands for 0, 65535 for 1.
 #[derive(Clone, Debug)]
@@ -46,14 +45,7 @@ impl<const N: usize> LinearTexture<N> {
     /// # Errors
     /// See [`TextureError`].
     pub fn new(width: u32, height: u32, texels: Vec<[u16; N]>) -> Result<Self, TextureError> {
-        if width == 0 || height == 0 || width > MAX_TEXTURE_SIDE || height > MAX_TEXTURE_SIDE {
-            return Err(TextureError::Size { width, height });
-        }
-        let expected = width as usize * height as usize;
-        if texels.len() != expected {
-            let bytes = |texels: usize| texels * N * 2;
-            return Err(TextureError::Length { width, height, found: bytes(texels.len()), expected: bytes(expected) });
-        }
+        check_size(width, height, 2 * N, 2 * N * texels.len())?;
         let mut mips = vec![LinearMip { width, height, texels }];
         while let Some(last) = mips.last()
             && (last.width > 1 || last.height > 1)
@@ -70,15 +62,10 @@ impl<const N: usize> LinearTexture<N> {
     /// that are not finite are taken as 0.
     #[must_use]
     pub fn sample(&self, uv: [f32; 2], footprint_texels: f32) -> [f32; N] {
-        let uv = uv.map(|x| if x.is_finite() { x - x.floor() } else { 0.0 });
-        let deepest = self.mips.len() - 1;
-        let level = if footprint_texels > 1.0 { footprint_texels.log2().min(deepest as f32) } else { 0.0 };
-        let fine = level as usize;
-        let blend = level - fine as f32;
+        let uv = wrap(uv);
+        let (fine, blend) = mip_level(footprint_texels, self.mips.len());
         let near = self.mips[fine].bilinear(uv);
-        if blend <= 0.0 || fine == deepest {
-            return near;
-        }
+        let Some(blend) = blend else { return near };
         let far = self.mips[fine + 1].bilinear(uv);
         std::array::from_fn(|c| near[c] + (far[c] - near[c]) * blend)
     }
@@ -99,23 +86,16 @@ impl<const N: usize> LinearMip<N> {
 
     /// The next mip level.
     fn halved(&self) -> Self {
-        let (columns, rows) = (taps(self.width as usize), taps(self.height as usize));
-        let mut texels = vec![[0; N]; columns.len() * rows.len()];
-        texels.par_chunks_mut(columns.len()).zip(&rows).for_each(|(line, row)| {
-            for (texel, column) in line.iter_mut().zip(&columns) {
-                let mut sum = [0.0f32; N];
-                for (j, &wy) in row.weights().iter().enumerate() {
-                    for (i, &wx) in column.weights().iter().enumerate() {
-                        let part = self.texels[(row.first + j) * self.width as usize + column.first + i];
-                        for c in 0..N {
-                            sum[c] += wx * wy * f32::from(part[c]);
-                        }
-                    }
+        let (width, height, texels) = halve(self.width, self.height, |parts| {
+            let mut sum = [0.0f32; N];
+            for &(weight, index) in parts {
+                for (sum, &part) in sum.iter_mut().zip(&self.texels[index]) {
+                    *sum += weight * f32::from(part);
                 }
-                *texel = sum.map(|x| (x + 0.5) as u16);
             }
+            sum.map(|x| (x + 0.5) as u16)
         });
-        Self { width: half(self.width), height: half(self.height), texels }
+        Self { width, height, texels }
     }
 }
 

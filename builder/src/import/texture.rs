@@ -83,13 +83,7 @@ impl Texture {
     /// # Errors
     /// See [`TextureError`].
     pub fn from_rgba8(width: u32, height: u32, bytes: &[u8]) -> Result<Self, TextureError> {
-        if width == 0 || height == 0 || width > MAX_TEXTURE_SIDE || height > MAX_TEXTURE_SIDE {
-            return Err(TextureError::Size { width, height });
-        }
-        let expected = width as usize * height as usize * 4;
-        if bytes.len() != expected {
-            return Err(TextureError::Length { width, height, found: bytes.len(), expected });
-        }
+        check_size(width, height, 4, bytes.len())?;
         let texels: Vec<[u8; 4]> = bytes.as_chunks::<4>().0.to_vec();
         let mut mips = vec![MipLevel { width, height, texels }];
         // Levels past the first are kept in full precision until all are made, so that rounding does not add up.
@@ -97,18 +91,17 @@ impl Texture {
         while let Some(last) = mips.last()
             && (last.width > 1 || last.height > 1)
         {
-            let (w, h) = (last.width as usize, last.height as usize);
-            let averages = if mips.len() == 1 {
+            let (width, height, averages) = if mips.len() == 1 {
                 let decode = decode_table();
-                halve(w, h, |i| linear(decode, last.texels[i]))
+                halve(last.width, last.height, |parts| average_of(parts, |i| linear(decode, last.texels[i])))
             } else {
-                halve(w, h, |i| previous[i])
+                halve(last.width, last.height, |parts| average_of(parts, |i| previous[i]))
             };
             let texels = averages.par_iter().map(|&[r, g, b, a]| {
                 let alpha = (a * 255.0 + 0.5) as u8;
                 [linear_to_srgb_byte(r), linear_to_srgb_byte(g), linear_to_srgb_byte(b), alpha]
             });
-            mips.push(MipLevel { width: half(last.width), height: half(last.height), texels: texels.collect() });
+            mips.push(MipLevel { width, height, texels: texels.collect() });
             previous = averages;
         }
         Ok(Self { mips })
@@ -127,16 +120,13 @@ impl Texture {
     /// by alpha. Coordinates or footprints that are not finite are taken as 0.
     #[must_use]
     pub fn sample(&self, uv: [f32; 2], footprint_texels: f32) -> [f32; 4] {
-        let uv = uv.map(|x| if x.is_finite() { x - x.floor() } else { 0.0 });
-        let deepest = self.mips.len() - 1;
-        let level = if footprint_texels > 1.0 { footprint_texels.log2().min(deepest as f32) } else { 0.0 };
-        let fine = level as usize;
-        let blend = level - fine as f32;
+        let uv = wrap(uv);
+        let (fine, blend) = mip_level(footprint_texels, self.mips.len());
         let near = self.mips[fine].bilinear(uv);
-        if blend <= 0.0 || fine == deepest {
-            return near;
+        match blend {
+            Some(t) => mix(near, self.mips[fine + 1].bilinear(uv), t),
+            None => near,
         }
-        mix(near, self.mips[fine + 1].bilinear(uv), blend)
     }
 }
 
@@ -155,6 +145,31 @@ impl MipLevel {
         ];
         average(&corners)
     }
+}
+
+/// Checks the size of an image whose texels have so many bytes each.
+pub(crate) fn check_size(width: u32, height: u32, texel_bytes: usize, found: usize) -> Result<(), TextureError> {
+    if width == 0 || height == 0 || width > MAX_TEXTURE_SIDE || height > MAX_TEXTURE_SIDE {
+        return Err(TextureError::Size { width, height });
+    }
+    let expected = width as usize * height as usize * texel_bytes;
+    if found != expected { Err(TextureError::Length { width, height, found, expected }) } else { Ok(()) }
+}
+
+/// Coordinates brought to 0..=1; those that are not finite are 0.
+#[inline]
+pub(crate) fn wrap(uv: [f32; 2]) -> [f32; 2] {
+    uv.map(|x| if x.is_finite() { x - x.floor() } else { 0.0 })
+}
+
+/// Which of `mips` levels shows texels of this footprint, and how much of the next one is to be blended in, if any.
+#[inline]
+pub(crate) fn mip_level(footprint_texels: f32, mips: usize) -> (usize, Option<f32>) {
+    let deepest = mips - 1;
+    let level = if footprint_texels > 1.0 { footprint_texels.log2().min(deepest as f32) } else { 0.0 };
+    let fine = level as usize;
+    let blend = level - fine as f32;
+    (fine, (blend > 0.0 && fine < deepest).then_some(blend))
 }
 
 /// The two texels around `u` (in 0..=1) on an axis of `size` texels, and how far it is from the first to the second.
@@ -197,46 +212,58 @@ fn mix(a: [f32; 4], b: [f32; 4], t: f32) -> [f32; 4] {
     average(&[(1.0 - t, a), (t, b)])
 }
 
-pub(crate) fn half(size: u32) -> u32 {
+fn half(size: u32) -> u32 {
     (size / 2).max(1)
 }
 
-/// The next mip level of a `width` x `height` image whose texels `fetch` returns by index.
-fn halve(width: usize, height: usize, fetch: impl Fn(usize) -> [f32; 4] + Sync) -> Vec<[f32; 4]> {
-    let columns = taps(width);
-    let rows = taps(height);
-    let mut out = vec![[0.0; 4]; columns.len() * rows.len()];
-    out.par_chunks_mut(columns.len()).zip(&rows).for_each(|(line, row)| {
-        for (texel, column) in line.iter_mut().zip(&columns) {
-            let mut parts = [(0.0, [0.0; 4]); 9];
-            let mut used = 0;
-            for (j, &wy) in row.weights().iter().enumerate() {
-                for (i, &wx) in column.weights().iter().enumerate() {
-                    parts[used] = (wx * wy, fetch((row.first + j) * width + column.first + i));
-                    used += 1;
-                }
+/// The next mip level of a `width` x `height` image: its width, height and texels, each the `mean` of the texels that it
+/// covers, given by index, with weights that add up to 1.
+pub(crate) fn halve<T: Send>(
+    width: u32,
+    height: u32,
+    mean: impl Fn(&[(f32, usize)]) -> T + Sync,
+) -> (u32, u32, Vec<T>) {
+    let (columns, rows) = (taps(width as usize), taps(height as usize));
+    let texel = |k: usize| {
+        let (row, column) = (&rows[k / columns.len()], &columns[k % columns.len()]);
+        let mut parts = [(0.0, 0); 9];
+        let mut used = 0;
+        for (j, &wy) in row.weights().iter().enumerate() {
+            for (i, &wx) in column.weights().iter().enumerate() {
+                parts[used] = (wx * wy, (row.first + j) * width as usize + column.first + i);
+                used += 1;
             }
-            *texel = average(&parts[..used]);
         }
-    });
-    out
+        mean(&parts[..used])
+    };
+    let texels = (0..columns.len() * rows.len()).into_par_iter().with_min_len(1024).map(texel).collect();
+    (half(width), half(height), texels)
+}
+
+/// The mean of texels that `fetch` returns by index.
+fn average_of(parts: &[(f32, usize)], fetch: impl Fn(usize) -> [f32; 4]) -> [f32; 4] {
+    let mut fetched = [(0.0, [0.0; 4]); 9];
+    for (to, &(weight, index)) in fetched.iter_mut().zip(parts) {
+        *to = (weight, fetch(index));
+    }
+    average(&fetched[..parts.len()])
 }
 
 /// The texels of one axis that a texel of the next level covers, and the share of each.
-pub(crate) struct Taps {
-    pub(crate) first: usize,
+struct Taps {
+    first: usize,
     count: usize,
     shares: [f32; 3],
 }
 
 impl Taps {
-    pub(crate) fn weights(&self) -> &[f32] {
+    fn weights(&self) -> &[f32] {
         &self.shares[..self.count]
     }
 }
 
 /// Even sizes halve exactly. An odd size 2n + 1 spreads over n texels, each covering 2 + 1/n of the old ones.
-pub(crate) fn taps(size: usize) -> Vec<Taps> {
+fn taps(size: usize) -> Vec<Taps> {
     let halved = (size / 2).max(1);
     (0..halved)
         .map(|i| {
@@ -313,7 +340,7 @@ mod tests {
         for spot in 0..15 {
             let mut texels = [BLACK; 15];
             texels[spot] = WHITE;
-            let averages = halve(5, 3, |i| linear(decode_table(), texels[i]));
+            let (_, _, averages) = halve(5, 3, |parts| average_of(parts, |i| linear(decode_table(), texels[i])));
             assert_eq!(averages.len(), 2);
             let mean = averages.iter().map(|t| t[0]).sum::<f32>() / 2.0;
             assert!((mean - 1.0 / 15.0).abs() < 1e-6, "texel {spot}: {mean}");
