@@ -3,14 +3,15 @@
 //! Triangles with a height map are cut into small ones (diced) and their vertices moved. Three rules keep a closed mesh
 //! closed. How an edge is cut depends on that edge alone: on its length and on the cell sizes of the triangles with height
 //! maps around it, so that all its triangles, also those without a height map, are cut alike there. All vertices at one place
-//! move together, by the mean of what the triangles there ask for (zero from those without a height map), weighted by the
-//! angle of each at that place. And where they end up is computed once per place.
+//! move together, to where the moved surfaces meet, those without a height map staying in their planes as far as can be
+//! (`displace/join.rs`). And where they end up is computed once per place.
 //!
 //! Normals are those of the mesh, leaned against the slope of the displacement: `N - grad d`, brought to unit length, with
 //! the slope averaged over the small triangles around a vertex that share its normal. Where the surface is flat this is the
 //! normal of the displaced surface; where the mesh's normals round off its facets, they still do.
 
 mod dice;
+mod join;
 mod weld;
 
 use glam::{DVec2, DVec3};
@@ -21,6 +22,7 @@ use crate::maps::HeightMap;
 use crate::{BuildError, Mesh};
 
 use dice::{Borders, Diced, Dicer, segments};
+use join::Moved;
 use weld::{Edges, Vertices};
 
 /// How [`displace`] works.
@@ -257,8 +259,9 @@ fn texel_density(mesh: &Mesh, t: usize, map: &HeightMap) -> f64 {
 struct Piece {
     borders: Borders,
     diced: Diced,
-    /// Displacements that the triangle asks for at its corners and the points on its edges; empty without a height map.
-    wishes: Vec<DVec3>,
+    /// At its corners and the points on its edges: its normal, and how far along it the triangle asks them to move; empty
+    /// without a height map.
+    wishes: Vec<(DVec3, f64)>,
     /// Displacement of the vertices inside along their normals; empty without a height map.
     heights: Vec<f32>,
 }
@@ -308,7 +311,7 @@ impl<'p, 'a> Work<'p, 'a> {
             )));
         }
 
-        let moved = Moved::mean(plan, pieces);
+        let moved = Moved::together(plan, pieces);
         let slopes: Vec<Slopes> = pieces.par_iter().enumerate().map(|(i, p)| Slopes::of(plan, i, p, &moved)).collect();
         let mut corner_slopes = vec![Slope::default(); vertices.smooth_count];
         let mut point_slopes = vec![Slope::default(); smooth.points()];
@@ -428,7 +431,7 @@ fn piece(plan: &Plan<'_>, dicer: &mut Dicer, i: usize, segments: &[u32], factor:
             f64::from(map.sample(uv, footprint)) * scale
         };
         let normals = Normals::of(plan, i);
-        wishes.extend(borders.all_weights().map(|w| normals.at(w) * height(w)));
+        wishes.extend(borders.all_weights().map(|w| (normals.at(w), height(w))));
         heights.extend(diced.interior.iter().map(|&w| height(w) as f32));
     }
     Piece { borders, diced, wishes, heights }
@@ -450,43 +453,6 @@ impl Normals {
     /// The interpolated normal, of unit length (or zero, on a triangle without area whose normals cancel out).
     fn at(&self, [a, b, c]: [f64; 3]) -> DVec3 {
         (self.corners[0] * a + self.corners[1] * b + self.corners[2] * c).try_normalize().unwrap_or(self.flat)
-    }
-}
-
-/// How far places, and points on edges between places, move.
-struct Moved {
-    places: Vec<DVec3>,
-    points: Vec<DVec3>,
-}
-
-impl Moved {
-    /// The weighted means of the wishes of all triangles around.
-    fn mean(plan: &Plan<'_>, pieces: &[Piece]) -> Self {
-        let mut places = vec![(DVec3::ZERO, 0.0); plan.vertices.positions.len()];
-        let mut points = vec![(DVec3::ZERO, 0.0); plan.places.points()];
-        for (i, piece) in pieces.iter().enumerate() {
-            let wish = |local: usize| piece.wishes.get(local).copied().unwrap_or(DVec3::ZERO);
-            let positions = plan.positions_of(i);
-            for (k, place) in plan.places_of(i).into_iter().enumerate() {
-                let (to_next, to_last) = (positions[(k + 1) % 3] - positions[k], positions[(k + 2) % 3] - positions[k]);
-                // Triangles without area count only where there are no others.
-                let angle = to_next.cross(to_last).length().atan2(to_next.dot(to_last)).max(1e-9);
-                let (sum, weight) = &mut places[place as usize];
-                *sum += wish(k) * angle;
-                *weight += angle;
-            }
-            let weight_here = if Normals::of(plan, i).flat == DVec3::ZERO { 1e-9 } else { 1.0 };
-            for (e, &edge) in plan.places.of[i].iter().enumerate() {
-                let (first, local) = (plan.places.first[edge as usize], piece.borders.first()[e] as usize);
-                for j in 0..piece.borders.segments[e] as usize - 1 {
-                    let (sum, weight) = &mut points[first + j];
-                    *sum += wish(local + j) * weight_here;
-                    *weight += weight_here;
-                }
-            }
-        }
-        let mean = |(sum, weight): (DVec3, f64)| if weight > 0.0 { sum / weight } else { DVec3::ZERO };
-        Self { places: places.into_iter().map(mean).collect(), points: points.into_iter().map(mean).collect() }
     }
 }
 
@@ -533,7 +499,7 @@ impl Slopes {
         let mut heights = Vec::with_capacity(count);
         for (local, w) in piece.borders.all_weights().enumerate() {
             positions.push(base(w));
-            heights.push(normals.at(w).dot(displacement(plan, i, piece, moved, local)));
+            heights.push(normals.at(w).dot(moved.of(plan, i, piece, local)));
         }
         let mut inside_positions = Vec::with_capacity(count - inside);
         let mut inside_unit = Vec::with_capacity(count - inside);
@@ -566,16 +532,6 @@ impl Slopes {
         slopes.truncate(inside);
         Self { border: slopes, inside_positions, inside_normals }
     }
-}
-
-/// How far a local vertex that is not inside moves.
-fn displacement(plan: &Plan<'_>, i: usize, piece: &Piece, moved: &Moved, local: usize) -> DVec3 {
-    if local < 3 {
-        return moved.places[plan.places_of(i)[local] as usize];
-    }
-    let first = piece.borders.first();
-    let e = (1..3).rev().find(|&e| local >= first[e] as usize).unwrap_or(0);
-    moved.points[plan.places.first[plan.places.of[i][e] as usize] + local - first[e] as usize]
 }
 
 /// Weighted sum of an attribute over three vertices.

@@ -1,0 +1,171 @@
+//! Where vertices go that several triangles share: at places of the mesh, and at points on its edges.
+//!
+//! Each triangle with a height map asks that its surface be moved by a height along its normal there, and each without one
+//! that it stay in its plane. Both are demands on the component along a normal only, so that most can be met together: the
+//! corner of two walls goes to where the moved walls meet, and the foot of a wall slides along a floor that does not move.
+//! Demands that contradict each other, as at the border of a height map within a plane, are settled by least squares, in
+//! favour of what is not to move.
+
+use glam::{DMat3, DVec3};
+
+use super::{Normals, Piece, Plan};
+
+/// How much more a surface that does not move counts.
+const AT_REST: f64 = 50.0;
+/// Weight of the common direction of all demands against each on its own. Demands along nearly the same direction that
+/// differ in height, as where a texture's edges meet, could else only be met far away.
+const DAMPING: f64 = 0.03;
+/// How far a vertex may go, by the greatest height that is asked for: sharp edges do not grow spikes.
+const LONGEST: f64 = 2.0;
+
+/// What is asked of one vertex.
+#[derive(Clone, Copy, Debug, Default)]
+struct Demands {
+    /// Sum of `weight n nᵀ`, its upper half row by row: xx, xy, xz, yy, yz, zz.
+    squares: [f64; 6],
+    /// Sum of `weight height n`.
+    heights: DVec3,
+    /// Sum of `weight n` of what moves.
+    normals: DVec3,
+    /// Sum of the weights of what moves.
+    weight: f64,
+    /// Greatest height.
+    greatest: f64,
+    /// Whether something is not to move.
+    at_rest: bool,
+}
+
+impl Demands {
+    /// A surface with this unit normal is to move along it by `height`; `None`: it is to stay.
+    fn add(&mut self, normal: DVec3, height: Option<f64>, weight: f64) {
+        let square = weight * if height.is_some() { 1.0 } else { AT_REST };
+        let DVec3 { x, y, z } = normal;
+        for (sum, product) in self.squares.iter_mut().zip([x * x, x * y, x * z, y * y, y * z, z * z]) {
+            *sum += square * product;
+        }
+        match height {
+            Some(height) => {
+                self.heights += normal * (weight * height);
+                self.normals += normal * weight;
+                self.weight += weight;
+                self.greatest = self.greatest.max(height.abs());
+            }
+            None => self.at_rest = true,
+        }
+    }
+
+    /// How far the vertex goes.
+    fn settle(&self) -> DVec3 {
+        if self.greatest == 0.0 {
+            return DVec3::ZERO;
+        }
+        let [xx, xy, xz, yy, yz, zz] = self.squares;
+        let squares = DMat3::from_cols_array_2d(&[[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]);
+        let damping = DAMPING * self.weight;
+        let along = self.normals.normalize_or_zero();
+        let common = along.dot(squares * along);
+        // The best along the mean normal. Where all normals agree it is the answer, and it is where equal walls meet.
+        let start = if self.at_rest || common <= 1e-6 * self.weight {
+            DVec3::ZERO
+        } else {
+            along * (self.heights.dot(along) / common)
+        };
+        let damped = squares + DMat3::from_diagonal(DVec3::splat(damping));
+        let moved = damped.inverse() * (self.heights + start * damping);
+        if moved.is_finite() { moved.clamp_length_max(LONGEST * self.greatest) } else { DVec3::ZERO }
+    }
+}
+
+/// How far places, and points on edges between places, move.
+pub(super) struct Moved {
+    pub(super) places: Vec<DVec3>,
+    pub(super) points: Vec<DVec3>,
+}
+
+impl Moved {
+    /// As all triangles around ask together: around a place by their angles there, at an edge all alike.
+    pub(super) fn together(plan: &Plan<'_>, pieces: &[Piece]) -> Self {
+        let mut places = vec![Demands::default(); plan.vertices.positions.len()];
+        let mut points = vec![Demands::default(); plan.places.points()];
+        for (i, piece) in pieces.iter().enumerate() {
+            let positions = plan.positions_of(i);
+            let flat = Normals::of(plan, i).flat;
+            let ask = |to: &mut Demands, local: usize, weight: f64| match piece.wishes.get(local) {
+                Some(&(normal, height)) => to.add(normal, Some(height), weight),
+                None => to.add(flat, None, weight),
+            };
+            for (k, place) in plan.places_of(i).into_iter().enumerate() {
+                let (to_next, to_last) = (positions[(k + 1) % 3] - positions[k], positions[(k + 2) % 3] - positions[k]);
+                // Triangles without area count only where there are no others.
+                let angle = to_next.cross(to_last).length().atan2(to_next.dot(to_last)).max(1e-9);
+                ask(&mut places[place as usize], k, angle);
+            }
+            let weight_here = if flat == DVec3::ZERO { 1e-9 } else { 1.0 };
+            for (e, &edge) in plan.places.of[i].iter().enumerate() {
+                let (first, local) = (plan.places.first[edge as usize], piece.borders.first()[e] as usize);
+                for j in 0..piece.borders.segments[e] as usize - 1 {
+                    ask(&mut points[first + j], local + j, weight_here);
+                }
+            }
+        }
+        let settled = |all: &[Demands]| all.iter().map(Demands::settle).collect();
+        Self { places: settled(&places), points: settled(&points) }
+    }
+
+    /// How far a local vertex of a piece that is not inside it moves.
+    pub(super) fn of(&self, plan: &Plan<'_>, i: usize, piece: &Piece, local: usize) -> DVec3 {
+        if local < 3 {
+            return self.places[plan.places_of(i)[local] as usize];
+        }
+        let first = piece.borders.first();
+        let e = (1..3).rev().find(|&e| local >= first[e] as usize).unwrap_or(0);
+        self.points[plan.places.first[plan.places.of[i][e] as usize] + local - first[e] as usize]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn settled(demands: &[(DVec3, Option<f64>)]) -> DVec3 {
+        let mut all = Demands::default();
+        demands.iter().for_each(|&(normal, height)| all.add(normal, height, 0.7));
+        all.settle()
+    }
+
+    fn close(a: DVec3, b: DVec3, tolerance: f64) -> bool {
+        a.distance(b) <= tolerance
+    }
+
+    #[test]
+    fn surfaces_that_agree_go_where_they_are_asked_to() {
+        let n = DVec3::new(1.0, 2.0, -0.5).normalize();
+        assert!(close(settled(&[(n, Some(0.3)); 5]), n * 0.3, 1e-14));
+        assert!(close(settled(&[(n, Some(0.2)), (n, Some(0.4))]), n * 0.3, 1e-14));
+        let walls = [(DVec3::X, Some(0.3)), (DVec3::Y, Some(0.3)), (DVec3::Z, Some(0.3))];
+        assert!(close(settled(&walls), DVec3::splat(0.3), 1e-14), "corners are where the moved walls meet");
+        assert_eq!(settled(&[(DVec3::X, Some(0.0)), (DVec3::Y, None)]), DVec3::ZERO);
+    }
+
+    #[test]
+    fn what_does_not_move_stays_in_its_plane() {
+        let foot = settled(&[(DVec3::X, Some(0.3)), (DVec3::Y, None)]);
+        assert!(close(foot, DVec3::X * 0.3, 0.01) && foot.y == 0.0, "a wall slides along the floor: {foot}");
+        let border = settled(&[(DVec3::Y, Some(0.3)), (DVec3::Y, None)]);
+        assert!(border.length() < 0.01, "within a plane the border stays: {border}");
+    }
+
+    #[test]
+    fn contradictions_are_settled_nearby() {
+        assert_eq!(settled(&[(DVec3::X, Some(0.2)), (-DVec3::X, Some(0.2))]), DVec3::ZERO);
+        for degrees in [0.01f64, 1.0, 10.0, 20.0, 60.0, 120.0, 170.0, 179.9] {
+            let (sin, cos) = degrees.to_radians().sin_cos();
+            let other = DVec3::new(cos, sin, 0.0);
+            for [a, b] in [[0.3, 0.0], [0.3, 0.3], [0.3, -0.3]] {
+                let found = settled(&[(DVec3::X, Some(a)), (other, Some(b))]);
+                assert!(found.length() <= 0.6 + 1e-12, "{degrees} {a} {b}: {found}");
+                assert!((DVec3::X.dot(found) - a).abs() <= 0.3 + 1e-12, "{degrees} {a} {b}: {found}");
+            }
+        }
+    }
+}
