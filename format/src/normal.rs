@@ -46,27 +46,25 @@ impl RawNormal {
     }
 
     /// The nearest raw normal of a direction of any length; +z for one that is zero or not finite.
+    #[inline]
     pub fn encode(n: Vec3) -> Self {
         let a = n.abs();
-        let largest = a.x.max(a.y).max(a.z);
-        // Neither comparison holds for what is not a number.
-        if !(a.x + a.y + a.z < f32::MAX && largest > 0.0) {
+        // Which does not hold for what is not a number.
+        if !(a.x + a.y + a.z < f32::MAX && n != Vec3::ZERO) {
             return Self::encode_unusual(n);
         }
-        // Selected as integers, without branches: which axis it is cannot be predicted.
-        let [x, y, z] = n.to_array().map(f32::to_bits);
-        let (x_is_main, y_beats_z) = (a.x >= a.y && a.x >= a.z, a.y >= a.z);
-        let pick = |x: u32, y: u32, z: u32| {
-            let other = if y_beats_z { y } else { z };
-            if x_is_main { x } else { other }
+        let (axis, main, u, v) = if a.x >= a.y && a.x >= a.z {
+            (0, n.x, n.y, n.z)
+        } else if a.y >= a.z {
+            (1, n.y, n.z, n.x)
+        } else {
+            (2, n.z, n.x, n.y)
         };
-        let (sign, axis) = (pick(x, y, z) >> 31, pick(0, 1, 2));
-        let (u, v) = (f32::from_bits(pick(y, z, x)), f32::from_bits(pick(z, x, y)));
-        let v = nearest(v / largest * 8192.0).clamp(-8192, 8191);
+        let v = nearest(v / main.abs() * 8192.0).clamp(-8192, 8191);
         let v_bits = v as u32 & 0x3fff;
         let fraction = v_bits as i32 as f32 / 16384.0;
-        let u = nearest(u / largest * 16384.0 - fraction).clamp(-16384, 16383);
-        Self(sign << 31 | axis << 29 | (u as u32 & 0x7fff) << 14 | v_bits)
+        let u = nearest(u / main.abs() * 16384.0 - fraction).clamp(-16384, 16383);
+        Self(u32::from(main < 0.0) << 31 | axis << 29 | (u as u32 & 0x7fff) << 14 | v_bits)
     }
 
     #[cold]
@@ -149,29 +147,24 @@ impl NormalBlock {
             // Axes of length zero: every point of the grid is the base.
             return Self { base: RawNormal::encode(*first), ..Self::default() };
         }
+        // Those that are used come first. No branches: which they are cannot be predicted.
         let (mut lanes, mut places, mut count) = ([[0.0f32; 16]; 3], [0u8; 16], 0);
         for (i, normal) in normals.iter().enumerate() {
-            let n = normal.map_or([0.0; 3], |n| n.to_array());
-            (lanes[0][count & 15], lanes[1][count & 15], lanes[2][count & 15]) = (n[0], n[1], n[2]);
+            let n = normal.as_ref().unwrap_or(&Vec3::ZERO);
+            (lanes[0][count & 15], lanes[1][count & 15], lanes[2][count & 15]) = (n.x, n.y, n.z);
             places[count & 15] = 2 * i as u8;
             count += usize::from(normal.is_some());
         }
-        for (lanes, first) in lanes.iter_mut().zip(first.to_array()) {
-            lanes[count..].fill(first);
-        }
-        let (mut block, points) = if count > 8 { search::<4>(&lanes, count) } else { search::<2>(&lanes, count) };
-        for (point, place) in points.iter().zip(&places[..count]) {
-            let point = *point as i32 as u32;
-            block.u_indices |= (point & 3) << place;
-            block.v_indices |= (point >> 2 & 3) << place;
-        }
-        block
+        if count > 8 { search::<4>(&lanes, &places, count) } else { search::<2>(&lanes, &places, count) }
     }
 }
 
-/// Up to `4 G` unit normals, four to a vector. Lanes behind the last are filled and weigh nothing.
+/// Up to `4 G` unit normals, four to a vector. Lanes behind the last repeat the first and weigh nothing.
 struct Texels<const G: usize> {
     normals: [[Vec4; G]; 3],
+    sum: Vec3,
+    /// The direction of the sum, or zero if it has none.
+    centre: Vec3,
     weights: [Vec4; G],
     count: f32,
 }
@@ -192,11 +185,10 @@ const GOOD: f32 = 1e-3;
 /// rounding of the first, half of a seventh, instead.
 const NARROW: f32 = 0.07;
 
-/// The block without its indices, and the points of the grid, for the first `count` lanes.
-fn search<const G: usize>(lanes: &[[f32; 16]; 3], count: usize) -> (NormalBlock, [f32; 16]) {
+/// The block for the first `count` lanes, whose indices go to these places.
+fn search<const G: usize>(lanes: &[[f32; 16]; 3], places: &[u8; 16], count: usize) -> NormalBlock {
     let texels = Texels::<G>::new(lanes, count);
-    let mean = texels.mean();
-    let mut best = texels.patch(mean).unwrap_or_else(|| texels.reach(mean));
+    let mut best = texels.patch().unwrap_or_else(|| texels.reach());
     for _ in 0..2 {
         if best.error < GOOD * texels.count {
             break;
@@ -206,11 +198,16 @@ fn search<const G: usize>(lanes: &[[f32; 16]; 3], count: usize) -> (NormalBlock,
             _ => break,
         }
     }
-    let mut points = [0.0; 16];
-    for (points, four) in points.chunks_exact_mut(4).zip(best.points) {
-        points.copy_from_slice(&four.to_array());
+    let mut block = NormalBlock { base: best.base, axes: best.axes, ..NormalBlock::default() };
+    for g in 0..G {
+        // Integers in the low bits; zero where nothing is used.
+        let points = (best.points[g] * texels.weights[g] + Vec4::splat(8_388_608.0)).to_array().map(f32::to_bits);
+        for (point, place) in points.into_iter().zip(&places[4 * g..]) {
+            block.u_indices |= (point & 3) << (place & 31);
+            block.v_indices |= (point >> 2 & 3) << (place & 31);
+        }
     }
-    (NormalBlock { base: best.base, axes: best.axes, ..NormalBlock::default() }, points)
+    block
 }
 
 fn dot(a: [Vec4; 3], b: Vec3) -> Vec4 {
@@ -230,34 +227,30 @@ fn coordinate(index: Vec4) -> Vec4 {
 
 impl<const G: usize> Texels<G> {
     fn new(lanes: &[[f32; 16]; 3], count: usize) -> Self {
-        let mut texels = Self { normals: [[Vec4::ZERO; G]; 3], weights: weights(count as f32), count: count as f32 };
+        let (mut normals, weights) = ([[Vec4::ZERO; G]; 3], weights::<G>(count as f32));
+        let mut total = [Vec4::ZERO; 3];
         for g in 0..G {
             for k in 0..3 {
-                texels.normals[k][g] = Vec4::from_slice(&lanes[k][4 * g..]);
+                let four = Vec4::from_slice(&lanes[k][4 * g..]);
+                normals[k][g] = Vec4::select(weights[g].cmpgt(Vec4::ZERO), four, Vec4::splat(lanes[k][0]));
+                total[k] += normals[k][g] * weights[g];
             }
         }
-        texels
+        let sum = Vec3::from(sums(total));
+        Self { normals, sum, centre: sum.normalize_or_zero(), weights, count: count as f32 }
     }
 
     fn four(&self, g: usize) -> [Vec4; 3] {
         [self.normals[0][g], self.normals[1][g], self.normals[2][g]]
     }
 
-    /// Sum of the normals.
-    fn mean(&self) -> Vec3 {
-        let mut total = [Vec4::ZERO; 3];
-        for g in 0..G {
-            for k in 0..3 {
-                total[k] += self.normals[k][g] * self.weights[g];
-            }
-        }
-        sums(total).into()
-    }
-
     /// The grid as a patch on the plane through the mean normal, along the principal axes of the normals there. `None` if
     /// a normal is so far from the mean that it has no good place on that plane.
-    fn patch(&self, mean: Vec3) -> Option<Assigned<G>> {
-        let axis = mean.try_normalize()?;
+    fn patch(&self) -> Option<Assigned<G>> {
+        let axis = self.centre;
+        if axis == Vec3::ZERO {
+            return None;
+        }
         let (right, up) = axis.any_orthonormal_pair();
         let (mut least, mut lengths) = (Vec4::ONE, [Vec4::ZERO; G]);
         let (mut x, mut y) = ([Vec4::ZERO; G], [Vec4::ZERO; G]);
@@ -301,8 +294,8 @@ impl<const G: usize> Texels<G> {
     }
 
     /// Axes that reach from the mean to the normals furthest from what is expressible so far.
-    fn reach(&self, mean: Vec3) -> Assigned<G> {
-        let start = if mean.length() < 0.1 * self.count { -self.furthest(&[-mean]) } else { mean };
+    fn reach(&self) -> Assigned<G> {
+        let start = if self.sum.length() < 0.1 * self.count { self.furthest(&[-self.sum]) } else { self.sum };
         let base = RawNormal::encode(start);
         let point = base.decode_point();
         let length = point.length();
@@ -387,10 +380,11 @@ impl<const G: usize> Texels<G> {
         if unit.is_nan() || unit < 0.01 {
             return None;
         }
-        let u_bits = encode_axis(u / unit, 0);
+        let scale = 1.0 / unit;
+        let u_bits = encode_axis(u * scale, 0);
         let u = decode_axis(u_bits << 16) * unit;
         let v = (pv - u * uv) * inverse(vv);
-        let axes = encode_axis(v / unit, u_bits) << 16 | u_bits;
+        let axes = encode_axis(v * scale, u_bits) << 16 | u_bits;
         let v = decode_axis(axes) * unit;
         Some((RawNormal::encode(p_mean - u * u_mean - v * v_mean), axes))
     }
@@ -398,9 +392,9 @@ impl<const G: usize> Texels<G> {
     /// The best point of a grid for every normal.
     fn assign(&self, base: RawNormal, axes: u32) -> Assigned<G> {
         let (u, v, point) = (decode_axis(axes << 16), decode_axis(axes), base.decode_point());
-        // Relative to the base, so that small angles keep their precision: the point with the least square of the chord is
+        // Relative to the middle, so that small angles keep their precision: the point with the least square of the chord is
         // that with the most `2 n·p - p·p`.
-        let centre = point.normalize();
+        let centre = self.centre;
         let steps = Vec4::from_array(GRID);
         let row = [
             steps * u.x + Vec4::splat(point.x),
