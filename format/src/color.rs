@@ -43,8 +43,8 @@ impl ColorBlock {
         palette(self.head)[(self.indices >> (2 * i) & 3) as usize]
     }
 
-    /// A block for these colours: with the two furthest apart as references, or with a fit of least squares for the indices
-    /// that these give, if that is better. `None` entries are unused and cost nothing.
+    /// A block for these colours: with the two furthest apart as references, or with fits of least squares for the indices
+    /// that these give, as long as that is better. `None` entries are unused and cost nothing.
     ///
     /// The root of the mean square of the errors is at most twice that which an exhaustive search over the references
     /// finds, and 1.5 steps of 255; in most cases within a few hundredths of it.
@@ -97,8 +97,8 @@ struct Assigned<const G: usize> {
 
 /// Steps of 255, squared, between colours that lie so close together that their mean in full precision is worth trying.
 const CLOSE: i32 = 160;
-/// Mean square of what rounding costs: below that a fit is not worth its time.
-const ROUNDING: f32 = 8.0;
+/// Mean squares above which a first fit is worth its time, being more than what rounding costs, and further ones.
+const WORTH_FITTING: [f32; 3] = [8.0, 32.0, 32.0];
 
 /// The block for the first `count` words, whose indices go to these places.
 fn search<const G: usize>(words: &mut [u32; 24], places: &[u8; 16], count: usize) -> ColorBlock {
@@ -131,12 +131,16 @@ fn search<const G: usize>(words: &mut [u32; 24], places: &[u8; 16], count: usize
             best = mean;
         }
     }
-    if best.error > ROUNDING * texels.count {
+    for worth in WORTH_FITTING {
+        if best.error <= worth * texels.count {
+            break;
+        }
         // Least squares for the references given the indices: pays on gradients, where the extremes are outliers.
         let fitted = texels.assign(texels.fit(&best.shares));
-        if fitted.error < best.error {
-            best = fitted;
+        if fitted.error >= best.error {
+            break;
         }
+        best = fitted;
     }
     let used = (1 << count) - 1;
     let codes = spread(best.bits[0] & used) | spread(best.bits[1] & used) << 1;
