@@ -20,6 +20,7 @@
 use esvo_format::{ColorBlock, RawNormal};
 use glam::{DVec3, Vec3A};
 
+use crate::clip::Piece;
 use crate::range::encode_srgb;
 use crate::shaper::Voxel;
 use crate::surface::Sample;
@@ -82,6 +83,9 @@ pub fn attributes(voxel: &Voxel, bounds: Option<AttributeBounds>) -> Attributes 
     if let Some((color, normal)) = surface.constant(voxel.pieces) {
         return Attributes { color, normal, uniform: bounds.is_some() };
     }
+    if let [piece] = voxel.pieces {
+        return attributes_of_one(voxel, piece, bounds);
+    }
     let mut sums = Sums::NONE;
     each_sample(voxel, |weight, sample, _| sums.add(weight, sample));
     if sums.normal.length_squared() < (CANCELLED * sums.weight).powi(2) {
@@ -93,6 +97,19 @@ pub fn attributes(voxel: &Voxel, bounds: Option<AttributeBounds>) -> Attributes 
         !surface.is_cut_through(voxel.arena, voxel.pieces)
             && colors_within(color, &sums, bounds.color)
             && normals_within(normal, &sums, bounds.normal)
+            && (!surface.tests_texels || texels_within(voxel, color, normal, bounds))
+    });
+    Attributes { color, normal, uniform }
+}
+
+/// The attributes of a voxel with one piece of surface: there is nothing to weigh, and nothing differs from the sample.
+fn attributes_of_one(voxel: &Voxel, piece: &Piece, bounds: Option<AttributeBounds>) -> Attributes {
+    let surface = voxel.surface;
+    let vertices = voxel.arena.vertices(piece, &surface.corners);
+    let middle = vertices.iter().sum::<DVec3>() * (1.0 / vertices.len() as f64);
+    let (color, normal) = surface.sample_at(piece.triangle, middle, voxel.size).encode();
+    let uniform = bounds.is_some_and(|bounds| {
+        !surface.is_cut_through(voxel.arena, voxel.pieces)
             && (!surface.tests_texels || texels_within(voxel, color, normal, bounds))
     });
     Attributes { color, normal, uniform }

@@ -34,7 +34,7 @@
 use glam::DVec3;
 
 /// How far beyond a cube its pieces are cut off, in units of the root cube: more than the sum of all rounding errors.
-const MARGIN: f64 = 1.0 / (1u64 << 46) as f64;
+pub const MARGIN: f64 = 1.0 / (1u64 << 46) as f64;
 
 /// A piece of one triangle: a convex polygon in `Pieces::vertices`, or the whole triangle where it was never cut.
 #[derive(Clone, Copy, Debug)]

@@ -25,11 +25,13 @@ pub mod import;
 mod journal;
 pub mod maps;
 pub mod mesh;
+mod plane;
 mod polyhedron;
 mod range;
 mod recursion;
 mod settings;
 mod shaper;
+mod slab;
 mod surface;
 
 pub use build::{BuildStats, Built, BuiltFile, FileOptions, Progress, build, build_file};

@@ -238,5 +238,6 @@ pub fn decode_srgb(c: [u8; 3]) -> Vec3 {
 
 /// sRGB-encoded bytes of linear RGB, clamped to 0..=1. Within one step of exact.
 pub fn encode_srgb(c: Vec3) -> [u8; 3] {
-    (c.clamp(Vec3::ZERO, Vec3::ONE) * 4095.0 + 0.5).to_array().map(|i| TO_SRGB[i as usize])
+    // A conversion to so few bits clamps.
+    (c * 4095.0 + 0.5).to_array().map(|i| TO_SRGB[usize::from(i as u16).min(4095)])
 }

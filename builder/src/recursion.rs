@@ -11,7 +11,9 @@ use crate::attributes::{AttributeBounds, attributes};
 use crate::build::Progress;
 use crate::clip::{Arena, Piece};
 use crate::journal::Journal;
-use crate::shaper::{Shape, Shaper, Slabs, Voxel};
+use crate::plane::Through;
+use crate::shaper::{Shape, Shaper, Voxel};
+use crate::slab::Slabs;
 use crate::surface::Surface;
 use crate::{BuildError, BuildSettings};
 
@@ -95,6 +97,26 @@ struct Worker {
     children: Vec<ChildrenBox>,
     tree: Tree,
     voxels: u64,
+}
+
+/// Appends pieces to a list in the order of their slots. Returns where those of each slot begin, and where the last end.
+fn append_by_slot(of_slots: &[(u8, Piece)], list: &mut Vec<Piece>) -> [usize; 9] {
+    let mut counts = [0; 8];
+    for (slot, _) in of_slots {
+        counts[usize::from(*slot)] += 1;
+    }
+    let mut ends = [list.len(); 9];
+    for slot in 0..8 {
+        ends[slot + 1] = ends[slot] + counts[slot];
+    }
+    list.resize(ends[8], Piece::whole(0));
+    let mut next = ends;
+    for (slot, piece) in of_slots {
+        let place = &mut next[usize::from(*slot)];
+        list[*place] = *piece;
+        *place += 1;
+    }
+    ends
 }
 
 /// The number of nodes from which on a subtree becomes a block.
@@ -225,6 +247,11 @@ impl<'a> Recursion<'a> {
 
     /// The same on one thread. Returns whether anything is in the cube; if so its node has been pushed.
     fn descend(&self, worker: &mut Worker, cube: Cube, range: std::ops::Range<usize>, ancestors: &Bounds) -> bool {
+        if let [piece] = worker.pieces[range.clone()]
+            && let Some(through) = Through::new(self.surface, piece.triangle, cube.centre, cube.size)
+        {
+            return self.descend_through(worker, cube, &through, ancestors);
+        }
         let arena_mark = worker.arena.mark();
         let pieces_mark = worker.pieces.len();
         worker.sorted.clear();
@@ -233,12 +260,7 @@ impl<'a> Recursion<'a> {
             worker.arena.split(piece, &self.surface.corners, cube.centre, |slot, part| sorted.push((slot as u8, part)));
         }
         self.remove_holes(&worker.arena, &mut worker.sorted, |entry| &entry.1);
-        let mut ends = [worker.pieces.len(); 9];
-        for slot in 0..8 {
-            let of_slot = worker.sorted.iter().filter(|(s, _)| *s == slot).map(|(_, piece)| *piece);
-            worker.pieces.extend(of_slot);
-            ends[slot as usize + 1] = worker.pieces.len();
-        }
+        let ends = append_by_slot(&worker.sorted, &mut worker.pieces);
         let mut children = worker.children.pop().unwrap_or_default();
         for (slot, child) in children.iter_mut().enumerate() {
             let pieces = &worker.pieces[ends[slot]..ends[slot + 1]];
@@ -266,6 +288,60 @@ impl<'a> Recursion<'a> {
         worker.pieces.truncate(pieces_mark);
         worker.arena.truncate(arena_mark);
         count > 0
+    }
+
+    /// The same in a cube that one triangle goes all the way through.
+    fn descend_through(&self, worker: &mut Worker, cube: Cube, through: &Through, ancestors: &Bounds) -> bool {
+        let settings = self.settings;
+        let (size, deepest) = (cube.size * 0.5, cube.level + 1 == settings.levels);
+        let mut children = worker.children.pop().unwrap_or_default();
+        let mut voxels = [None; 8];
+        for (slot, child) in children.iter_mut().enumerate() {
+            let centre = cube.child(slot).centre;
+            let height = through.height(centre);
+            if !through.meets(height, size) {
+                continue;
+            }
+            let bounds = &mut child.bounds;
+            let mut shape = Shape { contour: None, fits: ancestors.fits };
+            if !ancestors.fits && settings.contours {
+                bounds.slabs.inherit(&ancestors.slabs, slot);
+                shape = through.shape(height, size, &mut bounds.slabs, self.deviation, deepest);
+            }
+            bounds.fits = shape.fits;
+            let (color, normal) = through.attributes(self.surface, centre, height, size);
+            voxels[slot] = Some(TreeVoxel {
+                color: settings.colors.then_some(color),
+                normal: settings.normals.then_some(normal),
+                contour: shape.contour,
+                // One sample is uniform.
+                leaf: deepest || shape.fits,
+            });
+        }
+        let count = voxels.iter().flatten().count();
+        worker.voxels += count as u64;
+        if count > 0 {
+            let node = worker.tree.open(&voxels);
+            for slot in 0..8 {
+                if voxels[slot].is_none_or(|v| v.leaf) {
+                    continue;
+                }
+                let bounds = &children[slot].bounds;
+                // A voxel within the margin of the plane whose parts are not has lost nothing that is there.
+                if !self.descend_through(worker, cube.child(slot), through, bounds) {
+                    voxels[slot] = None;
+                    worker.tree.remove_voxel(node, slot);
+                }
+            }
+            if voxels.iter().any(Option::is_some) {
+                worker.tree.close(node);
+                self.cut(&mut worker.tree, node, &cube);
+            } else {
+                worker.tree.cancel(node);
+            }
+        }
+        worker.children.push(children);
+        voxels.iter().any(Option::is_some)
     }
 
     /// Makes what is below a node, which has just been closed, a block of its own if it is large enough for one.

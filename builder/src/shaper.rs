@@ -5,128 +5,13 @@
 //! a contour that encloses the surface.
 
 use esvo_format::Contour;
-use glam::{DVec3, Vec3, Vec4};
+use glam::{DVec3, Vec3};
 
 use crate::clip::{Arena, Piece};
-use crate::polyhedron::{MAX_SLABS, Polyhedron};
+use crate::plane::{is_plane, shape_plane};
+use crate::polyhedron::Polyhedron;
+use crate::slab::{Range, Slab, Slabs, greater};
 use crate::surface::Surface;
-
-/// A contour's slab `lo <= n·p <= hi` in the units of one voxel, `p` from its centre.
-#[derive(Clone, Copy, Debug)]
-pub struct Slab {
-    n: Vec3,
-    lo: f32,
-    hi: f32,
-}
-
-impl Slab {
-    fn of(contour: Contour) -> Self {
-        let decoded = contour.decode();
-        let n = Vec3::from(decoded.normal.map(|c| c as f32));
-        Self { n, lo: decoded.lo() as f32, hi: decoded.hi() as f32 }
-    }
-}
-
-/// From `lo` to `hi` along some direction.
-#[derive(Clone, Copy, Debug)]
-struct Range {
-    lo: f32,
-    hi: f32,
-}
-
-impl Range {
-    const NONE: Self = Self { lo: f32::MAX, hi: f32::MIN };
-
-    /// That of the unit cube around the origin.
-    fn of_cube(direction: Vec3) -> Self {
-        let reach = direction.abs().element_sum() * 0.5;
-        Self { lo: -reach, hi: reach }
-    }
-
-    fn add(&mut self, x: f32) {
-        self.lo = self.lo.min(x);
-        self.hi = self.hi.max(x);
-    }
-
-    fn intersect(&mut self, other: &Self) {
-        self.lo = self.lo.max(other.lo);
-        self.hi = self.hi.min(other.hi);
-    }
-}
-
-impl Slab {
-    /// How far what the slab leaves of the unit cube around the origin reaches along a direction.
-    ///
-    /// The farthest point along `g` is a linear program of one constraint beside the box. By its dual it is the least, over
-    /// all `l`, of `max(l hi, l lo) + |g - l n|₁ / 2`, which is convex and straight between `l = 0` and the `g_i / n_i`.
-    fn extent(&self, g: Vec3) -> Range {
-        let Self { n, lo, hi } = *self;
-        // One lane for each of the four; where a component of n is zero, 0 once more.
-        let l = (g / n).extend(0.0);
-        let l = Vec4::select(l.abs().cmple(Vec4::splat(f32::MAX)), l, Vec4::ZERO);
-        let across = ((g.x - l * n.x).abs() + (g.y - l * n.y).abs() + (g.z - l * n.z).abs()) * 0.5;
-        let (a, b) = (l * lo, l * hi);
-        Range { lo: (a.min(b) - across).max_element(), hi: (a.max(b) + across).min_element() }
-    }
-}
-
-/// The slabs of a voxel's ancestors (and its own) that still bound it.
-#[derive(Clone, Copy, Debug)]
-pub struct Slabs {
-    list: [Slab; MAX_SLABS],
-    count: usize,
-    /// A plane goes all the way through the voxel, and so through those of its descendants that it meets.
-    plane: bool,
-}
-
-impl Default for Slabs {
-    fn default() -> Self {
-        Self { list: [Slab { n: Vec3::ZERO, lo: 0.0, hi: 0.0 }; MAX_SLABS], count: 0, plane: false }
-    }
-}
-
-impl Slabs {
-    /// Becomes the slabs of the parent in the units of child `slot`, those left out that do not bound it.
-    pub fn inherit(&mut self, parent: &Slabs, slot: usize) {
-        let offset = Vec3::from(std::array::from_fn(|axis| if slot >> axis & 1 != 0 { 0.25 } else { -0.25 }));
-        self.clear();
-        self.plane = parent.plane;
-        for s in parent.as_slice() {
-            let at = s.n.dot(offset);
-            let (lo, hi) = (2.0 * (s.lo - at), 2.0 * (s.hi - at));
-            let reach = s.n.abs().element_sum() * 0.5;
-            if lo > -reach || hi < reach {
-                self.push(Slab { n: s.n, lo, hi });
-            }
-        }
-    }
-
-    fn clear(&mut self) {
-        (self.count, self.plane) = (0, false);
-    }
-
-    fn as_slice(&self) -> &[Slab] {
-        &self.list[..self.count]
-    }
-
-    fn push(&mut self, slab: Slab) {
-        self.list[self.count] = slab;
-        self.count += 1;
-    }
-
-    fn is_full(&self) -> bool {
-        self.count == MAX_SLABS
-    }
-
-    fn retain(&mut self, keep: impl Fn(usize) -> bool) {
-        let mut kept = 0;
-        for k in (0..self.count).filter(|k| keep(*k)) {
-            self.list[kept] = self.list[k];
-            kept += 1;
-        }
-        self.count = kept;
-    }
-}
 
 /// What was decided for one voxel.
 pub struct Shape {
@@ -147,7 +32,7 @@ const SAME_DIRECTION: f32 = 0.98;
 /// Weight of a direction that comes from an edge of the surface rather than from its normal.
 const EDGE_WEIGHT: f32 = 0.5;
 /// A contour that moves no plane by more than this part of the voxel is not worth its bytes.
-const MIN_GAIN: f32 = 1.0 / 128.0;
+pub const MIN_GAIN: f32 = 1.0 / 128.0;
 /// How far planes are kept from the surface, in octree units: positions in a caster have errors of a few 2^-23, and two
 /// contours that both touch the surface must still overlap there.
 const CASTER_MARGIN: f32 = 1.0 / (1 << 21) as f32;
@@ -215,7 +100,7 @@ impl Shaper {
         if (slabs.plane || is_plane(voxel))
             && let Some(bits) = self.normals.bits(voxel.surface, voxel.pieces[0].triangle)
         {
-            return plane(voxel, bits, slabs, deviation, deepest);
+            return shape_plane(voxel, bits, slabs, deviation, deepest);
         }
         self.cut_all(slabs);
         if self.fits(voxel, deviation) {
@@ -247,7 +132,7 @@ impl Shaper {
             self.cut_all(slabs);
         }
         let slab = Slab::of(contour);
-        self.cut(&slab, slabs.count);
+        self.cut(&slab, slabs.len());
         slabs.push(slab);
         let fits = self.fits(voxel, deviation);
         self.bounding(slabs);
@@ -339,99 +224,31 @@ impl Shaper {
             let encode = || Contour::encode_normal(direction.to_array().map(f64::from));
             let Some(bits) = bits.or_else(encode) else { continue };
             let n = Vec3::from(Contour::decode_normal(bits).map(|c| c as f32));
-            let (mut lo, mut hi) = (f32::MAX, f32::MIN);
+            let mut range = Range::NONE;
             for p in &self.points {
-                let d = n.dot(*p);
-                lo = lo.min(d);
-                hi = hi.max(d);
+                range.add(n.dot(*p));
             }
+            let Range { lo, hi } = range;
             let (outer_lo, outer_hi) = self.polyhedron.extent(n);
-            let gain = (outer_hi - hi).max(lo - outer_lo) / n.length();
+            let gain = greater(outer_hi - hi, lo - outer_lo) / n.length();
             if best.is_none_or(|b| gain * weight > b.4) {
                 best = Some((bits, lo, hi, gain, gain * weight));
             }
         }
         let (bits, lo, hi, gain, _) = best?;
-        Some((enclosing(bits, lo, hi, size)?, gain))
+        Some((enclosing(bits, lo.into(), hi.into(), size)?, gain))
     }
 }
 
 /// The contour with this normal that encloses what lies between `lo` and `hi` in a voxel of this size.
-fn enclosing(bits: u32, lo: f32, hi: f32, size: f64) -> Option<Contour> {
+pub fn enclosing(bits: u32, lo: f64, hi: f64, size: f64) -> Option<Contour> {
     let reach = Contour::decode_normal(bits).iter().map(|c| c.abs()).sum::<f64>();
     let margin = reach * f64::from(CASTER_MARGIN) / size;
-    Contour::encode_bounds(bits, f64::from(lo) - margin, f64::from(hi) + margin)
-}
-
-/// Normals whose cosine is above this belong to the same plane, as far as the shape of a voxel goes.
-const SAME_PLANE: f32 = 0.99999;
-/// More triangles than this are not looked through for whether they are one plane.
-const MAX_PLANE_TRIANGLES: usize = 16;
-
-/// Whether the surface in a voxel is all but a plane that goes all the way through: its triangles lie in one plane, and no
-/// edge meets the voxel but those where the plane goes on.
-fn is_plane(voxel: &Voxel) -> bool {
-    let (surface, pieces) = (voxel.surface, voxel.pieces);
-    let normal = |piece: &Piece| surface.normals[piece.triangle as usize];
-    let first = normal(&pieces[0]);
-    let half = voxel.size * 0.5 * (1.0 + 1e-6);
-    pieces.len() <= MAX_PLANE_TRIANGLES
-        && pieces[1..].iter().all(|piece| normal(piece).dot(first).abs() >= SAME_PLANE)
-        && pieces.iter().all(|piece| {
-            let (corners, edges) = (&surface.corners[piece.triangle as usize], surface.edges[piece.triangle as usize]);
-            (0..3).all(|i| {
-                !edges.is_crease(i) || !segment_meets_cube(corners[i], corners[(i + 1) % 3], voxel.centre, half)
-            })
-        })
-}
-
-/// Shapes a voxel that a plane goes all the way through: a slab along it is all that is of use, and how far what is left
-/// of the voxel is from the plane needs no search.
-fn plane(voxel: &Voxel, bits: u32, slabs: &mut Slabs, deviation: f64, deepest: bool) -> Shape {
-    slabs.plane = true;
-    let scale = 1.0 / voxel.size;
-    let normal = voxel.surface.normals[voxel.pieces[0].triangle as usize];
-    let n = Vec3::from(Contour::decode_normal(bits).map(|c| c as f32));
-    // The surface along the contour's normal and along its own. There may be several sheets of it, and each is a plane
-    // only about: from its highest point it falls by no more than its triangles do together.
-    let (mut along_n, mut along_normal, mut fall) = (Range::NONE, Range::NONE, 0.0);
-    for piece in voxel.pieces {
-        let mut of_piece = Range::NONE;
-        for v in voxel.arena.vertices(piece, &voxel.surface.corners) {
-            let p = ((*v - voxel.centre) * scale).as_vec3();
-            along_n.add(n.dot(p));
-            of_piece.add(normal.dot(p));
-        }
-        fall += of_piece.hi - of_piece.lo;
-        along_normal.add(of_piece.lo);
-        along_normal.add(of_piece.hi);
-    }
-    let limit = (deviation * scale) as f32 - fall;
-    let is_near = |outer: &Range| outer.hi - along_normal.hi <= limit && along_normal.lo - outer.lo <= limit;
-    let (mut outer_n, mut outer_normal) = (Range::of_cube(n), Range::of_cube(normal));
-    for slab in slabs.as_slice() {
-        outer_n.intersect(&slab.extent(n));
-        outer_normal.intersect(&slab.extent(normal));
-    }
-    if is_near(&outer_normal) {
-        return Shape { contour: None, fits: true };
-    }
-    let gain = (outer_n.hi - along_n.hi).max(along_n.lo - outer_n.lo) / n.length();
-    let contour = if gain < MIN_GAIN { None } else { enclosing(bits, along_n.lo, along_n.hi, voxel.size) };
-    let Some(contour) = contour else { return Shape { contour: None, fits: false } };
-    if deepest {
-        return Shape { contour: Some(contour), fits: false };
-    }
-    let slab = Slab::of(contour);
-    outer_normal.intersect(&slab.extent(normal));
-    slabs.clear();
-    slabs.plane = true;
-    slabs.push(slab);
-    Shape { contour: Some(contour), fits: is_near(&outer_normal) }
+    Contour::encode_bounds(bits, lo - margin, hi + margin)
 }
 
 /// Whether a segment meets the cube with this centre and half edge.
-fn segment_meets_cube(a: DVec3, b: DVec3, centre: DVec3, half: f64) -> bool {
+pub fn segment_meets_cube(a: DVec3, b: DVec3, centre: DVec3, half: f64) -> bool {
     let (a, d) = (a - centre, b - a);
     let (mut t0, mut t1) = (0.0f64, 1.0f64);
     for axis in 0..3 {
@@ -442,8 +259,9 @@ fn segment_meets_cube(a: DVec3, b: DVec3, centre: DVec3, half: f64) -> bool {
             continue;
         }
         let (x, y) = ((-half - a[axis]) / d[axis], (half - a[axis]) / d[axis]);
-        t0 = t0.max(x.min(y));
-        t1 = t1.min(x.max(y));
+        let (enter, leave) = if x < y { (x, y) } else { (y, x) };
+        t0 = if enter > t0 { enter } else { t0 };
+        t1 = if leave < t1 { leave } else { t1 };
     }
     t0 <= t1
 }
@@ -468,33 +286,4 @@ fn within(p: DVec3, [a, b, c]: &[DVec3; 3], distance: f64) -> bool {
         (from - along * t).length_squared()
     };
     to_segment(pa, ab) <= squared || to_segment(pb, bc) <= squared || to_segment(pc, ca) <= squared
-}
-
-#[cfg(test)]
-mod tests {
-    use proptest::prelude::*;
-
-    use super::*;
-
-    proptest! {
-        #[test]
-        fn the_extent_of_a_slab_is_that_of_the_cut_cube(
-            n in prop::array::uniform3(-31.0f32..31.0), g in prop::array::uniform3(-1.0f32..1.0), zero in 0usize..8,
-            middle in -0.9f32..0.9, thickness in 0.01f32..1.0,
-        ) {
-            let mut n = Vec3::from(n);
-            for axis in (0..3).filter(|axis| zero >> axis & 1 != 0) {
-                n[axis] = 0.0;
-            }
-            prop_assume!(n.length() > 1.0);
-            let (g, reach) = (Vec3::from(g), n.abs().element_sum() * 0.5);
-            let slab = Slab { n, lo: (middle - thickness) * reach, hi: (middle + thickness) * reach };
-            let mut polyhedron = Polyhedron::default();
-            polyhedron.cut(n, slab.hi, 6);
-            polyhedron.cut(-n, -slab.lo, 7);
-            let (lo, hi) = polyhedron.extent(g);
-            let found = slab.extent(g);
-            prop_assert!((found.lo - lo).abs() < 1e-4 && (found.hi - hi).abs() < 1e-4, "{found:?} for {lo} to {hi}");
-        }
-    }
 }

@@ -19,32 +19,32 @@ impl ColorMap {
         Self { texture, opaque }
     }
 
-    /// Linear RGB as of [`Texture::sample`], up to rounding.
+    /// Linear RGB at `uv`, from the level of the mip chain whose texels are nearest to `footprint` (texels of the full
+    /// texture) in size.
     pub fn sample(&self, uv: Vec2, footprint: f32) -> Vec3A {
+        let mips = &self.texture.mips;
+        let level = nearest_level(footprint).min(mips.len() - 1);
         if !self.opaque {
-            let [r, g, b, _] = self.texture.sample(uv.into(), footprint);
+            let [r, g, b, _] = self.texture.sample(uv.into(), (level as f32).exp2());
             return Vec3A::new(r, g, b);
         }
-        let mips = &self.texture.mips;
-        let uv = Vec2::new(fraction(uv.x), fraction(uv.y));
-        let deepest = mips.len() - 1;
-        let level = if footprint > 1.0 { footprint.log2().min(deepest as f32) } else { 0.0 };
-        let fine = level as usize;
-        let table = linear_of_srgb();
-        let near = bilinear(&mips[fine], uv, table);
-        let blend = level - fine as f32;
-        if blend <= 0.0 || fine == deepest {
-            return near;
-        }
-        near + (bilinear(&mips[fine + 1], uv, table) - near) * blend
+        bilinear(&mips[level], Vec2::new(fraction(uv.x), fraction(uv.y)), linear_of_srgb())
     }
 }
 
+/// The binary logarithm of `x`, rounded; 0 below 1 and for what is not a number.
+fn nearest_level(x: f32) -> usize {
+    if x > 1.0 { ((x * std::f32::consts::SQRT_2).to_bits() >> 23) as usize - 127 } else { 0 }
+}
+
+/// Added to a number below 2^22 in size, this leaves the nearest integer in the low bits.
+const ROUND: f32 = 12_582_912.0;
+
 /// What is left of `x` above the next lower integer; 0 where it is too large to have any.
 fn fraction(x: f32) -> f32 {
-    // Not `floor`: without SSE4.1 that is a call into a library.
-    let below = x - x as i32 as f32;
-    let f = if below < 0.0 { below + 1.0 } else { below };
+    // Not `floor`: without SSE4.1 that is a call into a library, and conversions that clamp take several instructions.
+    let off = x - ((x + ROUND) - ROUND);
+    let f = if off < 0.0 { off + 1.0 } else { off };
     if (0.0..=1.0).contains(&f) { f } else { 0.0 }
 }
 
@@ -63,13 +63,14 @@ fn bilinear(mip: &MipLevel, uv: Vec2, table: &[f32; 256]) -> Vec3A {
 
 /// The two texels around `u` (in 0..=1) on an axis of `size` texels, and how far it is from the first to the second.
 fn neighbours(u: f32, size: u32) -> (usize, usize, f32) {
-    let last = size as usize - 1;
     let x = u * size as f32 - 0.5;
-    if x < 0.0 {
-        return (last, 0, x + 1.0);
-    }
-    let first = (x as usize).min(last);
-    (first, if first == last { 0 } else { first + 1 }, x - first as f32)
+    // The next lower integer or, if `x` is all but that, the one before.
+    let below = (x - 0.5 + ROUND) - ROUND;
+    let first = ((x - 0.5 + ROUND).to_bits() & 0x7f_ffff) as i32 - 0x40_0000;
+    let last = size as i32 - 1;
+    let wrapped = if first < 0 { last } else { first.min(last) };
+    let next = if wrapped == last { 0 } else { wrapped + 1 };
+    (wrapped as usize, next as usize, x - below)
 }
 
 #[cfg(test)]
@@ -84,9 +85,11 @@ mod tests {
         let map = ColorMap::new(Arc::new(Texture::from_rgba8(13, 6, &texels).unwrap()));
         assert!(map.opaque);
         for i in -40..40 {
-            for footprint in [0.0, 1.0, 1.7, 3.0, 4.0, 100.0] {
+            for (footprint, level) in
+                [(0.0, 1.0), (1.0, 1.0), (1.4, 1.0), (1.42, 2.0), (2.8, 2.0), (4.0, 4.0), (f32::INFINITY, 8.0)]
+            {
                 let uv = Vec2::new(i as f32 * 0.083, 3.0 - i as f32 * 0.117);
-                let [r, g, b, _] = map.texture.sample(uv.into(), footprint);
+                let [r, g, b, _] = map.texture.sample(uv.into(), level);
                 let found = map.sample(uv, footprint);
                 assert!((found - Vec3A::new(r, g, b)).abs().max_element() < 2e-5, "{uv} {footprint}: {found}");
             }

@@ -66,6 +66,13 @@ pub struct Sample {
     pub normal: Vec3A,
 }
 
+impl Sample {
+    /// sRGB-encoded colour and shading normal.
+    pub fn encode(&self) -> ([u8; 3], RawNormal) {
+        (encode_srgb(self.color.into()), RawNormal::encode(self.normal.into()))
+    }
+}
+
 impl<'a> Shading<'a> {
     /// Prepares triangles: `source` has the index in the mesh of each, the rest is theirs in octree space.
     pub fn new(
@@ -207,16 +214,24 @@ impl Surface<'_> {
     /// voxel.
     pub fn sample(&self, triangle: u32, vertices: &[DVec3], voxel_size: f64) -> (f32, Sample) {
         let facet = &self.shading.facets[triangle as usize];
-        let look = &self.shading.looks[facet.look as usize];
         let normal = Vec3A::from(self.normals[triangle as usize]);
         if facet.frame == NONE {
-            return (area(vertices, normal), Sample { color: look.base.into(), normal });
+            let color = self.shading.looks[facet.look as usize].base.into();
+            return (area(vertices, normal), Sample { color, normal });
         }
         let (area, centroid) = area_and_centroid(vertices, normal);
-        let frame = &self.shading.frames[facet.frame as usize];
-        let w = frame.weights(self.corners[triangle as usize][0], centroid);
-        let mesh = self.shading.mesh;
+        (area, self.sample_at(triangle, centroid, voxel_size))
+    }
+
+    /// Colour and normal of a triangle at a point of it.
+    pub fn sample_at(&self, triangle: u32, p: DVec3, voxel_size: f64) -> Sample {
+        let facet = &self.shading.facets[triangle as usize];
+        let look = &self.shading.looks[facet.look as usize];
+        let normal = Vec3A::from(self.normals[triangle as usize]);
         let mut color = Vec3A::from(look.base);
+        let Some(frame) = self.shading.frames.get(facet.frame as usize) else { return Sample { color, normal } };
+        let w = frame.weights(self.corners[triangle as usize][0], p);
+        let mesh = self.shading.mesh;
         if !mesh.colors.is_empty() {
             color *= frame.color(mesh, w);
         }
@@ -228,7 +243,15 @@ impl Surface<'_> {
             let detail = map.sample(frame.uv(mesh, w).into(), voxel_size as f32 * frame.normal_density);
             normal = self.mapped(frame, normal, w, detail);
         }
-        (area, Sample { color, normal })
+        Sample { color, normal }
+    }
+
+    /// Whether one sample tells all that is asked of a piece of this triangle: it has no holes, and its texels are not
+    /// looked at one by one.
+    pub fn is_plain(&self, triangle: u32) -> bool {
+        let facet = &self.shading.facets[triangle as usize];
+        (facet.frame == NONE || !self.tests_texels)
+            && matches!(self.shading.looks[facet.look as usize].cutout, Cutout::Solid)
     }
 
     /// `normal` turned as `detail` of a normal map says.

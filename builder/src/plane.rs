@@ -1,0 +1,275 @@
+//! Voxels whose surface is a plane that goes all the way through: most voxels of scenes with walls.
+//!
+//! A slab along the plane is all that is of use there, and how far it and those of the ancestors reach follows from
+//! formulas: no polyhedron is cut. Where the plane is that of one triangle, nothing is cut from the triangle either
+//! ([`Through`]).
+
+use esvo_format::{Contour, RawNormal};
+use glam::{DVec3, Vec3};
+
+use crate::clip::{MARGIN, Piece};
+use crate::shaper::{MIN_GAIN, Shape, Voxel, enclosing, segment_meets_cube};
+use crate::slab::{Range, Slab, Slabs, greater};
+use crate::surface::Surface;
+
+/// How much larger than a voxel the cube is that edges are kept out of.
+const CLEARANCE: f64 = 1.0 + 1e-6;
+/// Normals whose cosine is above this belong to the same plane, as far as the shape of a voxel goes.
+const SAME_PLANE: f32 = 0.99999;
+/// More triangles than this are not looked through for whether they are one plane.
+const MAX_TRIANGLES: usize = 16;
+
+/// Whether the surface in a voxel is all but a plane that goes all the way through: its triangles lie in one plane, and no
+/// edge meets the voxel but those where the plane goes on.
+pub fn is_plane(voxel: &Voxel) -> bool {
+    let (surface, pieces) = (voxel.surface, voxel.pieces);
+    let normal = |piece: &Piece| surface.normals[piece.triangle as usize];
+    let first = normal(&pieces[0]);
+    let half = voxel.size * 0.5 * CLEARANCE;
+    pieces.len() <= MAX_TRIANGLES
+        && pieces[1..].iter().all(|piece| normal(piece).dot(first).abs() >= SAME_PLANE)
+        && pieces.iter().all(|piece| {
+            let (corners, edges) = (&surface.corners[piece.triangle as usize], surface.edges[piece.triangle as usize]);
+            (0..3).all(|i| {
+                !edges.is_crease(i) || !segment_meets_cube(corners[i], corners[(i + 1) % 3], voxel.centre, half)
+            })
+        })
+}
+
+/// A plane through a voxel, or several sheets of about the same, in units of the voxel and from its centre.
+struct Sheets {
+    /// The contour's normal, encoded and decoded.
+    bits: u32,
+    n: Vec3,
+    /// The plane's own.
+    normal: Vec3,
+    /// Where the surface is along the contour's normal.
+    along_n: [f64; 2],
+    /// And along its own.
+    along_normal: Range,
+    /// How much deeper than its highest point a sheet may be.
+    fall: f32,
+}
+
+impl Sheets {
+    /// `limit` is the error bound in units of the voxel; `slabs` become what bounds the voxel's children.
+    fn shape(&self, slabs: &mut Slabs, limit: f32, size: f64, deepest: bool) -> Shape {
+        slabs.plane = true;
+        let limit = limit - self.fall;
+        let is_near =
+            |outer: &Range| outer.hi - self.along_normal.hi <= limit && self.along_normal.lo - outer.lo <= limit;
+        let (mut outer_n, mut outer_normal) = (Range::of_cube(self.n), Range::of_cube(self.normal));
+        for slab in slabs.as_slice() {
+            outer_n.intersect(&slab.extent(self.n));
+            outer_normal.intersect(&slab.extent(self.normal));
+        }
+        if is_near(&outer_normal) {
+            return Shape { contour: None, fits: true };
+        }
+        let [lo, hi] = self.along_n;
+        let gain = greater(outer_n.hi - hi as f32, lo as f32 - outer_n.lo) / self.n.length();
+        let contour = if gain < MIN_GAIN { None } else { enclosing(self.bits, lo, hi, size) };
+        if deepest || contour.is_none() {
+            return Shape { contour, fits: false };
+        }
+        if let Some(contour) = contour {
+            let slab = Slab::of(contour);
+            outer_normal.intersect(&slab.extent(self.normal));
+            slabs.clear();
+            slabs.plane = true;
+            slabs.push(slab);
+        }
+        Shape { contour, fits: is_near(&outer_normal) }
+    }
+}
+
+/// Shapes a voxel whose surface [is a plane](is_plane); `bits` is the encoded normal of its first triangle.
+pub fn shape_plane(voxel: &Voxel, bits: u32, slabs: &mut Slabs, deviation: f64, deepest: bool) -> Shape {
+    let scale = 1.0 / voxel.size;
+    let normal = voxel.surface.normals[voxel.pieces[0].triangle as usize];
+    let n = Vec3::from(Contour::decode_normal(bits).map(|c| c as f32));
+    // There may be several sheets, and each is a plane only about: from its highest point it falls by no more than its
+    // triangles do together.
+    let (mut along_n, mut along_normal, mut fall) = (Range::NONE, Range::NONE, 0.0);
+    for piece in voxel.pieces {
+        let mut of_piece = Range::NONE;
+        for v in voxel.arena.vertices(piece, &voxel.surface.corners) {
+            let p = ((*v - voxel.centre) * scale).as_vec3();
+            along_n.add(n.dot(p));
+            of_piece.add(normal.dot(p));
+        }
+        fall += of_piece.hi - of_piece.lo;
+        along_normal.add(of_piece.lo);
+        along_normal.add(of_piece.hi);
+    }
+    let sheets = Sheets { bits, n, normal, along_n: [along_n.lo.into(), along_n.hi.into()], along_normal, fall };
+    sheets.shape(slabs, (deviation * scale) as f32, voxel.size, deepest)
+}
+
+/// A triangle none of whose edges meets a cube that it meets: in all cubes inside of that it is no different from its plane.
+///
+/// # Why no voxel is lost
+///
+/// With `u = 2^-53` and the root cube's edge as unit, as for [`crate::clip`]: the cross product `N` of two edges, each of
+/// at most `L`, is off by at most `8 u L²`, so its direction by `8 u L² / |N|`. A height `N·(p - a) / |N|` in the cube is
+/// off by that times `|p - a|`, which [`Through::new`] keeps below `40 u`, by `3 u` for the corner `a` and by some `6 u` of
+/// its own roundings: together by less than half of [`MARGIN`]. So a cube that the triangle meets has its centre within
+/// [`Through::meets`], and one that is has the plane within `2 MARGIN`. The triangle goes on as far as that: it is larger
+/// than the cube with its clearance.
+pub struct Through {
+    /// The triangle.
+    pub triangle: u32,
+    normal: DVec3,
+    /// The corner next to the cube.
+    corner: DVec3,
+    /// Half of the extent of a cube of edge 1 along the normal.
+    reach: f64,
+    /// The contour's normal, encoded and decoded.
+    bits: u32,
+    n: DVec3,
+    /// Multiples of the normal next to `n`: [`Through::extent`].
+    multiples: [f64; 3],
+    /// Colour and normal, if they are the same everywhere.
+    constant: Option<([u8; 3], RawNormal)>,
+}
+
+impl Through {
+    /// `None` if an edge of the triangle meets the cube, if it is too narrow for its plane to be known well enough, or if
+    /// more must be known of it than its plane and a sample per voxel.
+    pub fn new(surface: &Surface, triangle: u32, centre: DVec3, size: f64) -> Option<Self> {
+        let corners = &surface.corners[triangle as usize];
+        let half = size * 0.5 * CLEARANCE;
+        let edge_meets = |i: usize| segment_meets_cube(corners[i], corners[(i + 1) % 3], centre, half);
+        if !surface.is_plain(triangle) || edge_meets(0) || edge_meets(1) || edge_meets(2) {
+            return None;
+        }
+        let nearest = (0..3).min_by(|i, j| {
+            let distance = |i: usize| (corners[i] - centre).length_squared();
+            distance(*i).total_cmp(&distance(*j))
+        })?;
+        let corner = corners[nearest];
+        let (ab, ac) = (corners[(nearest + 1) % 3] - corner, corners[(nearest + 2) % 3] - corner);
+        let cross = ab.cross(ac);
+        let longest = ab.length_squared().max(ac.length_squared()).max((ac - ab).length_squared());
+        let length = cross.length();
+        if longest * ((centre - corner).length() + size) > 5.0 * length {
+            return None;
+        }
+        let normal = cross / length;
+        let bits = Contour::encode_normal(normal.to_array())?;
+        let n = DVec3::from(Contour::decode_normal(bits));
+        let reach = normal.abs().element_sum() * 0.5;
+        // A component that is all but zero would give a multiple that is all but infinite: one of the others again.
+        let largest = (0..3).max_by(|i, j| normal[*i].abs().total_cmp(&normal[*j].abs()))?;
+        let multiples = [0, 1, 2].map(|i| {
+            let i = if normal[i].abs() < 1e-6 { largest } else { i };
+            n[i] / normal[i]
+        });
+        let constant = surface.constant(&[Piece::whole(triangle)]);
+        Some(Self { triangle, normal, corner, reach, bits, n, multiples, constant })
+    }
+
+    /// How far a cube's centre is from the plane.
+    pub fn height(&self, centre: DVec3) -> f64 {
+        self.normal.dot(centre - self.corner)
+    }
+
+    /// Whether a cube meets the triangle whose centre is at this height.
+    pub fn meets(&self, height: f64, size: f64) -> bool {
+        height.abs() <= self.reach * size + MARGIN
+    }
+
+    /// How far what the unit cube around the origin has of the plane `normal·p = height` reaches along `n`.
+    ///
+    /// The dual of this linear program is the least, over all `l`, of `l height + |n - l normal|₁ / 2`: any `l` gives a
+    /// bound, and the one that is reached is among the `n_i / normal_i`.
+    fn extent(&self, height: f64) -> [f64; 2] {
+        let (mut lo, mut hi) = (f64::MIN, f64::MAX);
+        for l in self.multiples {
+            let across = (self.n - self.normal * l).abs().element_sum() * 0.5;
+            let (a, b) = (l * height - across, l * height + across);
+            lo = if a > lo { a } else { lo };
+            hi = if b < hi { b } else { hi };
+        }
+        // A plane that passes by within the margin: they meet, but for that.
+        if lo <= hi { [lo, hi] } else { [hi, lo] }
+    }
+
+    /// Shapes the voxel whose centre is at this height.
+    pub fn shape(&self, height: f64, size: f64, slabs: &mut Slabs, deviation: f64, deepest: bool) -> Shape {
+        let scale = 1.0 / size;
+        let height = -height * scale;
+        let sheets = Sheets {
+            bits: self.bits,
+            n: self.n.as_vec3(),
+            normal: self.normal.as_vec3(),
+            along_n: self.extent(height),
+            along_normal: Range { lo: height as f32, hi: height as f32 },
+            fall: 0.0,
+        };
+        sheets.shape(slabs, (deviation * scale) as f32, size, deepest)
+    }
+
+    /// sRGB-encoded colour and shading normal of the voxel whose centre is at this height.
+    pub fn attributes(&self, surface: &Surface, centre: DVec3, height: f64, size: f64) -> ([u8; 3], RawNormal) {
+        self.constant.unwrap_or_else(|| {
+            let half = DVec3::splat(size * 0.5);
+            let foot = (centre - self.normal * height).clamp(centre - half, centre + half);
+            surface.sample_at(self.triangle, foot, size).encode()
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::clip::Arena;
+    use crate::{BuildSettings, Mesh};
+
+    /// A mesh whose largest extent is 1, with the root cube as its own unit cube.
+    fn with_triangle(t: [[f64; 3]; 3]) -> Mesh {
+        let frame = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 1.0]];
+        Mesh {
+            positions: frame.into_iter().chain(t).collect(),
+            triangles: vec![[0, 1, 2], [3, 4, 5]],
+            ..Mesh::default()
+        }
+    }
+
+    proptest! {
+        /// Along the way down to level 10 the plane meets the same cubes as the pieces do, with the same extents.
+        #[test]
+        fn the_plane_is_the_triangle(t in prop::array::uniform3(prop::array::uniform3(0.0f64..1.0)), path in prop::array::uniform8(0usize..8)) {
+            let mesh = with_triangle(t);
+            let surface = Surface::new(&mesh, &BuildSettings::default()).unwrap();
+            prop_assume!(surface.len() == 2);
+            let mut arena = Arena::default();
+            let (mut piece, mut centre, mut size) = (Piece::whole(1), DVec3::splat(0.5), 1.0);
+            let mut through: Option<Through> = None;
+            for wish in path {
+                let mut found = Vec::new();
+                arena.split(&piece, &surface.corners, centre, |slot, part| found.push((slot, part)));
+                let child = |slot: usize| centre + size * DVec3::from([0, 1, 2].map(|k| if slot >> k & 1 != 0 { 0.25 } else { -0.25 }));
+                if let Some(through) = &through {
+                    for slot in 0..8 {
+                        let height = through.height(child(slot));
+                        let part = found.iter().find(|f| f.0 == slot).map(|f| f.1);
+                        let edge = (height.abs() - through.reach * size * 0.5).abs();
+                        prop_assert!(part.is_some() == through.meets(height, size * 0.5) || edge < 4.0 * MARGIN);
+                        let Some(part) = part else { continue };
+                        let [lo, hi] = through.extent(-height / (size * 0.5));
+                        let points = arena.vertices(&part, &surface.corners);
+                        let along = points.iter().map(|v| through.n.dot((*v - child(slot)) / (size * 0.5)));
+                        let (least, most) = along.fold((f64::MAX, f64::MIN), |(lo, hi), d| (lo.min(d), hi.max(d)));
+                        prop_assert!((least - lo).abs() < 1e-7 && (most - hi).abs() < 1e-7, "{lo} to {hi} for {least} to {most}");
+                    }
+                }
+                let Some(next) = found.get(wish % found.len().max(1)) else { break };
+                (centre, piece, size) = (child(next.0), next.1, size * 0.5);
+                through = Through::new(&surface, 1, centre, size);
+            }
+        }
+    }
+}
