@@ -77,7 +77,7 @@ impl Sheets {
             outer_normal.intersect(&slab.extent(self.normal));
             slabs.clear();
             slabs.plane = true;
-            slabs.push(slab);
+            slabs.add(slab);
         }
         Shape { contour, fits: is_near(&outer_normal) }
     }

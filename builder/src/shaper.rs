@@ -50,8 +50,21 @@ pub struct Shaper {
 struct Candidate {
     direction: Vec3,
     weight: f32,
-    /// Its encoding, where it is known.
-    bits: Option<u32>,
+    /// Encoded, and as that decodes.
+    bits: u32,
+    n: Vec3,
+    per_length: f32,
+    /// How far the surface reaches along `n`.
+    surface: Range,
+    /// How far the voxel does: a bound, each of its slabs being looked at alone.
+    outer: Range,
+}
+
+impl Candidate {
+    /// How much further than the surface the voxel reaches, in parts of the voxel.
+    fn excess(&self) -> f32 {
+        greater(self.outer.hi - self.surface.hi, self.surface.lo - self.outer.lo) * self.per_length
+    }
 }
 
 /// Encoded normals of the triangles looked at last: neighbouring voxels share them.
@@ -102,41 +115,53 @@ impl Shaper {
         {
             return shape_plane(voxel, bits, slabs, deviation, deepest);
         }
-        self.cut_all(slabs);
-        if self.fits(voxel, deviation) {
+        self.find_points(voxel);
+        self.find_candidates(voxel);
+        self.measure(slabs);
+        let limit = (deviation / voxel.size) as f32;
+        if self.fits(voxel, slabs, limit) {
             return Shape { contour: None, fits: true };
         }
+        let best = self.candidates.iter().filter(|c| c.excess() >= MIN_GAIN);
+        let best = best.max_by(|a, b| (a.excess() * a.weight).total_cmp(&(b.excess() * b.weight)));
+        let contour = best.and_then(|c| enclosing(c.bits, c.surface.lo.into(), c.surface.hi.into(), voxel.size));
+        let Some(contour) = contour else { return NOTHING };
+        if deepest {
+            return Shape { contour: Some(contour), fits: false };
+        }
+        let slab = Slab::of(contour);
+        slabs.add(slab);
+        for candidate in &mut self.candidates {
+            candidate.outer.intersect(&slab.extent(candidate.n));
+        }
+        Shape { contour: Some(contour), fits: self.fits(voxel, slabs, limit) }
+    }
+
+    /// The vertices of the surface in units of the voxel.
+    fn find_points(&mut self, voxel: &Voxel) {
         self.points.clear();
         let scale = 1.0 / voxel.size;
         for piece in voxel.pieces {
             let vertices = voxel.arena.vertices(piece, &voxel.surface.corners);
             self.points.extend(vertices.iter().map(|v| ((*v - voxel.centre) * scale).as_vec3()));
         }
-        self.find_candidates(voxel);
-        let best = self.best(voxel.size).filter(|(_, gain)| *gain >= MIN_GAIN);
-        let Some((contour, _)) = best else {
-            if !deepest {
-                self.bounding(slabs);
+    }
+
+    /// Finds how far the surface and what the slabs leave of the voxel reach along the candidates.
+    fn measure(&mut self, slabs: &Slabs) {
+        for candidate in &mut self.candidates {
+            candidate.n = Vec3::from(Contour::decode_normal(candidate.bits).map(|c| c as f32));
+            candidate.per_length = candidate.n.length_recip();
+            let mut surface = Range::NONE;
+            for p in &self.points {
+                surface.add(candidate.n.dot(*p));
             }
-            return NOTHING;
-        };
-        if deepest {
-            return Shape { contour: Some(contour), fits: false };
-        }
-        if slabs.is_full() {
-            self.bounding(slabs);
-            // Still full: forget the oldest, which has grown widest.
-            if slabs.is_full() {
-                slabs.retain(|k| k > 0);
+            candidate.surface = surface;
+            candidate.outer = Range::of_cube(candidate.n);
+            for slab in slabs.as_slice() {
+                candidate.outer.intersect(&slab.extent(candidate.n));
             }
-            self.cut_all(slabs);
         }
-        let slab = Slab::of(contour);
-        self.cut(&slab, slabs.len());
-        slabs.push(slab);
-        let fits = self.fits(voxel, deviation);
-        self.bounding(slabs);
-        Shape { contour: Some(contour), fits }
     }
 
     /// Starts from the cube and cuts it by these slabs.
@@ -153,18 +178,16 @@ impl Shaper {
         self.polyhedron.cut(-slab.n, -slab.lo, face + 1);
     }
 
-    /// Keeps the slabs that still have a face on the polyhedron.
-    fn bounding(&self, slabs: &mut Slabs) {
-        let faces = self.polyhedron.faces();
-        slabs.retain(|k| faces >> (6 + 2 * k) & 3 != 0);
-    }
-
-    /// Whether no vertex of the polyhedron is further than `deviation` from the surface.
-    fn fits(&self, voxel: &Voxel, deviation: f64) -> bool {
-        if voxel.pieces.len() > MAX_FIT_TRIANGLES {
+    /// Whether what the slabs leave of the voxel is nowhere further than `limit` from the surface.
+    ///
+    /// Where it reaches further than that along one of the candidates it does not, as far as the slabs one by one tell;
+    /// else the vertices of their polyhedron decide.
+    fn fits(&mut self, voxel: &Voxel, slabs: &Slabs, limit: f32) -> bool {
+        if voxel.pieces.len() > MAX_FIT_TRIANGLES || self.candidates.iter().any(|c| c.excess() > limit) {
             return false;
         }
-        let surface = voxel.surface;
+        self.cut_all(slabs);
+        let (surface, deviation) = (voxel.surface, f64::from(limit) * voxel.size);
         self.polyhedron.vertices().all(|v| {
             let p = voxel.centre + v.as_dvec3() * voxel.size;
             voxel.pieces.iter().any(|piece| {
@@ -203,40 +226,26 @@ impl Shaper {
     }
 
     fn candidate(&mut self, direction: Vec3, weight: f32, bits: Option<u32>) {
-        for other in &mut self.candidates {
-            if other.direction.dot(direction).abs() >= SAME_DIRECTION {
-                if weight > other.weight {
-                    *other = Candidate { direction, weight, bits };
-                }
-                return;
-            }
+        let same = self.candidates.iter().position(|other| other.direction.dot(direction).abs() >= SAME_DIRECTION);
+        if same.is_some_and(|same| weight <= self.candidates[same].weight) {
+            return;
         }
-        if self.candidates.len() < MAX_CANDIDATES {
-            self.candidates.push(Candidate { direction, weight, bits });
+        let encode = || Contour::encode_normal(direction.to_array().map(f64::from));
+        let Some(bits) = bits.or_else(encode) else { return };
+        let candidate = Candidate {
+            direction,
+            weight,
+            bits,
+            n: Vec3::ZERO,
+            per_length: 0.0,
+            surface: Range::NONE,
+            outer: Range::NONE,
+        };
+        match same {
+            Some(same) => self.candidates[same] = candidate,
+            None if self.candidates.len() < MAX_CANDIDATES => self.candidates.push(candidate),
+            None => {}
         }
-    }
-
-    /// The candidate in whose direction the polyhedron overestimates the surface most, as a contour, and by how much, in
-    /// parts of the voxel.
-    fn best(&self, size: f64) -> Option<(Contour, f32)> {
-        let mut best: Option<(u32, f32, f32, f32, f32)> = None;
-        for Candidate { direction, weight, bits } in &self.candidates {
-            let encode = || Contour::encode_normal(direction.to_array().map(f64::from));
-            let Some(bits) = bits.or_else(encode) else { continue };
-            let n = Vec3::from(Contour::decode_normal(bits).map(|c| c as f32));
-            let mut range = Range::NONE;
-            for p in &self.points {
-                range.add(n.dot(*p));
-            }
-            let Range { lo, hi } = range;
-            let (outer_lo, outer_hi) = self.polyhedron.extent(n);
-            let gain = greater(outer_hi - hi, lo - outer_lo) / n.length();
-            if best.is_none_or(|b| gain * weight > b.4) {
-                best = Some((bits, lo, hi, gain, gain * weight));
-            }
-        }
-        let (bits, lo, hi, gain, _) = best?;
-        Some((enclosing(bits, lo.into(), hi.into(), size)?, gain))
     }
 }
 

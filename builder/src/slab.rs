@@ -113,27 +113,26 @@ impl Slabs {
         &self.list[..self.count]
     }
 
-    pub fn push(&mut self, slab: Slab) {
-        self.list[self.count] = slab;
-        self.count += 1;
-    }
-
-    /// How many there are.
-    pub fn len(&self) -> usize {
-        self.count
-    }
-
-    pub fn is_full(&self) -> bool {
-        self.count == MAX_SLABS
-    }
-
-    pub fn retain(&mut self, keep: impl Fn(usize) -> bool) {
+    /// Adds one that is narrower than what is there, and leaves out those that do not bound what it leaves.
+    pub fn add(&mut self, slab: Slab) {
         let mut kept = 0;
-        for k in (0..self.count).filter(|k| keep(*k)) {
-            self.list[kept] = self.list[k];
-            kept += 1;
+        // If all bound it, the oldest is forgotten, which has grown widest.
+        let first = usize::from(self.count == MAX_SLABS);
+        for k in first..self.count {
+            let old = self.list[k];
+            let left = slab.extent(old.n);
+            if left.lo < old.lo || left.hi > old.hi {
+                self.list[kept] = old;
+                kept += 1;
+            }
         }
         self.count = kept;
+        self.push(slab);
+    }
+
+    fn push(&mut self, slab: Slab) {
+        self.list[self.count] = slab;
+        self.count += 1;
     }
 }
 
