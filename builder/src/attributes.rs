@@ -1,4 +1,5 @@
-//! Colour and normal of a voxel: means over the surface in it, weighted by area, on every level.
+//! Colour and normal of a voxel: means over the surface in it, weighted by area, on every level. Those of a leaf are taken
+//! from the surface, those of other voxels from their children ([`Mean::of_parts`]).
 //!
 //! # Which voxels are refined for the sake of their attributes
 //! A voxel's colour `c` and normal `n` stand for everything that is in it. Finer voxels are asked for where one of the
@@ -40,8 +41,104 @@ pub struct Attributes {
     pub color: [u8; 3],
     /// Shading normal.
     pub normal: RawNormal,
+    /// What they are made from.
+    pub mean: Mean,
     /// Whether all the surface in the voxel is within the bounds of them.
     pub uniform: bool,
+}
+
+/// Colour and normal of some surface, as sums weighted by area.
+#[derive(Clone, Copy, Default)]
+pub struct Mean {
+    /// The area, in any unit that is the same for all that are put together.
+    pub weight: f32,
+    /// Linear RGB times the area.
+    pub color: Vec3A,
+    /// Unit normals times the area, those of thin sheets turned to one side.
+    pub normal: Vec3A,
+}
+
+impl Mean {
+    /// That of surface which is the same everywhere.
+    pub fn new(weight: f32, sample: &Sample) -> Self {
+        Self { weight, color: sample.color * weight, normal: sample.normal * weight }
+    }
+
+    fn add(&mut self, other: &Self) {
+        self.weight += other.weight;
+        self.color += other.color;
+        self.normal += other.normal;
+    }
+
+    /// Whether the normals are those of sides that cancel out.
+    fn cancels(&self) -> bool {
+        self.normal.length_squared() < (CANCELLED * self.weight).powi(2)
+    }
+
+    /// That of several parts together.
+    pub fn of_parts<'a>(parts: impl Iterator<Item = &'a Self> + Clone) -> Self {
+        let mut sum = Self::default();
+        parts.clone().for_each(|part| sum.add(part));
+        if !sum.cancels() {
+            return sum;
+        }
+        let largest = parts.clone().max_by(|a, b| a.weight.total_cmp(&b.weight));
+        let mut sides = Sides::new(largest.map_or(Vec3A::Z, |part| part.normal));
+        parts.for_each(|part| sides.add(part.weight, part.normal));
+        Self { normal: sides.normal(sum.weight), ..sum }
+    }
+
+    /// sRGB-encoded colour and shading normal.
+    pub fn encode(&self) -> ([u8; 3], RawNormal) {
+        (encode_srgb((self.color / self.weight).into()), RawNormal::encode(self.normal.into()))
+    }
+}
+
+/// Normals turned to one side of a thin sheet.
+struct Sides {
+    axis: Vec3A,
+    /// Sum of what has been turned to the side of the axis.
+    turned: Vec3A,
+    /// How much more there is on that side.
+    excess: f32,
+}
+
+impl Sides {
+    fn new(axis: Vec3A) -> Self {
+        Self { axis, turned: Vec3A::ZERO, excess: 0.0 }
+    }
+
+    /// 1 on the side of the axis, -1 on the other.
+    fn of(&self, normal: Vec3A) -> f32 {
+        1.0f32.copysign(self.axis.dot(normal))
+    }
+
+    /// Adds a normal times its weight.
+    fn add(&mut self, weight: f32, weighted: Vec3A) {
+        let side = self.of(weighted);
+        self.excess += side * weight;
+        self.turned += weighted * side;
+    }
+
+    /// The sum, turned to the axis.
+    fn mean(&self) -> Vec3A {
+        if self.turned.length_squared() > 0.0 { self.turned } else { self.axis }
+    }
+
+    /// Whether the side opposite to the axis is the one to be shown, `weight` being that of all.
+    fn is_backwards(&self, weight: f32) -> bool {
+        if self.excess.abs() >= SIDES_EQUAL * weight {
+            return self.excess < 0.0;
+        }
+        let mean = self.mean();
+        let largest = mean.abs().max_element();
+        mean.to_array().into_iter().find(|c| c.abs() == largest).is_some_and(|c| c < 0.0)
+    }
+
+    /// The sum on the side that is to be shown.
+    fn normal(&self, weight: f32) -> Vec3A {
+        if self.is_backwards(weight) { -self.mean() } else { self.mean() }
+    }
 }
 
 /// A mean normal shorter than this (of unit normals) is one of sides that cancel out: a right angle between two walls
@@ -50,79 +147,80 @@ const CANCELLED: f32 = 0.5;
 /// Sides that differ by less than this part of the surface count as equal.
 const SIDES_EQUAL: f32 = 0.25;
 
-/// Sums over the pieces of surface in a voxel.
+/// Sums and ranges over the pieces of surface in a voxel.
 struct Sums {
-    weight: f32,
-    color: Vec3A,
-    normal: Vec3A,
+    mean: Mean,
     color_range: [Vec3A; 2],
     normal_range: [Vec3A; 2],
 }
 
 impl Sums {
-    const NONE: Self = Self {
-        weight: 0.0,
-        color: Vec3A::ZERO,
-        normal: Vec3A::ZERO,
-        color_range: [Vec3A::MAX, Vec3A::MIN],
-        normal_range: [Vec3A::MAX, Vec3A::MIN],
-    };
+    const RANGE: [Vec3A; 2] = [Vec3A::MAX, Vec3A::MIN];
 
     fn add(&mut self, weight: f32, sample: &Sample) {
-        self.weight += weight;
-        self.color += sample.color * weight;
-        self.normal += sample.normal * weight;
+        self.mean.add(&Mean::new(weight, sample));
         self.color_range = [self.color_range[0].min(sample.color), self.color_range[1].max(sample.color)];
         self.normal_range = [self.normal_range[0].min(sample.normal), self.normal_range[1].max(sample.normal)];
     }
 }
 
-/// Attributes of a voxel; `bounds` is `None` where it does not matter whether they are uniform.
+/// Attributes of a voxel from the surface in it; `bounds` is `None` where it does not matter whether they are uniform.
 pub fn attributes(voxel: &Voxel, bounds: Option<AttributeBounds>) -> Attributes {
     let surface = voxel.surface;
     if let Some((color, normal)) = surface.constant(voxel.pieces) {
-        return Attributes { color, normal, uniform: bounds.is_some() };
+        let area = voxel.pieces.iter().map(|piece| surface.area(piece.triangle, vertices(voxel, piece))).sum::<f32>();
+        let sample = surface.sample_at(voxel.pieces[0].triangle, voxel.centre, voxel.size);
+        let mean = Mean::new(at_least(area, voxel.size), &sample);
+        return Attributes { color, normal, mean, uniform: bounds.is_some() };
     }
     if let [piece] = voxel.pieces {
         return attributes_of_one(voxel, piece, bounds);
     }
-    let mut sums = Sums::NONE;
+    let mut sums = Sums { mean: Mean::default(), color_range: Sums::RANGE, normal_range: Sums::RANGE };
     each_sample(voxel, |weight, sample, _| sums.add(weight, sample));
-    if sums.normal.length_squared() < (CANCELLED * sums.weight).powi(2) {
+    if sums.mean.cancels() {
         turn_to_one_side(voxel, &mut sums);
     }
-    let color = encode_srgb((sums.color / sums.weight).into());
-    let normal = RawNormal::encode(sums.normal.into());
+    let (color, normal) = sums.mean.encode();
     let uniform = bounds.is_some_and(|bounds| {
         !surface.is_cut_through(voxel.arena, voxel.pieces)
             && colors_within(color, &sums, bounds.color)
             && normals_within(normal, &sums, bounds.normal)
             && (!surface.tests_texels || texels_within(voxel, color, normal, bounds))
     });
-    Attributes { color, normal, uniform }
+    Attributes { color, normal, mean: sums.mean, uniform }
 }
 
 /// The attributes of a voxel with one piece of surface: there is nothing to weigh, and nothing differs from the sample.
 fn attributes_of_one(voxel: &Voxel, piece: &Piece, bounds: Option<AttributeBounds>) -> Attributes {
     let surface = voxel.surface;
-    let vertices = voxel.arena.vertices(piece, &surface.corners);
+    let vertices = vertices(voxel, piece);
     let middle = vertices.iter().sum::<DVec3>() * (1.0 / vertices.len() as f64);
-    let (color, normal) = surface.sample_at(piece.triangle, middle, voxel.size).encode();
+    let sample = surface.sample_at(piece.triangle, middle, voxel.size);
+    let mean = Mean::new(at_least(surface.area(piece.triangle, vertices), voxel.size), &sample);
+    let (color, normal) = sample.encode();
     let uniform = bounds.is_some_and(|bounds| {
         !surface.is_cut_through(voxel.arena, voxel.pieces)
             && (!surface.tests_texels || texels_within(voxel, color, normal, bounds))
     });
-    Attributes { color, normal, uniform }
+    Attributes { color, normal, mean, uniform }
+}
+
+fn vertices<'a>(voxel: &'a Voxel, piece: &Piece) -> &'a [DVec3] {
+    voxel.arena.vertices(piece, &voxel.surface.corners)
+}
+
+/// The weight of an area: a voxel that only touches the surface still needs attributes, so every piece weighs something.
+pub fn at_least(area: f32, voxel_size: f64) -> f32 {
+    area.max(1e-8 * (voxel_size * voxel_size) as f32)
 }
 
 /// Calls `visit` with the weight, the sample and the vertices of each piece.
 fn each_sample(voxel: &Voxel, mut visit: impl FnMut(f32, &Sample, &[DVec3])) {
-    let per_area = (1.0 / (voxel.size * voxel.size)) as f32;
     for piece in voxel.pieces {
-        let vertices = voxel.arena.vertices(piece, &voxel.surface.corners);
+        let vertices = vertices(voxel, piece);
         let (area, sample) = voxel.surface.sample(piece.triangle, vertices, voxel.size);
-        // A voxel that only touches the surface still needs attributes: every piece weighs something.
-        visit((area * per_area).max(1e-8), &sample, vertices);
+        visit(at_least(area, voxel.size), &sample, vertices);
     }
 }
 
@@ -135,31 +233,21 @@ fn turn_to_one_side(voxel: &Voxel, sums: &mut Sums) {
             largest = (weight, sample.normal);
         }
     });
-    let axis = largest.1;
-    let side = |normal: Vec3A| 1.0f32.copysign(axis.dot(normal));
-    let (mut turned, mut excess) = (Sums::NONE, 0.0);
+    let mut sides = Sides::new(largest.1);
+    let [mut least, mut most] = Sums::RANGE;
     let (mut lo, mut hi) = (f64::MAX, f64::MIN);
     each_sample(voxel, |weight, sample, vertices| {
-        let side = side(sample.normal);
-        excess += side * weight;
-        turned.add(weight, &Sample { normal: sample.normal * side, ..*sample });
+        sides.add(weight, sample.normal * weight);
+        let turned = sample.normal * sides.of(sample.normal);
+        (least, most) = (least.min(turned), most.max(turned));
         for v in vertices {
-            let at = v.dot(axis.as_dvec3());
+            let at = v.dot(sides.axis.as_dvec3());
             (lo, hi) = (lo.min(at), hi.max(at));
         }
     });
-    let mean = if turned.normal.length_squared() > 0.0 { turned.normal } else { axis };
-    let backwards = if excess.abs() < SIDES_EQUAL * sums.weight {
-        let largest = mean.abs().max_element();
-        mean.to_array().into_iter().find(|c| c.abs() == largest).is_some_and(|c| c < 0.0)
-    } else {
-        excess < 0.0
-    };
-    let sign = if backwards { -1.0 } else { 1.0 };
-    sums.normal = mean * sign;
+    sums.mean.normal = sides.normal(sums.mean.weight);
     if hi - lo <= voxel.surface.finest_voxel() {
-        let [least, most] = turned.normal_range;
-        sums.normal_range = if backwards { [-most, -least] } else { [least, most] };
+        sums.normal_range = if sides.is_backwards(sums.mean.weight) { [-most, -least] } else { [least, most] };
     }
 }
 
@@ -202,7 +290,7 @@ fn texels_within(voxel: &Voxel, color: [u8; 3], normal: RawNormal, bounds: Attri
     let surface = voxel.surface;
     let (decoded, normal) = (decode(color), Vec3A::from(normal.decode()));
     voxel.pieces.iter().all(|piece| {
-        let vertices = voxel.arena.vertices(piece, &surface.corners);
+        let vertices = vertices(voxel, piece);
         let (lo, hi) = surface.color_range(piece.triangle, vertices);
         (bounds.color >= 256.0 || lo == hi || (0..3).all(|k| beyond(decoded[k], lo[k], hi[k]) <= bounds.color))
             && (bounds.normal >= 2.0 || surface.normal_deviation(piece.triangle, vertices, normal) <= bounds.normal)

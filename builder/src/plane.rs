@@ -7,10 +7,11 @@
 use esvo_format::{Contour, RawNormal};
 use glam::{DVec3, Vec3};
 
+use crate::attributes::{Attributes, Mean, at_least};
 use crate::clip::{MARGIN, Piece};
 use crate::shaper::{MIN_GAIN, Shape, Voxel, enclosing, segment_meets_cube};
 use crate::slab::{Range, Slab, Slabs, greater};
-use crate::surface::Surface;
+use crate::surface::{Sample, Surface};
 
 /// How much larger than a voxel the cube is that edges are kept out of.
 const CLEARANCE: f64 = 1.0 + 1e-6;
@@ -129,8 +130,10 @@ pub struct Through {
     n: DVec3,
     /// Multiples of the normal next to `n`: [`Through::extent`].
     multiples: [f64; 3],
-    /// Colour and normal, if they are the same everywhere.
-    constant: Option<([u8; 3], RawNormal)>,
+    /// What it looks like, if that is the same everywhere.
+    constant: Option<([u8; 3], RawNormal, Sample)>,
+    /// Components of the normal by size, the largest 1.
+    slopes: [f64; 3],
 }
 
 impl Through {
@@ -166,7 +169,10 @@ impl Through {
             n[i] / normal[i]
         });
         let constant = surface.constant(&[Piece::whole(triangle)]);
-        Some(Self { triangle, normal, corner, reach, bits, n, multiples, constant })
+        let constant = constant.map(|(color, raw)| (color, raw, surface.sample_at(triangle, corner, size)));
+        let mut slopes = (normal.abs() / normal[largest].abs()).to_array();
+        slopes.sort_by(|a, b| b.total_cmp(a));
+        Some(Self { triangle, normal, corner, reach, bits, n, multiples, constant, slopes })
     }
 
     /// How far a cube's centre is from the plane.
@@ -210,13 +216,42 @@ impl Through {
         sheets.shape(slabs, (deviation * scale) as f32, size, deepest)
     }
 
-    /// sRGB-encoded colour and shading normal of the voxel whose centre is at this height.
-    pub fn attributes(&self, surface: &Surface, centre: DVec3, height: f64, size: f64) -> ([u8; 3], RawNormal) {
-        self.constant.unwrap_or_else(|| {
-            let half = DVec3::splat(size * 0.5);
-            let foot = (centre - self.normal * height).clamp(centre - half, centre + half);
-            surface.sample_at(self.triangle, foot, size).encode()
-        })
+    /// Area of what the unit cube around the origin has of the plane `normal·p = height`.
+    ///
+    /// Seen along the normal's largest component, the square has that part of it where the other two raise the plane
+    /// between two heights, one above the other by 1: `a x + b y` in a square of edge 1 is below `t` in a part that is a
+    /// trapezoid's integral.
+    fn area(&self, height: f64) -> f64 {
+        let [_, a, b] = self.slopes;
+        let middle = height.abs() / self.reach * 0.5 * (1.0 + a + b);
+        let below = |t: f64| {
+            let (outer, inner) = ((a + b) * 0.5, (a - b) * 0.5);
+            // Symmetric around 0.
+            let over = outer - t.abs();
+            let part = if over <= 0.0 {
+                0.0
+            } else if t.abs() <= inner {
+                0.5 - t.abs() / a
+            } else {
+                over * over / (2.0 * a * b)
+            };
+            if t < 0.0 { part } else { 1.0 - part }
+        };
+        (below(middle + 0.5) - below(middle - 0.5)) * (1.0 + a * a + b * b).sqrt()
+    }
+
+    /// Attributes of the voxel whose centre is at this height.
+    pub fn attributes(&self, surface: &Surface, centre: DVec3, height: f64, size: f64) -> Attributes {
+        let area = self.area(height / size) * size * size;
+        let weight = at_least(area as f32, size);
+        if let Some((color, normal, sample)) = &self.constant {
+            return Attributes { color: *color, normal: *normal, mean: Mean::new(weight, sample), uniform: true };
+        }
+        let half = DVec3::splat(size * 0.5);
+        let foot = (centre - self.normal * height).clamp(centre - half, centre + half);
+        let sample = surface.sample_at(self.triangle, foot, size);
+        let (color, normal) = sample.encode();
+        Attributes { color, normal, mean: Mean::new(weight, &sample), uniform: true }
     }
 }
 
@@ -226,7 +261,7 @@ mod tests {
 
     use super::*;
     use crate::clip::Arena;
-    use crate::{BuildSettings, Mesh};
+    use crate::{BuildSettings, Material, Mesh};
 
     /// A mesh whose largest extent is 1, with the root cube as its own unit cube.
     fn with_triangle(t: [[f64; 3]; 3]) -> Mesh {
@@ -234,6 +269,8 @@ mod tests {
         Mesh {
             positions: frame.into_iter().chain(t).collect(),
             triangles: vec![[0, 1, 2], [3, 4, 5]],
+            triangle_materials: vec![0, 0],
+            materials: vec![Material::default()],
             ..Mesh::default()
         }
     }
@@ -264,6 +301,8 @@ mod tests {
                         let along = points.iter().map(|v| through.n.dot((*v - child(slot)) / (size * 0.5)));
                         let (least, most) = along.fold((f64::MAX, f64::MIN), |(lo, hi), d| (lo.min(d), hi.max(d)));
                         prop_assert!((least - lo).abs() < 1e-7 && (most - hi).abs() < 1e-7, "{lo} to {hi} for {least} to {most}");
+                        let (area, true_area) = (through.area(height / (size * 0.5)), surface.area(1, points) / (size * size * 0.25) as f32);
+                        prop_assert!((area as f32 - true_area).abs() < 1e-4, "{area} for {true_area}");
                     }
                 }
                 let Some(next) = found.get(wish % found.len().max(1)) else { break };

@@ -154,22 +154,6 @@ impl Polyhedron {
     pub fn vertices(&self) -> impl Iterator<Item = Vec3> + '_ {
         bits(self.used).map(|place| self.vertex(place))
     }
-
-    /// Extent along a direction.
-    pub fn extent(&self, direction: Vec3) -> (f32, f32) {
-        let (mut lo, mut hi) = (Vec4::MAX, Vec4::MIN);
-        for d in self.along(direction) {
-            // What is not a number is never less.
-            lo = Vec4::select(d.cmplt(lo), d, lo);
-            hi = Vec4::select(d.cmpgt(hi), d, hi);
-        }
-        (lo.min_element(), hi.max_element())
-    }
-
-    /// One bit per face that still bounds the polyhedron.
-    pub fn faces(&self) -> u32 {
-        bits(self.used).fold(0, |mask, place| mask | self.faces[place])
-    }
 }
 
 #[cfg(test)]
@@ -177,6 +161,18 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+
+    impl Polyhedron {
+        /// Extent along a direction.
+        pub fn extent(&self, direction: Vec3) -> (f32, f32) {
+            self.vertices().map(|v| direction.dot(v)).fold((f32::MAX, f32::MIN), |(lo, hi), d| (lo.min(d), hi.max(d)))
+        }
+
+        /// One bit per face that still bounds the polyhedron.
+        fn faces(&self) -> u32 {
+            bits(self.used).fold(0, |mask, place| mask | self.faces[place])
+        }
+    }
 
     fn edges(p: &Polyhedron) -> u32 {
         bits(p.used).map(|v| p.neighbours[v].count_ones()).sum::<u32>() / 2

@@ -3,11 +3,11 @@
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-use esvo_format::{AssembleOptions, BlockStore, Tree, Voxel as TreeVoxel, pack};
+use esvo_format::{AssembleOptions, BlockStore, RawNormal, Tree, Voxel as TreeVoxel, pack};
 use glam::DVec3;
 use rayon::prelude::*;
 
-use crate::attributes::{AttributeBounds, attributes};
+use crate::attributes::{AttributeBounds, Mean, attributes};
 use crate::build::Progress;
 use crate::clip::{Arena, Piece};
 use crate::journal::Journal;
@@ -71,6 +71,8 @@ struct Child {
     voxel: Option<TreeVoxel>,
     /// If it is not a leaf.
     bounds: Bounds,
+    /// What its attributes are made from.
+    mean: Mean,
 }
 
 /// What a voxel and its ancestors say about its shape.
@@ -199,7 +201,7 @@ impl<'a> Recursion<'a> {
             let all = 0..own.pieces.len();
             let found = self.descend(&mut own, cube, all, ancestors);
             self.count(cube.level, own.voxels);
-            return found.then_some(own.tree);
+            return found.map(|_| own.tree);
         }
         let mut lists: [Vec<Piece>; 8] = Default::default();
         for piece in std::mem::take(&mut own.pieces) {
@@ -245,8 +247,14 @@ impl<'a> Recursion<'a> {
         Some(tree)
     }
 
-    /// The same on one thread. Returns whether anything is in the cube; if so its node has been pushed.
-    fn descend(&self, worker: &mut Worker, cube: Cube, range: std::ops::Range<usize>, ancestors: &Bounds) -> bool {
+    /// The same on one thread. If anything is in the cube its node has been pushed; returns the mean of what it looks like.
+    fn descend(
+        &self,
+        worker: &mut Worker,
+        cube: Cube,
+        range: std::ops::Range<usize>,
+        ancestors: &Bounds,
+    ) -> Option<Mean> {
         if let [piece] = worker.pieces[range.clone()]
             && let Some(through) = Through::new(self.surface, piece.triangle, cube.centre, cube.size)
         {
@@ -266,37 +274,22 @@ impl<'a> Recursion<'a> {
             let pieces = &worker.pieces[ends[slot]..ends[slot + 1]];
             self.evaluate(&mut worker.shaper, &worker.arena, pieces, cube, slot, ancestors, child);
         }
-        let mut count = children.iter().filter(|c| c.voxel.is_some()).count();
-        worker.voxels += count as u64;
-        if count > 0 {
-            let node = worker.tree.open(&std::array::from_fn(|slot| children[slot].voxel));
-            for (slot, child) in children.iter().enumerate().filter(|(_, c)| c.voxel.is_some_and(|v| !v.leaf)) {
-                if !self.descend(worker, cube.child(slot), ends[slot]..ends[slot + 1], &child.bounds) {
-                    // All that was in it is cut out by alpha.
-                    worker.tree.remove_voxel(node, slot);
-                    count -= 1;
-                }
-            }
-            if count > 0 {
-                worker.tree.close(node);
-                self.cut(&mut worker.tree, node, &cube);
-            } else {
-                worker.tree.cancel(node);
-            }
-        }
+        let mean = self.push_children(worker, &cube, &mut children, |worker, slot, child| {
+            self.descend(worker, cube.child(slot), ends[slot]..ends[slot + 1], &child.bounds)
+        });
         worker.children.push(children);
         worker.pieces.truncate(pieces_mark);
         worker.arena.truncate(arena_mark);
-        count > 0
+        mean
     }
 
     /// The same in a cube that one triangle goes all the way through.
-    fn descend_through(&self, worker: &mut Worker, cube: Cube, through: &Through, ancestors: &Bounds) -> bool {
+    fn descend_through(&self, worker: &mut Worker, cube: Cube, through: &Through, ancestors: &Bounds) -> Option<Mean> {
         let settings = self.settings;
         let (size, deepest) = (cube.size * 0.5, cube.level + 1 == settings.levels);
         let mut children = worker.children.pop().unwrap_or_default();
-        let mut voxels = [None; 8];
         for (slot, child) in children.iter_mut().enumerate() {
+            child.voxel = None;
             let centre = cube.child(slot).centre;
             let height = through.height(centre);
             if !through.meets(height, size) {
@@ -309,39 +302,75 @@ impl<'a> Recursion<'a> {
                 shape = through.shape(height, size, &mut bounds.slabs, self.deviation, deepest);
             }
             bounds.fits = shape.fits;
-            let (color, normal) = through.attributes(self.surface, centre, height, size);
-            voxels[slot] = Some(TreeVoxel {
-                color: settings.colors.then_some(color),
-                normal: settings.normals.then_some(normal),
-                contour: shape.contour,
-                // One sample is uniform.
-                leaf: deepest || shape.fits,
-            });
-        }
-        let count = voxels.iter().flatten().count();
-        worker.voxels += count as u64;
-        if count > 0 {
-            let node = worker.tree.open(&voxels);
-            for slot in 0..8 {
-                if voxels[slot].is_none_or(|v| v.leaf) {
-                    continue;
-                }
-                let bounds = &children[slot].bounds;
-                // A voxel within the margin of the plane whose parts are not has lost nothing that is there.
-                if !self.descend_through(worker, cube.child(slot), through, bounds) {
-                    voxels[slot] = None;
-                    worker.tree.remove_voxel(node, slot);
-                }
+            // One sample is uniform.
+            let leaf = deepest || shape.fits;
+            let mut voxel = TreeVoxel { contour: shape.contour, leaf, ..self.without_attributes() };
+            if leaf {
+                let attributes = through.attributes(self.surface, centre, height, size);
+                child.mean = attributes.mean;
+                (voxel.color, voxel.normal) = self.wanted(attributes.color, attributes.normal);
             }
-            if voxels.iter().any(Option::is_some) {
-                worker.tree.close(node);
-                self.cut(&mut worker.tree, node, &cube);
-            } else {
-                worker.tree.cancel(node);
-            }
+            child.voxel = Some(voxel);
         }
+        let mean = self.push_children(worker, &cube, &mut children, |worker, slot, child| {
+            self.descend_through(worker, cube.child(slot), through, &child.bounds)
+        });
         worker.children.push(children);
-        voxels.iter().any(Option::is_some)
+        mean
+    }
+
+    /// Pushes the node of a cube and, through `descend`, the subtrees of those children that are not leaves; gives these
+    /// their attributes. Returns the mean of all.
+    fn push_children(
+        &self,
+        worker: &mut Worker,
+        cube: &Cube,
+        children: &mut [Child; 8],
+        descend: impl Fn(&mut Worker, usize, &Child) -> Option<Mean>,
+    ) -> Option<Mean> {
+        let mut count = children.iter().filter(|c| c.voxel.is_some()).count();
+        worker.voxels += count as u64;
+        if count == 0 {
+            return None;
+        }
+        let node = worker.tree.open(&std::array::from_fn(|slot| children[slot].voxel));
+        for (slot, child) in children.iter_mut().enumerate() {
+            if child.voxel.is_none_or(|voxel| voxel.leaf) {
+                continue;
+            }
+            match descend(worker, slot, child) {
+                Some(mean) => {
+                    let (color, normal) = mean.encode();
+                    let (color, normal) = self.wanted(color, normal);
+                    worker.tree.set_attributes(node, slot, color, normal);
+                    child.mean = mean;
+                }
+                // All that was in it is cut out by alpha, or its surface passes by within the margin.
+                None => {
+                    worker.tree.remove_voxel(node, slot);
+                    child.voxel = None;
+                    count -= 1;
+                }
+            }
+        }
+        if count == 0 {
+            worker.tree.cancel(node);
+            return None;
+        }
+        worker.tree.close(node);
+        self.cut(&mut worker.tree, node, cube);
+        Some(Mean::of_parts(children.iter().filter(|c| c.voxel.is_some()).map(|c| &c.mean)))
+    }
+
+    /// Those of the attributes that are asked for.
+    fn wanted(&self, color: [u8; 3], normal: RawNormal) -> (Option<[u8; 3]>, Option<RawNormal>) {
+        (self.settings.colors.then_some(color), self.settings.normals.then_some(normal))
+    }
+
+    /// A voxel whose attributes come later.
+    fn without_attributes(&self) -> TreeVoxel {
+        let (color, normal) = self.wanted([0; 3], RawNormal::default());
+        TreeVoxel { color, normal, contour: None, leaf: false }
     }
 
     /// Makes what is below a node, which has just been closed, a block of its own if it is large enough for one.
@@ -363,7 +392,7 @@ impl<'a> Recursion<'a> {
         self.error.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
     }
 
-    /// Decides what a child voxel looks like and whether it is a leaf.
+    /// Decides what shape a child voxel has and whether it is a leaf, and what a leaf looks like.
     #[expect(clippy::too_many_arguments, reason = "borrowed apart from each other")]
     fn evaluate(
         &self,
@@ -389,15 +418,17 @@ impl<'a> Recursion<'a> {
             shape = shaper.shape(&voxel, &mut bounds.slabs, self.deviation, deepest);
         }
         bounds.fits = shape.fits;
-        // Where the shape asks for finer voxels anyway, whether the attributes do is of no interest.
-        let limits = (shape.fits && !deepest).then_some(self.limits);
-        let attributes = attributes(&voxel, limits);
-        child.voxel = Some(TreeVoxel {
-            color: settings.colors.then_some(attributes.color),
-            normal: settings.normals.then_some(attributes.normal),
-            contour: shape.contour,
-            leaf: deepest || (shape.fits && attributes.uniform),
-        });
+        let mut found = TreeVoxel { contour: shape.contour, ..self.without_attributes() };
+        // Where the shape asks for finer voxels anyway, whether the attributes do is of no interest, and what they are
+        // will be known from the finer ones.
+        if deepest || shape.fits || cube.level <= PARALLEL_LEVELS {
+            let limits = (shape.fits && !deepest).then_some(self.limits);
+            let attributes = attributes(&voxel, limits);
+            child.mean = attributes.mean;
+            (found.color, found.normal) = self.wanted(attributes.color, attributes.normal);
+            found.leaf = deepest || (shape.fits && attributes.uniform);
+        }
+        child.voxel = Some(found);
     }
 
     /// Takes out the pieces of cut-out materials that are all hole.

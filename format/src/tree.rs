@@ -110,6 +110,22 @@ impl Tree {
         self.nodes.len() - 1
     }
 
+    /// Gives voxel `slot` of the node at `index` other attributes, of the kinds that it was opened with.
+    ///
+    /// # Panics
+    /// If there is no such voxel, or it was opened without attributes of these kinds.
+    pub fn set_attributes(&mut self, index: usize, slot: usize, color: Option<[u8; 3]>, normal: Option<RawNormal>) {
+        let node = &self.nodes[index];
+        assert!(node.valid >> slot & 1 != 0, "no voxel in slot {slot}");
+        let voxel = node.first_voxel as usize + (node.valid & ((1 << slot) - 1)).count_ones() as usize;
+        if let Some(color) = color {
+            self.colors[voxel] = color;
+        }
+        if let Some(normal) = normal {
+            self.normals[voxel] = normal;
+        }
+    }
+
     /// Takes voxel `slot` out of the node at `index`, for which nothing has been pushed. Takes as long as there is of the
     /// tree behind the node. A node whose last voxel goes must be [cancelled](Self::cancel).
     ///

@@ -210,6 +210,11 @@ impl Surface<'_> {
         Some((looks[first.look as usize].plain?, first.normal))
     }
 
+    /// The area of a piece in units of octree space.
+    pub fn area(&self, triangle: u32, vertices: &[DVec3]) -> f32 {
+        area(vertices, self.normals[triangle as usize].into())
+    }
+
     /// The area of a piece in units of octree space, and its colour and normal in the middle, filtered to the size of a
     /// voxel.
     pub fn sample(&self, triangle: u32, vertices: &[DVec3], voxel_size: f64) -> (f32, Sample) {
@@ -384,34 +389,78 @@ impl Surface<'_> {
     }
 }
 
+/// The axes of the coordinate plane that a plane with this normal is nearest to, and by how much areas are larger in it.
+fn projection(normal: Vec3A) -> (usize, usize, f32) {
+    let n = normal.abs();
+    let axis = if n.x >= n.y && n.x >= n.z {
+        0
+    } else if n.y >= n.z {
+        1
+    } else {
+        2
+    };
+    ((axis + 1) % 3, (axis + 2) % 3, 1.0 / n[axis])
+}
+
 /// The area of a planar polygon with this unit normal.
 pub fn area(vertices: &[DVec3], normal: Vec3A) -> f32 {
-    area_and_moment(vertices, normal, |_, _| ())
+    let (x, y, stretch) = projection(normal);
+    let first = vertices[0].to_array();
+    // Differences are taken in double precision: what is left of a position in a small voxel is exact enough.
+    let edge = |v: &DVec3| {
+        let v = v.to_array();
+        [(v[x] - first[x]) as f32, (v[y] - first[y]) as f32]
+    };
+    let (mut twice, mut previous) = (0.0, [0.0; 2]);
+    for v in &vertices[1..] {
+        let next = edge(v);
+        twice += previous[0] * next[1] - previous[1] * next[0];
+        previous = next;
+    }
+    0.5 * twice.abs() * stretch
 }
 
 /// The same, and the centroid (the mean of the vertices of a polygon without area).
 pub fn area_and_centroid(vertices: &[DVec3], normal: Vec3A) -> (f32, DVec3) {
-    let mut moment = Vec3A::ZERO;
-    let area = area_and_moment(vertices, normal, |a, middle| moment += middle * a);
-    let centroid = vertices[0] + (moment / (6.0 * area)).as_dvec3();
-    if area > 0.0 && centroid.is_finite() {
-        return (area, centroid);
+    let (x, y, stretch) = projection(normal);
+    let (mut twice, mut moment, mut previous) = (0.0, Vec3A::ZERO, Vec3A::ZERO);
+    for v in &vertices[1..] {
+        let next = (*v - vertices[0]).as_vec3a();
+        let (a, b) = (previous.to_array(), next.to_array());
+        let part = a[x] * b[y] - a[y] * b[x];
+        // Twice the area and thrice the centroid of each triangle of a fan around the first vertex.
+        moment += (previous + next) * part;
+        twice += part;
+        previous = next;
+    }
+    let centroid = vertices[0] + (moment / (3.0 * twice)).as_dvec3();
+    if twice != 0.0 && centroid.is_finite() {
+        return (0.5 * twice.abs() * stretch, centroid);
     }
     (0.0, vertices.iter().sum::<DVec3>() / vertices.len() as f64)
 }
 
-/// The area, and for each triangle of a fan around the first vertex twice its area and thrice its centroid from there.
-fn area_and_moment(vertices: &[DVec3], normal: Vec3A, mut part: impl FnMut(f32, Vec3A)) -> f32 {
-    // Differences are taken in double precision: what is left of a position in a small voxel is exact enough.
-    let edge = |v: &DVec3| (*v - vertices[0]).as_vec3a();
-    let mut twice = 0.0;
-    let mut previous = Vec3A::ZERO;
-    for v in &vertices[1..] {
-        let next = edge(v);
-        let a = previous.cross(next).dot(normal).max(0.0);
-        part(a, previous + next);
-        twice += a;
-        previous = next;
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn areas_and_centroids_of_polygons_in_space() {
+        for normal in [DVec3::X, DVec3::NEG_Y, DVec3::new(1.0, -2.0, 3.0), DVec3::new(-5.0, 0.1, 4.9)] {
+            let normal = normal.normalize();
+            let (u, v) = normal.any_orthonormal_pair();
+            let middle = DVec3::new(0.3, 0.7, 0.4);
+            // A rectangle of 0.02 by 0.06 with a corner cut off: 1/8 of it.
+            let corners = [(-0.01, -0.03), (0.01, -0.03), (0.01, 0.0), (0.0, 0.03), (-0.01, 0.03)];
+            let polygon = corners.map(|(x, y)| middle + u * x + v * y);
+            let (found, centroid) = area_and_centroid(&polygon, normal.as_vec3a());
+            let expected = 0.0012 - 0.5 * 0.01 * 0.03;
+            assert!((found - expected).abs() < 1e-8 && (area(&polygon, normal.as_vec3a()) - expected).abs() < 1e-8);
+            let cut = (0.5 * 0.01 * 0.03) / f64::from(expected);
+            let off = -cut * (u * (0.01 - 0.01 / 3.0) + v * (0.03 - 0.01));
+            assert!((centroid - middle - off).length() < 1e-7, "{centroid} for {}", middle + off);
+        }
+        let line = [DVec3::ZERO, DVec3::X, DVec3::X * 0.5];
+        assert_eq!(area_and_centroid(&line, Vec3A::Z), (0.0, DVec3::X * 0.5));
     }
-    0.5 * twice
 }
