@@ -137,15 +137,12 @@ impl Arena {
         self.scratch.whole.n = vertices.len();
         self.scratch.whole.v[..vertices.len()].copy_from_slice(vertices);
         let vertices = self.scratch.whole.vertices();
-        let (mut lo, mut hi) = (vertices[0], vertices[0]);
-        for v in &vertices[1..] {
-            lo = lo.min(*v);
-            hi = hi.max(*v);
-        }
         // Per axis: 1 = meets the lower half, 2 = the upper, 3 = both.
-        let sides: [u8; 3] = std::array::from_fn(|axis| {
-            u8::from(lo[axis] <= centre[axis] + MARGIN) | u8::from(hi[axis] >= centre[axis] - MARGIN) << 1
-        });
+        let sides = [
+            vertices_meet(vertices, centre.x, |v| v.x),
+            vertices_meet(vertices, centre.y, |v| v.y),
+            vertices_meet(vertices, centre.z, |v| v.z),
+        ];
         if sides.iter().all(|s| *s != 3) {
             let slot = (0..3).map(|axis| usize::from(sides[axis] >> 1) << axis).sum();
             found(slot, *piece);
@@ -172,6 +169,18 @@ fn vertices_of<'a>(stack: &'a [DVec3], piece: &Piece, corners: &'a [[DVec3; 3]])
     }
 }
 
+/// On which sides of a plane there are vertices: 1 the lower, 2 the upper, 3 both.
+#[inline(always)]
+fn vertices_meet(vertices: &[DVec3], at: f64, coordinate: impl Fn(&DVec3) -> f64) -> u8 {
+    let (mut lo, mut hi) = (f64::MAX, f64::MIN);
+    for x in vertices.iter().map(coordinate) {
+        // Not `min` and `max`, to which what is not a number takes several instructions.
+        lo = if x < lo { x } else { lo };
+        hi = if x > hi { x } else { hi };
+    }
+    u8::from(lo <= at + MARGIN) | u8::from(hi >= at - MARGIN) << 1
+}
+
 /// The parts of a polygon on the lower (0) and upper (1) side of the plane where there are any. `sides` says on which the
 /// whole could be.
 fn halves<'a>(
@@ -194,20 +203,40 @@ fn halves<'a>(
 
 /// Cuts by one plane; each side gets [`MARGIN`] of the other.
 fn cut(polygon: &Polygon, axis: usize, at: f64, parts: &mut [Polygon; 2]) {
+    match axis {
+        0 => cut_along(polygon, at, parts, |v| v.x, |v, x| v.x = x),
+        1 => cut_along(polygon, at, parts, |v| v.y, |v, y| v.y = y),
+        _ => cut_along(polygon, at, parts, |v| v.z, |v, z| v.z = z),
+    }
+}
+
+#[inline(always)]
+fn cut_along(
+    polygon: &Polygon,
+    at: f64,
+    parts: &mut [Polygon; 2],
+    coordinate: impl Fn(&DVec3) -> f64,
+    set: impl Fn(&mut DVec3, f64),
+) {
     let [low, high] = parts;
     (low.n, high.n) = (0, 0);
     let (end_of_low, end_of_high) = (at + MARGIN, at - MARGIN);
+    let crossing = |from: DVec3, to: DVec3, d0: f64, d1: f64, end: f64| {
+        let mut p = from + (to - from) * (d0 / (d0 - d1));
+        set(&mut p, end);
+        p
+    };
     let vertices = polygon.vertices();
     let mut previous = vertices[vertices.len() - 1];
     // Distances into what is cut off.
-    let (mut low0, mut high0) = (previous[axis] - end_of_low, end_of_high - previous[axis]);
+    let (mut low0, mut high0) = (coordinate(&previous) - end_of_low, end_of_high - coordinate(&previous));
     for &current in vertices {
-        let (low1, high1) = (current[axis] - end_of_low, end_of_high - current[axis]);
+        let (low1, high1) = (coordinate(&current) - end_of_low, end_of_high - coordinate(&current));
         if low0 * low1 < 0.0 {
-            low.push(crossing(previous, current, low0 / (low0 - low1), axis, end_of_low));
+            low.push(crossing(previous, current, low0, low1, end_of_low));
         }
         if high0 * high1 < 0.0 {
-            high.push(crossing(previous, current, high0 / (high0 - high1), axis, end_of_high));
+            high.push(crossing(previous, current, high0, high1, end_of_high));
         }
         if low1 <= 0.0 {
             low.push(current);
@@ -222,11 +251,4 @@ fn cut(polygon: &Polygon, axis: usize, at: f64, parts: &mut [Polygon; 2]) {
             *part = *polygon;
         }
     }
-}
-
-#[inline(always)]
-fn crossing(from: DVec3, to: DVec3, t: f64, axis: usize, at: f64) -> DVec3 {
-    let mut p = from + (to - from) * t;
-    p[axis] = at;
-    p
 }
