@@ -4,8 +4,8 @@ use glam::{Vec3, Vec4};
 
 /// Most contours that are kept as bounds of one voxel; further ones are forgotten, which only makes the shape larger.
 pub const MAX_SLABS: usize = 8;
-/// Faces: 0..6 are the cube's; 6 + 2k and 7 + 2k are the planes of slab k.
-const MAX_FACES: usize = 6 + 2 * MAX_SLABS;
+/// Faces: 0..6 are the cube's; 6 + 2k and 7 + 2k are the planes of slab k, one more than are kept.
+const MAX_FACES: usize = 6 + 2 * (MAX_SLABS + 1);
 /// Most vertices; a cut that would need more leaves the polyhedron as it is.
 const MAX_VERTICES: usize = 64;
 /// Places are looked at so many at a time.

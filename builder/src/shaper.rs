@@ -41,6 +41,8 @@ const CASTER_MARGIN: f32 = 1.0 / (1 << 21) as f32;
 #[derive(Default)]
 pub struct Shaper {
     polyhedron: Polyhedron,
+    /// Whether the slabs of the voxel at hand have been cut from the polyhedron.
+    is_cut: bool,
     points: Vec<Vec3>,
     candidates: Vec<Candidate>,
     normals: NormalCache,
@@ -118,6 +120,7 @@ impl Shaper {
         self.find_points(voxel);
         self.find_candidates(voxel);
         self.measure(slabs);
+        self.is_cut = false;
         let limit = (deviation / voxel.size) as f32;
         if self.fits(voxel, slabs, limit) {
             return Shape { contour: None, fits: true };
@@ -130,10 +133,14 @@ impl Shaper {
             return Shape { contour: Some(contour), fits: false };
         }
         let slab = Slab::of(contour);
-        slabs.add(slab);
         for candidate in &mut self.candidates {
             candidate.outer.intersect(&slab.extent(candidate.n));
         }
+        // What has been cut by the others needs only the new one.
+        if self.is_cut {
+            self.cut(&slab, slabs.as_slice().len());
+        }
+        slabs.add(slab);
         Shape { contour: Some(contour), fits: self.fits(voxel, slabs, limit) }
     }
 
@@ -186,7 +193,10 @@ impl Shaper {
         if voxel.pieces.len() > MAX_FIT_TRIANGLES || self.candidates.iter().any(|c| c.excess() > limit) {
             return false;
         }
-        self.cut_all(slabs);
+        if !self.is_cut {
+            self.cut_all(slabs);
+            self.is_cut = true;
+        }
         let (surface, deviation) = (voxel.surface, f64::from(limit) * voxel.size);
         self.polyhedron.vertices().all(|v| {
             let p = voxel.centre + v.as_dvec3() * voxel.size;

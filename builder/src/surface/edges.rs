@@ -40,20 +40,9 @@ const FLAT: f64 = 1.0 / 16384.0;
 
 /// Tells what the edges of all triangles are, corners being the same where their positions are.
 pub fn classify(corners: &[[DVec3; 3]]) -> Vec<Edges> {
-    let key = |p: DVec3| p.to_array().map(|x| (x + 0.0).to_bits());
-    let mut order: Vec<u32> = (0..corners.len() as u32 * 3).collect();
-    let at = |i: u32| corners[i as usize / 3][i as usize % 3];
-    order.par_sort_unstable_by_key(|i| key(at(*i)));
-    let mut point = vec![0u32; order.len()];
-    let mut id = 0;
-    for (k, &i) in order.iter().enumerate() {
-        if k > 0 && key(at(order[k - 1])) != key(at(i)) {
-            id += 1;
-        }
-        point[i as usize] = id;
-    }
-    drop(order);
+    let point = points(corners);
     let mut sides: Vec<(u64, u32)> = (0..point.len() as u32)
+        .into_par_iter()
         .map(|i| {
             let next = i - i % 3 + (i + 1) % 3;
             let (a, b) = (point[i as usize], point[next as usize]);
@@ -73,6 +62,26 @@ pub fn classify(corners: &[[DVec3; 3]]) -> Vec<Edges> {
         }
     }
     edges
+}
+
+/// For each corner of each triangle a number that those at the same position share.
+fn points(corners: &[[DVec3; 3]]) -> Vec<u32> {
+    let at = |i: u32| corners[i as usize / 3][i as usize % 3].to_array().map(|x| (x + 0.0).to_bits());
+    // Sorted by 64 bits that depend on the position; where these are the same by chance, the position decides.
+    let mix = |p: [u64; 3]| p.iter().fold(0u64, |h, x| (h ^ x).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(29));
+    let mut order: Vec<(u64, u32)> = (0..corners.len() as u32 * 3).into_par_iter().map(|i| (mix(at(i)), i)).collect();
+    order.par_sort_unstable();
+    let mut point = vec![0; order.len()];
+    for same in order.chunk_by_mut(|a, b| a.0 == b.0) {
+        let first = at(same[0].1);
+        if same.iter().any(|(_, i)| at(*i) != first) {
+            same.sort_unstable_by_key(|(_, i)| (at(*i), *i));
+        }
+        for of_point in same.chunk_by(|a, b| at(a.1) == at(b.1)) {
+            of_point.iter().for_each(|(_, i)| point[*i as usize] = of_point[0].1);
+        }
+    }
+    point
 }
 
 /// Whether the two triangles at an edge, which is side `i` of one and side `j` of the other, lie side by side in a plane.
