@@ -96,6 +96,14 @@ impl Polygon {
         self.n += 1;
     }
 
+    /// Becomes a copy of this. A loop: so few are copied one by one before a call has been made.
+    fn set(&mut self, vertices: &[DVec3]) {
+        self.n = vertices.len().min(MAX_VERTICES);
+        for (to, from) in self.v.iter_mut().zip(vertices) {
+            *to = *from;
+        }
+    }
+
     fn vertices(&self) -> &[DVec3] {
         &self.v[..self.n]
     }
@@ -134,8 +142,7 @@ impl Arena {
     /// meets and the part of it there.
     pub fn split(&mut self, piece: &Piece, corners: &[[DVec3; 3]], centre: DVec3, mut found: impl FnMut(usize, Piece)) {
         let vertices = vertices_of(&self.vertices, piece, corners);
-        self.scratch.whole.n = vertices.len();
-        self.scratch.whole.v[..vertices.len()].copy_from_slice(vertices);
+        self.scratch.whole.set(vertices);
         let vertices = self.scratch.whole.vertices();
         // Per axis: 1 = meets the lower half, 2 = the upper, 3 = both.
         let sides = [
@@ -153,7 +160,7 @@ impl Arena {
             for (high_y, polygon) in halves(polygon, 1, centre.y, sides[1], y) {
                 for (high_x, polygon) in halves(polygon, 0, centre.x, sides[0], x) {
                     let first = stack.len() as u32;
-                    stack.extend_from_slice(polygon.vertices());
+                    stack.extend(polygon.vertices());
                     found(high_x | high_y << 1 | high_z << 2, Piece { first, count: polygon.n as u32, ..*piece });
                 }
             }

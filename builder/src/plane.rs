@@ -56,31 +56,42 @@ impl Sheets {
     /// `limit` is the error bound in units of the voxel; `slabs` become what bounds the voxel's children.
     fn shape(&self, slabs: &mut Slabs, limit: f32, size: f64, deepest: bool) -> Shape {
         slabs.plane = true;
-        let limit = limit - self.fall;
-        let is_near =
-            |outer: &Range| outer.hi - self.along_normal.hi <= limit && self.along_normal.lo - outer.lo <= limit;
-        let (mut outer_n, mut outer_normal) = (Range::of_cube(self.n), Range::of_cube(self.normal));
+        let mut outer_n = Range::of_cube(self.n);
         for slab in slabs.as_slice() {
             outer_n.intersect(&slab.extent(self.n));
-            outer_normal.intersect(&slab.extent(self.normal));
         }
-        if is_near(&outer_normal) {
+        let per_length = self.n.length_recip();
+        let [lo, hi] = self.along_n;
+        let gain = greater(outer_n.hi - hi as f32, lo as f32 - outer_n.lo) * per_length;
+        // What reaches further than the limit along one direction need not be looked at along another.
+        let limit = limit - self.fall;
+        if gain <= limit && self.is_near(slabs, limit) {
             return Shape { contour: None, fits: true };
         }
-        let [lo, hi] = self.along_n;
-        let gain = greater(outer_n.hi - hi as f32, lo as f32 - outer_n.lo) / self.n.length();
         let contour = if gain < MIN_GAIN { None } else { enclosing(self.bits, lo, hi, size) };
-        if deepest || contour.is_none() {
-            return Shape { contour, fits: false };
+        let Some(contour) = contour.filter(|_| !deepest) else { return Shape { contour, fits: false } };
+        let slab = Slab::of(contour);
+        outer_n.intersect(&Range { lo: slab.lo, hi: slab.hi });
+        let gain = greater(outer_n.hi - hi as f32, lo as f32 - outer_n.lo) * per_length;
+        // Of the others only what they do to this voxel is of use.
+        let fits = gain <= limit && {
+            let mut all = *slabs;
+            all.add(slab);
+            self.is_near(&all, limit)
+        };
+        slabs.clear();
+        slabs.plane = true;
+        slabs.add(slab);
+        Shape { contour: Some(contour), fits }
+    }
+
+    /// Whether what the slabs leave of the voxel is nowhere further than `limit` from the highest and the lowest sheet.
+    fn is_near(&self, slabs: &Slabs, limit: f32) -> bool {
+        let mut outer = Range::of_cube(self.normal);
+        for slab in slabs.as_slice() {
+            outer.intersect(&slab.extent(self.normal));
         }
-        if let Some(contour) = contour {
-            let slab = Slab::of(contour);
-            outer_normal.intersect(&slab.extent(self.normal));
-            slabs.clear();
-            slabs.plane = true;
-            slabs.add(slab);
-        }
-        Shape { contour, fits: is_near(&outer_normal) }
+        outer.hi - self.along_normal.hi <= limit && self.along_normal.lo - outer.lo <= limit
     }
 }
 

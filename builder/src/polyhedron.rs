@@ -29,6 +29,8 @@ pub struct Polyhedron {
     neighbours: [u64; MAX_VERTICES],
     /// One bit per face that meets in a vertex.
     faces: [u32; MAX_VERTICES],
+    /// Of the vertices beyond the plane of the last cut; here so that no cut begins with clearing it.
+    distances: [f32; MAX_VERTICES],
 }
 
 impl Default for Polyhedron {
@@ -41,6 +43,7 @@ impl Default for Polyhedron {
             end: 0,
             neighbours: [0; MAX_VERTICES],
             faces: [0; MAX_VERTICES],
+            distances: [0.0; MAX_VERTICES],
         };
         polyhedron.reset();
         polyhedron
@@ -91,22 +94,14 @@ impl Polyhedron {
         Vec3::new(self.x[place], self.y[place], self.z[place])
     }
 
-    /// `direction·p` of the vertices of all places, so many at a time; not numbers where there are none.
-    fn along(&self, direction: Vec3) -> impl Iterator<Item = Vec4> {
-        let at = |coordinates: &[f32; MAX_VERTICES], i: usize| Vec4::from_slice(&coordinates[i..i + LANES]);
-        (0..self.end)
-            .step_by(LANES)
-            .map(move |i| at(&self.x, i) * direction.x + at(&self.y, i) * direction.y + at(&self.z, i) * direction.z)
-    }
-
     /// Cuts away where `normal·p > limit`; the new face gets the number `face`.
     pub fn cut(&mut self, normal: Vec3, limit: f32, face: u8) {
-        let mut distances = [0.0; MAX_VERTICES];
         let mut outside = 0u64;
-        for (i, at) in self.along(normal).enumerate() {
-            let distance = at - limit;
-            distance.write_to_slice(&mut distances[LANES * i..]);
-            outside |= u64::from(distance.cmpgt(Vec4::ZERO).bitmask()) << (LANES * i);
+        for i in (0..self.end).step_by(LANES) {
+            let of = |coordinates: &[f32; MAX_VERTICES]| Vec4::from_slice(&coordinates[i..i + LANES]);
+            let distance = of(&self.x) * normal.x + of(&self.y) * normal.y + of(&self.z) * normal.z - limit;
+            distance.write_to_slice(&mut self.distances[i..]);
+            outside |= u64::from(distance.cmpgt(Vec4::ZERO).bitmask()) << i;
         }
         // A cut that removes nothing is the common case.
         if outside == 0 {
@@ -123,9 +118,9 @@ impl Polyhedron {
         const NONE: u8 = u8::MAX;
         let mut open = [NONE; MAX_FACES];
         for out in bits(outside) {
-            let (from, distance, faces) = (self.vertex(out), distances[out], self.faces[out]);
+            let (from, distance, faces) = (self.vertex(out), self.distances[out], self.faces[out]);
             for kept in bits(self.neighbours[out] & inside) {
-                let t = (distance / (distance - distances[kept])).clamp(0.0, 1.0);
+                let t = (distance / (distance - self.distances[kept])).clamp(0.0, 1.0);
                 let p = from + (self.vertex(kept) - from) * t;
                 let place = free.trailing_zeros() as usize;
                 free &= free - 1;
