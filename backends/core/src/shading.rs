@@ -81,11 +81,11 @@ impl Light {
         std::array::from_fn(|i| SKY[0][i] + (SKY[1][i] - SKY[0][i]) * at)
     }
 
-    /// Phong's model, both sides alike. `open` is the part of the light from around that reaches the surface; as with the
-    /// paper's authors it takes from all that is scattered, not from the highlight.
+    /// Phong's model; a side that points away is lit as its mirror image. `open` is the part of the light from around that
+    /// reaches the surface; as with the paper's authors it takes from all that is scattered, not from the highlight.
     fn lit(&self, surface: &Surface, open: f32, direction: DVec3) -> [f32; 3] {
         let to_eye = -direction.normalize_or_zero();
-        let normal = facing(surface.normal, direction).try_normalize().unwrap_or(to_eye);
+        let normal = mirrored(surface.normal, direction).try_normalize().unwrap_or(to_eye);
         let toward = normal.dot(self.to_light);
         let mirrored = normal * (2.0 * toward) - self.to_light;
         let diffuse = open * (AMBIENT + DIFFUSE * toward.max(0.0) as f32);
@@ -111,6 +111,14 @@ fn facing(normal: DVec3, direction: DVec3) -> DVec3 {
     if normal.dot(direction) > 0.0 { -normal } else { normal }
 }
 
+/// The normal, mirrored to the viewer's side where it points away: as steep to the ray as it was, and turned the same way
+/// across it. Voxels at a silhouette stick out from behind it, with normals that point a little away. Turned about, they
+/// would be lit from where their neighbours are dark.
+fn mirrored(normal: DVec3, direction: DVec3) -> DVec3 {
+    let away = normal.dot(direction);
+    if away > 0.0 { normal - direction * (2.0 * away / direction.length_squared()) } else { normal }
+}
+
 /// Octree space to mesh space of the object that `view` looks at: the one whose root it names, else the first.
 pub fn octree_to_mesh(octree: &Octree, view: &View) -> DMat4 {
     let object = octree.objects().iter().position(|o| o.root_slot == u64::from(view.root)).unwrap_or(0);
@@ -124,14 +132,20 @@ pub fn octree_to_mesh(octree: &Octree, view: &View) -> DMat4 {
 /// The hit is not of this octree, or a miss.
 pub fn voxel_normal(octree: &Octree, octree_to_mesh: &DMat4, ray: &Ray, hit: &Hit) -> DVec3 {
     let direction = octree_to_mesh.transform_vector3(ray.direction.as_dvec3());
-    let normal =
-        octree.normal_at(hit.slot, hit.child(), place(ray, hit)).map(Vec3::as_dvec3).filter(|n| *n != DVec3::ZERO);
-    let normal = normal.unwrap_or_else(|| {
-        let contour = octree.contour(hit.slot, hit.child()).map(|c| DVec3::from(c.decode().normal));
-        let normal = contour.unwrap_or_else(|| entry_side(ray, hit));
-        DMat3::from_mat4(*octree_to_mesh).inverse().transpose() * normal
-    });
-    facing(normal, direction).normalize_or_zero()
+    facing(own_normal(octree, octree_to_mesh, ray, hit), direction)
+}
+
+/// The same, but on the side that its attachment says.
+fn own_normal(octree: &Octree, octree_to_mesh: &DMat4, ray: &Ray, hit: &Hit) -> DVec3 {
+    let stored = octree.normal_at(hit.slot, hit.child(), place(ray, hit)).map(Vec3::as_dvec3);
+    if let Some(normal) = stored.filter(|n| *n != DVec3::ZERO) {
+        return normal.normalize_or_zero();
+    }
+    // These have no side of their own.
+    let contour = octree.contour(hit.slot, hit.child()).map(|c| DVec3::from(c.decode().normal));
+    let normal = contour.unwrap_or_else(|| entry_side(ray, hit));
+    let normal = DMat3::from_mat4(*octree_to_mesh).inverse().transpose() * normal;
+    facing(normal, octree_to_mesh.transform_vector3(ray.direction.as_dvec3())).normalize_or_zero()
 }
 
 /// Normal of the side of the cube that the ray came in by: of the planes of the voxel's grid, the one nearest to the hit.
@@ -182,7 +196,7 @@ pub fn shade(octree: &Octree, view: &View, hits: &[Hit]) -> Picture {
         }
         let ray = view.ray(x, y);
         let surface =
-            Surface { normal: voxel_normal(octree, &to_mesh, &ray, hit), color: voxel_color(octree, &ray, hit) };
+            Surface { normal: own_normal(octree, &to_mesh, &ray, hit), color: voxel_color(octree, &ray, hit) };
         light.lit(&surface, voxel_ambient(octree, hit), rays.ray(x, y).direction)
     })
 }
@@ -327,6 +341,19 @@ mod tests {
     }
 
     #[test]
+    fn light_does_not_jump_where_a_surface_begins_to_point_away() {
+        let rays = CameraRays::new(&camera(), SIZE).unwrap();
+        let light = Light::new(&rays);
+        let direction = rays.ray(24, 16).direction;
+        let lit = |normal: DVec3| light.lit(&Surface { normal, color: [0.5; 3] }, 1.0, direction)[0];
+        for across in [DVec3::X, DVec3::NEG_X, DVec3::Y, DVec3::NEG_Y] {
+            let [before, beyond] = [-0.01, 0.01].map(|away| lit(across + direction.normalize() * away));
+            assert!((before - beyond).abs() < 0.02, "{across}: {before} {beyond}");
+        }
+        assert!((lit(DVec3::NEG_X) - lit(DVec3::X)).abs() > 0.1, "the sides are lit differently");
+    }
+
+    #[test]
     fn the_picture_of_the_same_square_as_triangles_is_the_same() {
         let octree = octree(Voxel { color: Some([40, 160, 90]), ..Voxel::default() });
         let (view, hits) = view_and_hits(&octree);
@@ -338,8 +365,8 @@ mod tests {
         let surface = |triangle: u32, point: DVec3| {
             assert_eq!(triangle, 5);
             assert!((point.z - -1.0).abs() < 1e-9, "{point}");
-            // The other side, and longer than a unit: neither changes the picture.
-            Surface { normal: DVec3::Z * 3.0, color }
+            // Longer than a unit: that does not change the picture.
+            Surface { normal: DVec3::NEG_Z * 3.0, color }
         };
         let expected = shade_triangles(&rays, &triangles, surface);
         let worst = shade(&octree, &view, &hits).rgb8.iter().zip(&expected.rgb8).map(|(a, b)| a.abs_diff(*b)).max();
