@@ -18,7 +18,14 @@ pub struct Folder(tempfile::TempDir);
 impl Folder {
     /// Makes one.
     pub fn new() -> Self {
-        Self(tempfile::tempdir().unwrap())
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::create_dir(folder.path().join("here")).unwrap();
+        Self(folder)
+    }
+
+    /// A folder of its own in it: what lies beside the temporary one, such as `../shared`, is not found from there.
+    fn here(&self) -> PathBuf {
+        self.0.path().join("here")
     }
 
     /// The folder with the box in `box.obj` and its octree in `box.esvo`.
@@ -31,7 +38,7 @@ impl Folder {
 
     /// A path in it.
     pub fn path(&self, name: &str) -> PathBuf {
-        self.0.path().join(name)
+        self.here().join(name)
     }
 
     /// Writes a file.
@@ -41,7 +48,7 @@ impl Folder {
 
     /// Names of all files in it.
     pub fn files(&self) -> Vec<String> {
-        let mut names: Vec<_> = std::fs::read_dir(self.0.path())
+        let mut names: Vec<_> = std::fs::read_dir(self.here())
             .unwrap()
             .map(|e| e.unwrap().file_name().to_string_lossy().into_owned())
             .collect();
@@ -52,7 +59,7 @@ impl Folder {
     /// The program, not started yet.
     pub fn command(&self, arguments: &[&str]) -> Command {
         let mut command = Command::new(Path::new(env!("CARGO_BIN_EXE_esvo")));
-        command.args(arguments).current_dir(self.0.path()).stdin(Stdio::null()).env_remove("ESVO_SCENES");
+        command.args(arguments).current_dir(self.here()).stdin(Stdio::null()).env_remove("ESVO_SCENES");
         command
     }
 
