@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use esvo_core::compare::Comparison;
 use esvo_core::reference::ReferenceCaster;
+use esvo_core::testing::compare::Comparison;
 use esvo_core::{CastError, Caster, View};
 use esvo_format::Octree;
 use serde::{Deserialize, Serialize};

@@ -6,7 +6,8 @@
 
 use std::f32::consts::PI;
 
-use esvo_core::shading::{Picture, decode_srgb};
+use esvo_core::Picture;
+use esvo_core::shading::decode_srgb;
 use serde::{Deserialize, Serialize};
 
 /// Difference of two pictures.

@@ -21,7 +21,6 @@ mod measure;
 mod mesh_picture;
 pub mod output;
 mod paper;
-pub mod picture;
 pub mod pictures;
 mod process;
 mod progress;
@@ -32,7 +31,6 @@ mod scratch;
 pub mod tables;
 pub mod text;
 pub mod timing;
-pub mod viewpoint;
 
 pub use backend::Backend;
 pub use failure::BenchError;

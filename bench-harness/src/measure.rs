@@ -5,8 +5,8 @@ use std::time::Instant;
 
 use esvo_builder::{BuildSettings, Mesh};
 use esvo_core::exact::{CameraRays, TriangleHit};
-use esvo_core::shading::{Picture, shade};
-use esvo_core::{Camera, CastError, CastOptions, Caster, View};
+use esvo_core::shading::shade;
+use esvo_core::{Camera, CastError, CastOptions, Caster, Picture, View};
 use esvo_cpu::CpuCaster;
 use esvo_cpu::triangles::TriangleScene;
 use esvo_format::Octree;

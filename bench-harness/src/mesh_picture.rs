@@ -1,8 +1,9 @@
 //! The picture of a mesh itself, shaded as octrees are: what their pictures are compared with.
 
 use esvo_builder::{Material, Mesh, mapped_normal};
+use esvo_core::Picture;
 use esvo_core::exact::{CameraRays, TriangleHit};
-use esvo_core::shading::{Picture, Surface, encode_srgb, shade_triangles};
+use esvo_core::shading::{Surface, encode_srgb, shade_triangles};
 use glam::{DVec3, Vec2, Vec3, Vec4};
 
 /// Shades what the rays hit, with the mesh's own colours, textures and shading normals.

@@ -2,12 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
-use esvo_core::shading::Picture;
+use esvo_core::picture::{Picture, write_png};
 use esvo_format::write_atomically;
 
 use crate::format_bench::FormatReport;
 use crate::machine::{Machine, slug};
-use crate::picture::write_png;
 use crate::run::Outcome;
 use crate::{BenchError, format_bench, tables};
 

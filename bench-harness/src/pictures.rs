@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use esvo_builder::{BuildSettings, TextureTest, displace};
 use esvo_core::exact::CameraRays;
-use esvo_core::shading::{Picture, decode_srgb, encode_srgb, shade};
-use esvo_core::{Camera, CastOptions, Caster, View};
+use esvo_core::shading::{decode_srgb, encode_srgb, shade};
+use esvo_core::{Camera, CastOptions, Caster, Picture, View};
 use esvo_cpu::CpuCaster;
 use esvo_cpu::triangles::TriangleScene;
 use esvo_format::Octree;

@@ -45,7 +45,7 @@ fn octree() -> Arc<Octree> {
 }
 
 fn views(octree: &Octree) -> Vec<View> {
-    let camera = esvo_bench::viewpoint::overview(octree, [0.0, 1.0, 0.0], 40.0, 96.0 / 72.0);
+    let camera = esvo_core::camera::viewpoint::overview(octree, [0.0, 1.0, 0.0], 40.0, 96.0 / 72.0);
     let root = octree.objects()[0].root_slot as u32;
     let view = |beam| {
         let options = CastOptions { beam, ..CastOptions::default() };

@@ -5,7 +5,8 @@ use std::path::PathBuf;
 use clap::Args;
 use esvo_bench::machine::Machine;
 use esvo_bench::pictures::{Options, run as make, to_markdown};
-use esvo_bench::{BenchError, Progress, output, picture};
+use esvo_bench::{BenchError, Progress, output};
+use esvo_core::picture::write_png;
 
 use crate::args::parse_size;
 use crate::fail::{Failure, print};
@@ -57,7 +58,7 @@ pub(crate) fn run(arguments: &BenchPictures) -> Result<(), Failure> {
         // Only now: what cannot be made leaves no folder behind.
         std::fs::create_dir_all(&arguments.out).map_err(|e| BenchError::io(&arguments.out, e))?;
         let path = arguments.out.join(&pair.picture.name);
-        picture::write_png(&path, &pair.picture.picture).map_err(|e| BenchError::io(&path, e))?;
+        write_png(&path, &pair.picture.picture).map_err(|e| BenchError::io(&path, e))?;
         lines += &format!(
             "{}: {} from {}, {} levels, {:.1} M voxels beside {} triangles, FLIP {:.3}. {}\n",
             path.display(),

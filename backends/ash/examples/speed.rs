@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use esvo_ash::{AshCaster, GpuOptions};
-use esvo_core::sample::Sample;
-use esvo_core::speed;
+use esvo_core::testing::sample::Sample;
+use esvo_core::testing::speed;
 use esvo_format::Octree;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {

@@ -6,8 +6,8 @@ use std::time::{Duration, Instant};
 
 use ash::vk;
 use ash::vk::{BufferUsageFlags as Usage, DescriptorType};
-use esvo_core::kernel::{self, Bands, GpuOptions, Pass, Placement, Variant, WORKGROUP};
-use esvo_core::resident::{Resident, SlotMap};
+use esvo_core::gpu::kernel::{self, Bands, GpuOptions, Pass, Placement, Variant, WORKGROUP};
+use esvo_core::gpu::resident::{Resident, SlotMap};
 use esvo_core::{CastError, Caster, Device, FrameTime, Hit, View};
 use esvo_format::Octree;
 

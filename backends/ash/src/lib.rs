@@ -17,6 +17,6 @@ mod pipeline;
 mod spirv;
 
 pub use caster::AshCaster;
-pub use esvo_core::kernel::GpuOptions;
+pub use esvo_core::gpu::kernel::GpuOptions;
 pub use instance::adapters;
 pub use spirv::{forbid_contraction, module};

@@ -79,7 +79,7 @@ pub fn forbid_contraction(words: &[u32]) -> Vec<u32> {
 mod tests {
     use std::collections::HashSet;
 
-    use esvo_core::kernel::{ENTRY_CAST, ENTRY_COARSE, ENTRY_TIME, Variant};
+    use esvo_core::gpu::kernel::{ENTRY_CAST, ENTRY_COARSE, ENTRY_TIME, Variant};
 
     use super::*;
 

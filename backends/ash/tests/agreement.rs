@@ -1,7 +1,7 @@
 //! The kernel against the reference caster, on whatever device there is.
 
 use esvo_ash::{AshCaster, GpuOptions};
-use esvo_core::conformance::{self, Fault};
+use esvo_core::testing::conformance::{self, Fault};
 use esvo_core::{CastError, Caster};
 
 fn make(options: &GpuOptions) -> Result<Box<dyn Caster>, CastError> {

@@ -329,7 +329,7 @@ fn noise(p: DVec3) -> f32 {
 mod tests {
     use super::*;
     use crate::reference::ReferenceCaster;
-    use crate::sample::Sample;
+    use crate::testing::sample::Sample;
 
     #[test]
     fn directions_are_those_of_a_matt_surface() {

@@ -3,10 +3,10 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use esvo_format::{Broken, Octree};
+use esvo_format::Octree;
 use serde::Serialize;
 
-use crate::{Fans, Hit, View};
+use crate::{CastError, Fans, Hit, View};
 
 /// Casts the rays of a frame against one octree.
 pub trait Caster: Send {
@@ -85,21 +85,4 @@ pub enum DeviceKind {
     Gpu,
     /// A software Vulkan driver: never to be set beside a GPU's times as if it were one.
     SoftwareGpu,
-}
-
-/// Why a frame could not be cast.
-#[derive(Debug, thiserror::Error)]
-pub enum CastError {
-    /// The camera or the picture makes no sense.
-    #[error("camera: {0}")]
-    Camera(String),
-    /// The octree breaks a rule of the format.
-    #[error("the octree is not sound: {0}")]
-    Unsound(#[from] Broken),
-    /// Nothing was loaded.
-    #[error("no octree is loaded")]
-    NotLoaded,
-    /// No device, or one that cannot do it. The text says what to install or use instead.
-    #[error("{0}")]
-    Device(String),
 }

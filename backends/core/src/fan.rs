@@ -78,7 +78,7 @@ mod tests {
 
     use super::*;
     use crate::reference::{ReferenceCaster, cast_ray};
-    use crate::sample::Sample;
+    use crate::testing::sample::Sample;
     use crate::{CastError, Caster, Device, FrameTime, Hit};
 
     /// A caster that can do no more than a caster must.

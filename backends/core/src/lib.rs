@@ -1,21 +1,23 @@
 //! Rays, cameras, the Caster trait, the reference caster and the kernel sources of esvo.
 
 pub mod ambient;
+pub mod camera;
 mod caster;
-pub mod compare;
-pub mod conformance;
+mod error;
 pub mod exact;
 mod fan;
 mod frame;
+pub mod gpu;
 mod hit;
-pub mod kernel;
+pub mod picture;
 pub mod reference;
-pub mod resident;
-pub mod sample;
 pub mod shading;
-pub mod speed;
+pub mod testing;
 
-pub use caster::{CastError, Caster, Device, DeviceKind, FrameTime};
+pub use camera::Camera;
+pub use caster::{Caster, Device, DeviceKind, FrameTime};
+pub use error::CastError;
 pub use fan::{Fan, Fans};
-pub use frame::{BEAM_BLOCK, COARSE_VOXEL_PIXELS, Camera, CastOptions, FLAG_BEAM, FLAG_CONTOURS, Ray, View};
+pub use frame::{BEAM_BLOCK, COARSE_VOXEL_PIXELS, CastOptions, FLAG_BEAM, FLAG_CONTOURS, Ray, View};
 pub use hit::{Hit, exp2};
+pub use picture::Picture;

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use esvo_core::sample::{Sample, cameras};
+use esvo_core::testing::sample::{Sample, cameras};
 use esvo_core::{CastOptions, Hit, View, reference};
 use esvo_format::{AssembleOptions, Octree, Region, StreamReader, validate};
 use glam::DVec3;

@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use esvo_core::compare::Comparison;
-use esvo_core::sample::{Sample, against_reference, cameras, options};
+use esvo_core::testing::compare::Comparison;
+use esvo_core::testing::sample::{Sample, against_reference, cameras, options};
 use esvo_core::{CastError, CastOptions, Caster, Device, FLAG_CONTOURS, FrameTime, Hit, View};
 use esvo_cpu::{CpuCaster, Engine};
 use esvo_format::Octree;

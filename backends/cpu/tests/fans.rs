@@ -1,7 +1,7 @@
 //! Bundles of rays: every engine finds in them what the reference finds.
 
 use esvo_core::reference::ReferenceCaster;
-use esvo_core::sample::Sample;
+use esvo_core::testing::sample::Sample;
 use esvo_core::{CastError, Caster, Fan, Fans};
 use esvo_cpu::{CpuCaster, Engine};
 use glam::{Mat3, Vec3};

@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use esvo_core::sample::Sample;
-use esvo_core::speed;
+use esvo_core::testing::sample::Sample;
+use esvo_core::testing::speed;
 use esvo_format::Octree;
 use esvo_wgpu::{GpuOptions, WgpuCaster};
 

@@ -4,8 +4,8 @@ use std::collections::HashMap;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use esvo_core::kernel::{self, Bands, GpuOptions, Pass, Placement, Variant, WORKGROUP};
-use esvo_core::resident::{Resident, SlotMap};
+use esvo_core::gpu::kernel::{self, Bands, GpuOptions, Pass, Placement, Variant, WORKGROUP};
+use esvo_core::gpu::resident::{Resident, SlotMap};
 use esvo_core::{CastError, Caster, Device, FrameTime, Hit, View};
 use esvo_format::Octree;
 use wgpu::BufferUsages as Usage;

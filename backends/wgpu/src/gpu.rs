@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use esvo_core::kernel::GpuOptions;
+use esvo_core::gpu::kernel::GpuOptions;
 use esvo_core::{CastError, Device, DeviceKind};
 
 /// An open device and its queue.

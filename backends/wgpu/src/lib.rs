@@ -12,5 +12,5 @@ mod caster;
 mod gpu;
 
 pub use caster::WgpuCaster;
-pub use esvo_core::kernel::GpuOptions;
+pub use esvo_core::gpu::kernel::GpuOptions;
 pub use gpu::adapters;

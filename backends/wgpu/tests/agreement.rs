@@ -1,6 +1,6 @@
 //! The kernel against the reference caster, on whatever device there is.
 
-use esvo_core::conformance::{self, Fault};
+use esvo_core::testing::conformance::{self, Fault};
 use esvo_core::{CastError, Caster};
 use esvo_wgpu::{GpuOptions, WgpuCaster};
 

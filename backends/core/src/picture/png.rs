@@ -3,9 +3,10 @@
 use std::io;
 use std::path::Path;
 
-use esvo_core::shading::Picture;
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
+
+use crate::Picture;
 
 /// Writes a picture as a PNG file: whole, or not at all.
 ///

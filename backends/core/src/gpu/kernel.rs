@@ -11,7 +11,7 @@ use esvo_format::{Needs, Octree};
 use crate::{CastError, Hit, View};
 
 /// The kernel without its prelude.
-pub const CAST_WGSL: &str = include_str!("../kernels/cast.wgsl");
+pub const CAST_WGSL: &str = include_str!("../../kernels/cast.wgsl");
 
 /// Entry point of the coarse pass. Bindings of group 0: the view and the values (one `f32` per corner).
 pub const ENTRY_COARSE: &str = "coarse_pass";
@@ -140,7 +140,7 @@ pub fn split(slots: usize, max_bytes: u64, max_parts: u32) -> Option<(u32, u32)>
     (parts <= max_parts).then_some((parts, shift))
 }
 
-/// How the [resident](crate::resident::Resident) image of an octree lies in bindings.
+/// How the [resident](crate::gpu::resident::Resident) image of an octree lies in bindings.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Placement {
     /// Bytes of the image.
@@ -276,7 +276,7 @@ impl Bands {
 }
 
 /// The uniform buffer for rows `first_row..` of the picture, with the octree's root at slot `root` of the
-/// [resident](crate::resident::Resident) image.
+/// [resident](crate::gpu::resident::Resident) image.
 pub fn band_view(view: &View, root: u32, first_row: u32) -> View {
     View { root, padding: [first_row, 0, 0, 0], ..*view }
 }
@@ -290,7 +290,7 @@ pub fn workgroups(width: u32, rows: u32, workgroup: (u32, u32)) -> (u32, u32) {
 mod tests {
     use super::*;
     use crate::CastOptions;
-    use crate::sample::cameras;
+    use crate::testing::sample::cameras;
 
     #[test]
     fn octrees_are_split_only_when_they_must_be() {

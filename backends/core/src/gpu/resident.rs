@@ -136,7 +136,7 @@ mod tests {
     use esvo_format::{ChildDescriptor, Octree};
 
     use super::*;
-    use crate::sample::Sample;
+    use crate::testing::sample::Sample;
 
     /// Walks both images from the root and compares every descriptor, contour and slot. Returns the descriptors seen.
     fn same_tree(octree: &Octree, resident: &Resident) -> u64 {

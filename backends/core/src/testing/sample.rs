@@ -5,7 +5,7 @@ use std::sync::Arc;
 use esvo_format::{AssembleOptions, Contour, FormatError, Octree, Tree, Voxel, assemble};
 use glam::{DMat4, DVec3};
 
-use crate::compare::Comparison;
+use crate::testing::compare::Comparison;
 use crate::{Camera, CastError, CastOptions, Caster, View, reference};
 
 /// How a sample octree is made.

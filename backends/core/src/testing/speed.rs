@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use esvo_format::Octree;
 
-use crate::sample::cameras;
+use crate::testing::sample::cameras;
 use crate::{CastError, CastOptions, Caster, View};
 
 /// Loads an octree and tells, in a few lines of text, on which device how many million rays a second are cast: pictures of

@@ -1,8 +1,8 @@
 //! What every caster that runs the GPU kernel must do, as checks for their tests.
 //!
 //! ```
-//! # use esvo_core::conformance::{self, Fault};
-//! # use esvo_core::kernel::GpuOptions;
+//! # use esvo_core::testing::conformance::{self, Fault};
+//! # use esvo_core::gpu::kernel::GpuOptions;
 //! # use esvo_core::reference::ReferenceCaster;
 //! # use esvo_core::{CastError, Caster};
 //! fn make(_: &GpuOptions) -> Result<Box<dyn Caster>, CastError> {
@@ -20,9 +20,9 @@ use std::time::Instant;
 
 use esvo_format::{FormatError, Octree};
 
-use crate::compare::Comparison;
-use crate::kernel::{CAST_WGSL, GpuOptions};
-use crate::sample::{Sample, against_reference, cameras, strange_against_reference};
+use crate::gpu::kernel::{CAST_WGSL, GpuOptions};
+use crate::testing::compare::Comparison;
+use crate::testing::sample::{Sample, against_reference, cameras, strange_against_reference};
 use crate::{CastError, CastOptions, Caster, DeviceKind, Hit, View};
 
 /// Opens a caster.

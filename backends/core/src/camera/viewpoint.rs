@@ -1,8 +1,9 @@
 //! A camera that sees a whole object, and the planes of one that is given.
 
-use esvo_core::Camera;
 use esvo_format::Octree;
 use glam::{DMat4, DVec3};
+
+use crate::Camera;
 
 /// How many levels are looked at to find out where in the root cube there is something.
 const LEVELS: u32 = 6;
@@ -93,11 +94,11 @@ fn corners(to_mesh: &DMat4, low: DVec3, high: DVec3) -> impl Iterator<Item = DVe
 
 #[cfg(test)]
 mod tests {
-    use esvo_core::reference::ReferenceCaster;
-    use esvo_core::{CastOptions, Caster, View};
     use esvo_format::{AssembleOptions, Tree, Voxel, assemble};
 
     use super::*;
+    use crate::reference::ReferenceCaster;
+    use crate::{CastOptions, Caster, View};
 
     /// One voxel of level 1 at the corner 1, 1, 1 of a cube of edge 4 that starts at 10, 0, 0.
     fn octree() -> Octree {
