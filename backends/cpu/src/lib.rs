@@ -4,8 +4,6 @@ pub mod triangles;
 
 mod machine;
 mod octree;
-mod scalar;
-mod wide;
 
 pub use machine::cpu_name;
 pub use octree::{CpuCaster, Engine};

@@ -12,7 +12,7 @@ use std::mem::MaybeUninit;
 use esvo_core::reference::{EPSILON, MAX_COMPONENT, MAX_ITERATIONS, MAX_SCALE};
 use esvo_core::{Fan, Fans, Hit, View};
 
-use crate::scalar::Scene;
+use super::single::Scene;
 
 /// Rays per packet.
 pub const LANES: usize = 16;

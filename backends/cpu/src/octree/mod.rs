@@ -1,5 +1,8 @@
 //! The parallel octree caster: the reference's operations in the reference's order, on all cores.
 
+mod packet;
+mod single;
+
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -7,9 +10,8 @@ use esvo_core::{CastError, Caster, Device, DeviceKind, Fan, Fans, FrameTime, Hit
 use esvo_format::Octree;
 use rayon::prelude::*;
 
+use self::single::Scene;
 use crate::machine;
-use crate::scalar::{self, Scene};
-use crate::wide;
 
 /// Rows of pixels per task; also the edge of the tiles that a task goes through.
 const TILE: usize = 8;
@@ -39,7 +41,7 @@ impl Engine {
     /// The fastest that the processor has.
     pub fn best() -> Self {
         #[cfg(target_arch = "x86_64")]
-        if wide::is_available() {
+        if packet::is_available() {
             return Self::Wide;
         }
         Self::Scalar
@@ -48,36 +50,36 @@ impl Engine {
     /// Its instruction set.
     pub fn instruction_set(self) -> &'static str {
         match self {
-            Self::Scalar => scalar::instruction_set(),
+            Self::Scalar => single::instruction_set(),
             Self::Wide => "AVX-512, 16 lanes",
         }
     }
 
     fn band(self, scene: &Scene, view: &View, coarse: &[f32], first_row: u32, hits: &mut [Hit]) {
         #[cfg(target_arch = "x86_64")]
-        if self == Self::Wide && wide::can_cast(scene) {
+        if self == Self::Wide && packet::can_cast(scene) {
             // SAFETY: that it can has just been asked, and `load` has checked that the octree is sound.
-            return unsafe { wide::band(scene, view, coarse, first_row, hits) };
+            return unsafe { packet::band(scene, view, coarse, first_row, hits) };
         }
-        scalar::band(scene, view, coarse, first_row, hits);
+        single::band(scene, view, coarse, first_row, hits);
     }
 
     fn fans(self, scene: &Scene, all: &Fans, some: &[Fan], hits: &mut [Hit]) {
         #[cfg(target_arch = "x86_64")]
-        if self == Self::Wide && wide::can_cast(scene) {
+        if self == Self::Wide && packet::can_cast(scene) {
             // SAFETY: that it can has just been asked, and `load` has checked that the octree is sound.
-            return unsafe { wide::fans(scene, all, some, hits) };
+            return unsafe { packet::fans(scene, all, some, hits) };
         }
-        scalar::fans(scene, all, some, hits);
+        single::fans(scene, all, some, hits);
     }
 
     fn coarse_row(self, scene: &Scene, view: &View, j: u32, row: &mut [f32]) {
         #[cfg(target_arch = "x86_64")]
-        if self == Self::Wide && wide::can_cast(scene) {
+        if self == Self::Wide && packet::can_cast(scene) {
             // SAFETY: that it can has just been asked, and `load` has checked that the octree is sound.
-            return unsafe { wide::coarse_row(scene, view, j, row) };
+            return unsafe { packet::coarse_row(scene, view, j, row) };
         }
-        scalar::coarse_row(scene, view, j, row);
+        single::coarse_row(scene, view, j, row);
     }
 }
 
