@@ -6,6 +6,7 @@
 
 use std::sync::LazyLock;
 
+use esvo_format::srgb;
 use glam::{Vec2, Vec3};
 
 use crate::{LinearTexture, Texture};
@@ -208,12 +209,7 @@ fn limit(texels: &[[u8; 4]], share: f64) -> f32 {
     0.0
 }
 
-static TO_LINEAR: LazyLock<[f32; 256]> = LazyLock::new(|| {
-    std::array::from_fn(|i| {
-        let c = i as f32 / 255.0;
-        if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }
-    })
-});
+static TO_LINEAR: LazyLock<[f32; 256]> = LazyLock::new(|| std::array::from_fn(|i| srgb::decode(i as f32 / 255.0)));
 
 /// Linear value of every sRGB-encoded byte.
 pub fn linear_of_srgb() -> &'static [f32; 256] {
@@ -221,15 +217,8 @@ pub fn linear_of_srgb() -> &'static [f32; 256] {
 }
 
 /// sRGB-encoded value of linear `i / 4095`.
-static TO_SRGB: LazyLock<Vec<u8>> = LazyLock::new(|| {
-    (0..4096)
-        .map(|i| {
-            let c = i as f32 / 4095.0;
-            let s = if c <= 0.0031308 { c * 12.92 } else { 1.055 * c.powf(1.0 / 2.4) - 0.055 };
-            (s * 255.0).round() as u8
-        })
-        .collect()
-});
+static TO_SRGB: LazyLock<Vec<u8>> =
+    LazyLock::new(|| (0..4096).map(|i| (srgb::encode(i as f32 / 4095.0) * 255.0).round() as u8).collect());
 
 /// Linear RGB of sRGB-encoded bytes.
 pub fn decode_srgb(c: [u8; 3]) -> Vec3 {

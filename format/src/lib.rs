@@ -76,6 +76,7 @@
 //! | find out which rules a file breaks | [`validate_file`], [`validate_bytes`], [`Report`] |
 //! | make an octree | [`Tree`], [`assemble`]; in parts, with little memory: [`pack`](pack()) |
 //! | encode and decode values | [`Contour`], [`ColorBlock`], [`NormalBlock`], [`RawNormal`], [`AmbientBlock`] |
+//! | go between sRGB and linear light | [`srgb`] |
 //! | take a descriptor apart | [`ChildDescriptor`] |
 //! | upload to a device | [`Octree::slots`], as it is; [`Octree::needs`] |
 //! | count, show, compare | [`stats`](stats()), [`dump`], [`diff`] |
@@ -121,6 +122,7 @@ pub mod oct;
 mod octree;
 mod pack;
 mod reattach;
+pub mod srgb;
 mod stats;
 mod stream;
 mod stream_partial;

@@ -4,6 +4,7 @@
 //! compared pixel by pixel. Colours are decoded from sRGB, lit in linear light and encoded again.
 
 use esvo_format::Octree;
+pub use esvo_format::srgb::{decode as decode_srgb, encode as encode_srgb};
 use glam::{DMat3, DMat4, DVec3, Vec3};
 
 use crate::exact::{CameraRays, TriangleHit};
@@ -60,17 +61,6 @@ impl Light {
             if toward > 0.0 { SPECULAR.0 * (mirrored.dot(to_eye).max(0.0) as f32).powf(SPECULAR.1) } else { 0.0 };
         surface.color.map(|c| encode_srgb(decode_srgb(c) * diffuse + specular))
     }
-}
-
-/// Linear light of an sRGB-encoded value, both in `0.0..=1.0`.
-pub fn decode_srgb(encoded: f32) -> f32 {
-    if encoded <= 0.04045 { encoded / 12.92 } else { ((encoded + 0.055) / 1.055).powf(2.4) }
-}
-
-/// The sRGB encoding of linear light; what is outside `0.0..=1.0` is clamped.
-pub fn encode_srgb(linear: f32) -> f32 {
-    let linear = linear.clamp(0.0, 1.0);
-    if linear <= 0.003_130_8 { linear * 12.92 } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
 }
 
 /// The normal, turned against the direction of view.
@@ -280,17 +270,6 @@ mod tests {
         let mut hits = Vec::new();
         cast_fine(octree, &view, &[], &mut hits);
         (view, hits)
-    }
-
-    #[test]
-    fn srgb_goes_there_and_back() {
-        for k in 0..=255u8 {
-            let encoded = f32::from(k) / 255.0;
-            assert!((encode_srgb(decode_srgb(encoded)) - encoded).abs() < 1e-5);
-        }
-        assert!((decode_srgb(0.5) - 0.214_041).abs() < 1e-5);
-        assert_eq!(encode_srgb(-1.0), 0.0);
-        assert!((encode_srgb(7.0) - 1.0).abs() < 1e-6);
     }
 
     #[test]

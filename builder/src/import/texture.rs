@@ -2,6 +2,7 @@
 
 use std::sync::LazyLock;
 
+pub(super) use esvo_format::srgb::decode_f64 as srgb_to_linear;
 use rayon::prelude::*;
 
 use super::MAX_TEXTURE_SIDE;
@@ -58,11 +59,6 @@ static ENCODE_START: LazyLock<Vec<u8>> = LazyLock::new(|| {
         .map(|step| ENCODE_FROM.partition_point(|&from| from <= step as f32 / ENCODE_STEPS as f32) as u8)
         .collect()
 });
-
-/// The transfer function of sRGB, from the encoded value to linear light, both 0..=1.
-pub(super) fn srgb_to_linear(encoded: f64) -> f64 {
-    if encoded <= 0.04045 { encoded / 12.92 } else { ((encoded + 0.055) / 1.055).powf(2.4) }
-}
 
 /// Linear light to the nearest sRGB byte (nearest on the encoded side).
 fn linear_to_srgb_byte(linear: f32) -> u8 {
