@@ -5,8 +5,9 @@ use std::sync::OnceLock;
 use glam::{DMat4, Vec3};
 use memmap2::Mmap;
 
+use crate::block::BlockParts;
 use crate::file::{BlockEntry, CODEC_RAW, ObjectEntry, PAGE_SLOTS, attachment};
-use crate::values::{plain_entry, plain_rank};
+use crate::values::plain::{plain_entry, plain_rank};
 use crate::{
     AmbientBlock, Broken, ChildDescriptor, ColorBlock, Contour, CornerCell, CornerValue, FormatError, Needs,
     NodeCorners, NormalBlock, RawNormal,
@@ -24,28 +25,6 @@ impl Image {
             Self::Owned(slots) => slots,
             Self::Mapped { map, offset, bytes } => bytemuck::cast_slice(&map[*offset..*offset + *bytes]),
         }
-    }
-}
-
-/// Where the parts of a block lie in the image; made from its info section.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct BlockParts {
-    /// First slot of the block in the image.
-    pub start: u32,
-    /// Length of the descriptor array in slots.
-    pub array_slots: u32,
-    /// First word of the contour pool in the image, in 32-bit words.
-    pub contour_words: usize,
-    /// Number of contours.
-    pub contour_count: u32,
-    /// Type, first byte in the image, and size in bytes of every attachment.
-    pub attachments: Vec<(u32, u64, u64)>,
-}
-
-impl BlockParts {
-    /// First word in the image of the attachment of this type.
-    fn words(&self, kind: u32) -> Option<usize> {
-        self.attachments.iter().find(|(k, ..)| *k == kind).map(|(_, at, _)| (*at / 4) as usize)
     }
 }
 
@@ -109,8 +88,8 @@ impl Octree {
         blocks: Vec<BlockEntry>,
         image: Vec<u64>,
     ) -> Result<Self, FormatError> {
-        crate::tables::check_objects(&objects, 0)?;
-        crate::tables::check_blocks(&blocks, 0, &objects, Some(image.len() as u64 * 8))?;
+        crate::check::tables::check_objects(&objects, 0)?;
+        crate::check::tables::check_blocks(&blocks, 0, &objects, Some(image.len() as u64 * 8))?;
         Self::new(objects, blocks, String::new(), Vec::new(), Image::Owned(image), None)
     }
 
@@ -130,7 +109,7 @@ impl Octree {
                 let at = origin.map_or(start, |origin| origin.of_block(block));
                 // The table says that the block lies in the image.
                 let bytes = &bytes[start as usize..(start + block.image_size) as usize];
-                crate::tables::block_parts(bytes, start, at, index)
+                crate::check::tables::block_parts(bytes, start, at, index)
             })
             .collect::<Result<_, Broken>>()?;
         Ok(Self { objects, blocks, parts, meta, unknown, image, origin, sound: OnceLock::new() })
@@ -210,7 +189,7 @@ impl Octree {
     /// # Errors
     /// The first rule found broken.
     pub fn sound(&self) -> Result<(), Broken> {
-        self.sound.get_or_init(|| crate::topology::check(self)).clone()
+        self.sound.get_or_init(|| crate::check::topology::check(self)).clone()
     }
 
     /// The descriptor at slot `slot` of the image. All methods that take a slot want one that holds a descriptor: an

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use super::export::{Exporter, Gaps};
 use crate::file::attachment;
-use crate::values::{OWN_CUBE, plain_entry, slots};
+use crate::values::plain::{OWN_CUBE, plain_entry, slots};
 use crate::{CornerCell, CornerValue, NodeCorners, RawNormal};
 
 /// What the voxels of an object have, where that depends on what is above them.

@@ -9,7 +9,7 @@ use super::layers::{BLOCK_WORDS, LEAF, Layers, Node};
 use super::merge::merge;
 use super::values::{Attributes, own_values};
 use super::{Imported, fault, kind};
-use crate::values::{OWN_CUBE, slots};
+use crate::values::plain::{OWN_CUBE, slots};
 use crate::{
     AssembleOptions, ColorBlock, Contour, CornerValue, FormatError, NodeCorners, NormalBlock, Octree, RawNormal, Tree,
     Voxel, assemble,

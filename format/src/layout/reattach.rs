@@ -4,9 +4,9 @@ use std::ops::ControlFlow;
 
 use rayon::prelude::*;
 
+use crate::check::topology::{Bits, Step, Visitor, walk};
 use crate::file::*;
 use crate::octree::Image;
-use crate::topology::{Bits, Step, Visitor, walk};
 use crate::{AmbientBlock, Broken, ChildDescriptor, FormatError, MAX_CONTOUR_POINTER, Octree};
 
 /// Words of an entry of an attachment directory.

@@ -8,8 +8,9 @@ use std::sync::{Mutex, PoisonError};
 
 use rayon::prelude::*;
 
+use crate::file::compression;
 use crate::file::*;
-use crate::{FormatError, Octree, UnknownSection, codec};
+use crate::{FormatError, Octree, UnknownSection};
 
 /// How a file is written.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -56,7 +57,7 @@ impl Octree {
         let image: &[u8] = bytemuck::cast_slice(self.slots());
         let stored = self.blocks.par_iter().map(|block| {
             let image = &image[block.image_offset as usize..(block.image_offset + block.image_size) as usize];
-            let (codec, bytes) = codec::encode(image, options.compress)?;
+            let (codec, bytes) = compression::encode(image, options.compress)?;
             let crc = crc32fast::hash(&bytes);
             Ok((codec, crc, bytes))
         });

@@ -1,8 +1,8 @@
 //! The attachments of one block: which it has, and their bytes (spec sections 6 and 8).
 
 use crate::file::{AttachmentEntry, FIRST_SLOT, InfoSection, attachment, to_bytes};
-use crate::layout::{Layout, Placed};
-use crate::values::{plain_count, slots};
+use crate::layout::block::{Layout, Placed};
+use crate::values::plain::{plain_count, slots};
 use crate::{AmbientBlock, ColorBlock, FormatError, NormalBlock, Tree};
 
 /// What an attachment of a block is made of.

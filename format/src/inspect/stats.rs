@@ -2,8 +2,8 @@
 
 use std::ops::ControlFlow;
 
+use crate::check::topology::{Step, Visitor, walk};
 use crate::file::*;
-use crate::topology::{Step, Visitor, walk};
 use crate::{Broken, ChildDescriptor, Octree};
 
 /// What the bytes of an image are for.

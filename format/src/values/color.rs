@@ -3,7 +3,7 @@
 use bytemuck::{Pod, Zeroable};
 use glam::Vec4;
 
-use crate::lanes::{sum, sums, weights};
+use crate::values::lanes::{sum, sums, weights};
 
 /// Sixteen colours: two references in RGB 5:6:5 and a two-bit interpolation index per colour.
 ///

@@ -1,16 +1,22 @@
 //! Reading a part of a file: tables first, then the blocks of a region down to a level (spec section 11).
 
+mod partial;
+pub(crate) mod source;
+
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use glam::DVec3;
 
+use crate::block::BlockParts;
+use crate::check::tables::block_parts;
+use crate::file::compression;
+use crate::file::open::{
+    Tables, check_overlaps, check_section, check_tags, directory_range, read_directory, read_header,
+};
 use crate::file::*;
-use crate::io::{Tables, check_overlaps, check_section, check_tags, directory_range, read_directory, read_header};
-use crate::octree::BlockParts;
-use crate::stream_partial::assemble;
-use crate::stream_source::RangeRead;
-use crate::tables::block_parts;
-use crate::{FormatError, Octree, OpenOptions, codec};
+use crate::stream::partial::assemble;
+use crate::stream::source::RangeRead;
+use crate::{FormatError, Octree, OpenOptions};
 
 /// What the first read asks for. Writers put directory and tables at the start: in most files they are within.
 const PREFIX: u64 = 8192;
@@ -207,11 +213,11 @@ impl<S: RangeRead> StreamReader<S> {
         };
         self.options.check(block.image_size)?;
         let stored = self.fetch(block.file_offset, block.stored_size)?;
-        codec::check_crc(index as usize, block, &stored)?;
+        compression::check_crc(index as usize, block, &stored)?;
         // Only now: so many bytes are there, and the table says no more than can be made of them.
         let mut slots = vec![0u64; (block.image_size / 8) as usize];
         let image: &mut [u8] = bytemuck::cast_slice_mut(&mut slots);
-        codec::decode(index as usize, block, &stored, image)?;
+        compression::decode(index as usize, block, &stored, image)?;
         let parts = block_parts(image, 0, file_offset(block, 0), index as usize)?;
         Ok(Block { index, parts, slots })
     }

@@ -7,10 +7,11 @@ use std::path::Path;
 use esvo_spec::{Level, rule};
 use rayon::prelude::*;
 
+use crate::block::BlockParts;
+use crate::check::topology::{Bits, Step, Visitor, Walked, ones, walk};
+use crate::file::open::{Contents, map};
 use crate::file::*;
-use crate::io::{Contents, map};
-use crate::octree::{BlockParts, Origin};
-use crate::topology::{Bits, Step, Visitor, Walked, ones, walk};
+use crate::octree::Origin;
 use crate::{Broken, ChildDescriptor, FormatError, Octree, OpenOptions, ids};
 
 /// Findings that a report lists; more are counted.

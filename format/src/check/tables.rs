@@ -1,8 +1,8 @@
 //! Checks of the object table, the block table and the info sections (spec sections 3, 4 and 6).
 
-use crate::codec::MAX_RATIO;
+use crate::block::BlockParts;
+use crate::file::compression::MAX_RATIO;
 use crate::file::*;
-use crate::octree::BlockParts;
 use crate::{Broken, ids};
 
 /// What is found wrong with an entry: rule, bytes from the start of the entry, description.

@@ -1,9 +1,9 @@
 //! Checks of the attachments that store values as they are: plain colours and normals, corners (spec sections 8.5, 8.6).
 
+use crate::check::topology::Bits;
+use crate::check::validate::{BlockCheck, Report};
 use crate::file::attachment;
-use crate::topology::Bits;
-use crate::validate::{BlockCheck, Report};
-use crate::values::{OWN_CUBE, plain_count, plain_entry};
+use crate::values::plain::{OWN_CUBE, plain_count, plain_entry};
 use crate::{ChildDescriptor, NodeCorners, ids};
 
 impl BlockCheck<'_> {

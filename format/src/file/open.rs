@@ -6,10 +6,11 @@ use std::path::Path;
 use memmap2::Mmap;
 use rayon::prelude::*;
 
+use crate::check::tables::{check_blocks, check_objects, check_stored, compressed, stored_ranges};
+use crate::file::compression;
 use crate::file::*;
 use crate::octree::{Image, Origin, UnknownSection};
-use crate::tables::{check_blocks, check_objects, check_stored, compressed, stored_ranges};
-use crate::{Broken, FormatError, Octree, codec, ids};
+use crate::{Broken, FormatError, Octree, ids};
 
 /// Memory that opening a file takes for decompressed blocks if nothing else is said: 8 GiB.
 pub const DEFAULT_MEMORY_LIMIT: u64 = 8 << 30;
@@ -151,7 +152,7 @@ impl Contents {
         let results: Vec<Result<(), Broken>> = (work.into_par_iter())
             .map(|(index, block, image)| {
                 let stored = block.file_offset as usize..(block.file_offset + block.stored_size) as usize;
-                codec::decode(index, block, &bytes[stored], image)
+                compression::decode(index, block, &bytes[stored], image)
             })
             .collect();
         // The first that is broken, whichever thread was first.

@@ -1,9 +1,9 @@
 //! An octree of some blocks of a file: laid out anew, pointers between blocks put right, and leaves where blocks lack.
 
+use crate::check::topology::Bits;
 use crate::file::*;
 use crate::octree::Image;
 use crate::stream::{Block, file_offset};
-use crate::topology::Bits;
 use crate::{Broken, ChildDescriptor, FormatError, Octree, ids};
 
 /// Makes an octree of `blocks`, in the order of the table that they are from.
@@ -24,8 +24,8 @@ pub(crate) fn assemble(
     for entry in &mut entries {
         entry.object = numbers[entry.object as usize];
     }
-    crate::tables::check_objects(&kept, 0)?;
-    crate::tables::check_blocks(&entries, 0, &kept, Some(image.len() as u64 * 8))?;
+    crate::check::tables::check_objects(&kept, 0)?;
+    crate::check::tables::check_blocks(&entries, 0, &kept, Some(image.len() as u64 * 8))?;
     let octree = Octree::new(kept, entries, String::new(), Vec::new(), Image::Owned(image), None)?;
     octree.sound()?;
     Ok(octree)

@@ -1,9 +1,9 @@
 //! Where the descriptors and far pointers of one block lie, and their bytes (spec sections 4.2 and 5).
 
-use crate::assemble::{Plan, upper_bound};
 use crate::descriptor::MAX_NEAR_POINTER;
 use crate::file::{ATTACHMENT_BYTES, FIRST_SLOT, INFO_BYTES, PAGE_SLOTS};
-use crate::layout_attributes::{Attached, Content, place};
+use crate::layout::attachments::{Attached, Content, place};
+use crate::layout::plan::{Plan, upper_bound};
 use crate::{ChildDescriptor, FormatError, Tree};
 
 /// Where a descriptor's children are.

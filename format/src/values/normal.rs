@@ -4,7 +4,7 @@
 use bytemuck::{Pod, Zeroable};
 use glam::{Vec3, Vec4};
 
-use crate::lanes::{sum, sums, weights};
+use crate::values::lanes::{sum, sums, weights};
 
 /// One normal as a point on a cube, 32 bits.
 ///

@@ -3,8 +3,8 @@
 
 use std::ops::ControlFlow;
 
+use crate::block::BlockParts;
 use crate::file::{BlockEntry, FIRST_SLOT, NO_PARENT, ObjectEntry, PAGE_SLOTS};
-use crate::octree::BlockParts;
 use crate::{Broken, ChildDescriptor, Octree, ids};
 
 /// A descriptor on the way.

@@ -15,11 +15,12 @@ use glam::DMat4;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::assemble::{Plan, PlannedBlock, subtree_slots};
+use crate::file::compression;
+use crate::file::write::{Front, padding, replace_file};
 use crate::file::{BlockEntry, FIRST_SLOT, NO_PARENT, ObjectEntry, PAGE_BYTES};
-use crate::layout::Layout;
-use crate::write::{Front, padding, replace_file};
-use crate::{AssembleOptions, FormatError, Octree, Tree, WriteOptions, codec};
+use crate::layout::block::Layout;
+use crate::layout::plan::{Plan, PlannedBlock, subtree_slots};
+use crate::{AssembleOptions, FormatError, Octree, Tree, WriteOptions};
 
 /// A far pointer from one block to another.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
@@ -224,7 +225,7 @@ impl BlockStore {
         options: &WriteOptions,
     ) -> Result<ObjectEntry, FormatError> {
         let mut ordered = self.order(root, octree_to_mesh)?;
-        crate::tables::check_objects(std::slice::from_ref(&ordered.object), 0)?;
+        crate::check::tables::check_objects(std::slice::from_ref(&ordered.object), 0)?;
         let object = ordered.object;
         let front = Front { objects: &[object], meta, unknown: &[] };
         let mut failed = None;
@@ -235,7 +236,7 @@ impl BlockStore {
             for group in indices.chunks(4 * rayon::current_num_threads()) {
                 let encode = |&index: &usize| {
                     let image = self.block(&ordered, index)?;
-                    let encoded = codec::encode(bytemuck::cast_slice(&image), options.compress);
+                    let encoded = compression::encode(bytemuck::cast_slice(&image), options.compress);
                     let (codec, bytes) = encoded.map_err(|e| FormatError::io(path, e))?;
                     Ok((codec, crc32fast::hash(&bytes), bytes.into_owned()))
                 };
@@ -312,7 +313,7 @@ impl BlockStore {
                 "{image_offset} bytes: an image has at most 2^32 slots of 8 bytes"
             )));
         }
-        crate::tables::check_blocks(&table, 0, std::slice::from_ref(&object), Some(image_offset))?;
+        crate::check::tables::check_blocks(&table, 0, std::slice::from_ref(&object), Some(image_offset))?;
         Ok(Ordered { object, table, numbers, place, summaries })
     }
 

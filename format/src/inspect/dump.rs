@@ -5,8 +5,8 @@ use std::ops::ControlFlow;
 
 use serde::Serialize;
 
+use crate::check::topology::{Step, Visitor, walk};
 use crate::file::{NO_PARENT, PAGE_SLOTS};
-use crate::topology::{Step, Visitor, walk};
 use crate::{Broken, ChildDescriptor, Contour, FormatError, Octree};
 
 /// The object and block tables.

@@ -1,0 +1,5 @@
+//! Octrees counted, shown and compared.
+
+pub mod diff;
+pub mod dump;
+pub(crate) mod stats;

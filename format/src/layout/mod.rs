@@ -1,0 +1,9 @@
+//! From a tree to blocks.
+
+pub(crate) mod assemble;
+mod attachments;
+mod block;
+pub(crate) mod pack;
+pub(crate) mod plan;
+mod reattach;
+pub(crate) mod tree;
