@@ -116,9 +116,8 @@ mod stream;
 mod values;
 
 pub use block::BlockParts;
-pub use check::validate::{
-    Finding, Report, validate, validate_bytes, validate_bytes_with, validate_file, validate_file_with,
-};
+pub use check::report::{Finding, Report};
+pub use check::validate::{validate, validate_bytes, validate_bytes_with, validate_file, validate_file_with};
 pub use descriptor::{ChildDescriptor, MAX_CONTOUR_POINTER, MAX_NEAR_POINTER};
 pub use error::{Broken, FormatError};
 pub use esvo_spec::ids;
@@ -134,8 +133,9 @@ pub use layout::plan::AssembleOptions;
 pub use layout::tree::{Tree, TreeNode, Voxel};
 pub use needs::Needs;
 pub use octree::{Octree, UnknownSection};
+pub use stream::block::{Block, Region};
+pub use stream::reader::StreamReader;
 pub use stream::source::{RangeRead, SeekSource};
-pub use stream::{Block, Region, StreamReader};
 pub use values::ambient::AmbientBlock;
 pub use values::color::ColorBlock;
 pub use values::contour::{Contour, Slab};

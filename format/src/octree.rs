@@ -184,14 +184,6 @@ impl Octree {
         }
     }
 
-    /// Whether every pointer that a traversal can follow stays in the image; checked once, remembered.
-    ///
-    /// # Errors
-    /// The first rule found broken.
-    pub fn sound(&self) -> Result<(), Broken> {
-        self.sound.get_or_init(|| crate::check::topology::check(self)).clone()
-    }
-
     /// The descriptor at slot `slot` of the image. All methods that take a slot want one that holds a descriptor: an
     /// object's root slot, or what [`child`](Self::child) returns.
     ///

@@ -346,8 +346,18 @@ impl Visitor for First {
     }
 }
 
+impl Octree {
+    /// Whether every pointer that a traversal can follow stays in the image; checked once, remembered.
+    ///
+    /// # Errors
+    /// The first rule found broken.
+    pub fn sound(&self) -> Result<(), Broken> {
+        self.sound.get_or_init(|| first_broken(self)).clone()
+    }
+}
+
 /// The first rule of pointers and masks that is broken, if any.
-pub(crate) fn check(octree: &Octree) -> Result<(), Broken> {
+fn first_broken(octree: &Octree) -> Result<(), Broken> {
     let mut first = First(None);
     walk(octree, &mut first);
     first.0.map_or(Ok(()), Err)

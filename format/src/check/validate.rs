@@ -1,75 +1,18 @@
 //! Validation: every rule of the specification, as many findings as there are.
 
-use std::fmt;
 use std::ops::ControlFlow;
 use std::path::Path;
 
-use esvo_spec::{Level, rule};
 use rayon::prelude::*;
 
 use crate::block::BlockParts;
+use crate::check::report::Report;
 use crate::check::topology::{Bits, Step, Visitor, Walked, ones, walk};
+use crate::check::validate_values::check_values;
 use crate::file::open::{Contents, map};
 use crate::file::*;
 use crate::octree::Origin;
 use crate::{Broken, ChildDescriptor, FormatError, Octree, OpenOptions, ids};
-
-/// Findings that a report lists; more are counted.
-const MAX_FINDINGS: usize = 1000;
-
-/// A rule that the bytes break.
-#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
-pub struct Finding {
-    /// Whether the rule is one that a file should keep rather than must.
-    pub warning: bool,
-    /// The rule, the place and what was found there.
-    #[serde(flatten)]
-    pub broken: Broken,
-}
-
-/// What validation found.
-#[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
-pub struct Report {
-    /// The first thousand findings, in the order of the checks.
-    pub findings: Vec<Finding>,
-    /// Findings beyond those.
-    pub left_out: u64,
-    /// Errors among all findings; the others are warnings.
-    pub errors: u64,
-}
-
-impl Report {
-    /// Whether no rule that a file must keep is broken.
-    pub fn is_ok(&self) -> bool {
-        self.errors == 0
-    }
-
-    fn add(&mut self, broken: Broken) {
-        let warning = rule(broken.rule).is_some_and(|rule| rule.level == Level::Should);
-        self.errors += u64::from(!warning);
-        if self.findings.len() < MAX_FINDINGS {
-            self.findings.push(Finding { warning, broken });
-        } else {
-            self.left_out += 1;
-        }
-    }
-}
-
-impl fmt::Display for Report {
-    /// One line per finding and one to sum up.
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for finding in &self.findings {
-            let kind = if finding.warning { "warning" } else { "error" };
-            writeln!(f, "{kind} {}: {}", finding.broken.rule, finding.broken)?;
-        }
-        if self.left_out > 0 {
-            writeln!(f, "{} more findings are not listed", self.left_out)?;
-        }
-        let warnings = self.findings.len() as u64 + self.left_out - self.errors;
-        let plural = |number| if number == 1 { "" } else { "s" };
-        write!(f, "{} error{}, {warnings} warning{}", self.errors, plural(self.errors), plural(warnings))
-    }
-}
 
 /// Checks a file against every rule. What makes [`Octree::open`] fail is the only finding then, as nothing behind it
 /// can be located.
@@ -316,21 +259,21 @@ fn check_tallies(octree: &Octree, tallies: &[Tally], report: &mut Report) {
 }
 
 /// What is checked of one block once its descriptors have been walked.
-pub(crate) struct BlockCheck<'a> {
-    pub(crate) octree: &'a Octree,
+struct BlockCheck<'a> {
+    octree: &'a Octree,
     index: usize,
-    pub(crate) parts: &'a BlockParts,
+    parts: &'a BlockParts,
     walked: &'a Walked,
     far_pointers: &'a Bits,
 }
 
 impl BlockCheck<'_> {
     /// Whether a slot of the image holds a descriptor.
-    pub(crate) fn is_descriptor(&self, slot: usize) -> bool {
+    fn is_descriptor(&self, slot: usize) -> bool {
         self.walked.claimed.has(slot) && !self.far_pointers.has(slot)
     }
 
-    pub(crate) fn add(&self, report: &mut Report, rule: &'static str, image_byte: u64, what: &str) {
+    fn add(&self, report: &mut Report, rule: &'static str, image_byte: u64, what: &str) {
         report.add(Broken::new(rule, self.octree.offset(image_byte), format!("block {}: {what}", self.index)));
     }
 
@@ -392,7 +335,15 @@ impl BlockCheck<'_> {
                 }
                 attachment::COLORS_PLAIN | attachment::NORMALS_PLAIN | attachment::CORNERS => {
                     if self.walked.complete && reached {
-                        self.values(kind, report);
+                        check_values(
+                            self.octree,
+                            self.parts,
+                            kind,
+                            |slot| self.is_descriptor(slot),
+                            |rule, at, what| {
+                                self.add(report, rule, at, &what);
+                            },
+                        );
                     }
                     continue;
                 }

@@ -1,62 +1,67 @@
 //! Checks of the attachments that store values as they are: plain colours and normals, corners (spec sections 8.5, 8.6).
 
+use crate::block::BlockParts;
 use crate::check::topology::Bits;
-use crate::check::validate::{BlockCheck, Report};
 use crate::file::attachment;
 use crate::values::plain::{OWN_CUBE, plain_count, plain_entry};
-use crate::{ChildDescriptor, NodeCorners, ids};
+use crate::{ChildDescriptor, NodeCorners, Octree, ids};
 
-impl BlockCheck<'_> {
-    /// Follows the entries of an attachment of this type: those of descriptors lead to values of their own, the others
-    /// are zero.
-    pub(crate) fn values(&self, kind: u32, report: &mut Report) {
-        let (octree, parts) = (self.octree, self.parts);
-        let Some(words) = octree.attachment_words(parts, kind) else { return };
-        let Some((_, at, _)) = parts.attachments.iter().find(|attachment| attachment.0 == kind) else { return };
-        let array = parts.array_slots as usize;
-        // Words of an entry and of a value.
-        let unit = if kind == attachment::CORNERS { 2 } else { 1 };
-        let mut used = Bits::new(words.len());
-        let mut complete = true;
-        for (slot, entry) in words.chunks_exact(unit).take(array).enumerate() {
-            let place = at + (slot * unit * 4) as u64;
-            let descriptor = parts.start as usize + slot;
-            if !self.is_descriptor(descriptor) {
-                if entry.iter().any(|word| *word != 0) {
-                    let what = format!("attachment {kind} has an entry for slot {descriptor}, which has no descriptor");
-                    self.add(report, ids::ATTACHMENT_UNUSED, place, &what);
-                }
-                continue;
+/// Follows the entries of an attachment of this type: those of descriptors lead to values of their own, the others
+/// are zero.
+///
+/// `add` takes each finding: rule, byte of the image, description.
+pub(crate) fn check_values(
+    octree: &Octree,
+    parts: &BlockParts,
+    kind: u32,
+    is_descriptor: impl Fn(usize) -> bool,
+    mut add: impl FnMut(&'static str, u64, String),
+) {
+    let Some(words) = octree.attachment_words(parts, kind) else { return };
+    let Some((_, at, _)) = parts.attachments.iter().find(|attachment| attachment.0 == kind) else { return };
+    let array = parts.array_slots as usize;
+    // Words of an entry and of a value.
+    let unit = if kind == attachment::CORNERS { 2 } else { 1 };
+    let mut used = Bits::new(words.len());
+    let mut complete = true;
+    for (slot, entry) in words.chunks_exact(unit).take(array).enumerate() {
+        let place = at + (slot * unit * 4) as u64;
+        let descriptor = parts.start as usize + slot;
+        if !is_descriptor(descriptor) {
+            if entry.iter().any(|word| *word != 0) {
+                let what = format!("attachment {kind} has an entry for slot {descriptor}, which has no descriptor");
+                add(ids::ATTACHMENT_UNUSED, place, what);
             }
-            let valid = ChildDescriptor(octree.slots()[descriptor]).valid_mask();
-            let (first, count, fits) = match *entry {
-                [mask, first] => {
-                    let count = NodeCorners { mask, first: 0 }.count();
-                    (first as usize, count, mask < OWN_CUBE << 1 && (count > 0 || first == 0))
-                }
-                _ => {
-                    let (mask, first) = plain_entry(entry[0]);
-                    (first, plain_count(mask, valid), mask & !valid == 0)
-                }
-            };
-            let range = first..first.saturating_add(count * unit);
-            if !fits || count > 0 && (range.start < array * unit || range.end > words.len()) {
-                let what = format!("the entry of slot {descriptor} in attachment {kind} does not fit: {entry:x?}");
-                self.add(report, ids::ATTACHMENT_ENTRY, place, &what);
-                complete = false;
-                continue;
-            }
-            // A run is at most 64 words long, and never empty.
-            let mut runs = range.clone().step_by(32).map(|word| (word, (range.end - word).min(32) as u32));
-            if let Some(word) = runs.find_map(|(word, count)| used.insert_run(word, count)) {
-                let what = format!("a value of attachment {kind} belongs to slot {descriptor} and to another");
-                self.add(report, ids::ATTACHMENT_ONCE, at + word as u64 * 4, &what);
-            }
+            continue;
         }
-        let free = (array * unit..words.len()).find(|word| !used.has(*word));
-        if let Some(word) = free.filter(|_| complete) {
-            let what = format!("a value of attachment {kind} belongs to no descriptor");
-            self.add(report, ids::ATTACHMENT_ONCE, at + word as u64 * 4, &what);
+        let valid = ChildDescriptor(octree.slots()[descriptor]).valid_mask();
+        let (first, count, fits) = match *entry {
+            [mask, first] => {
+                let count = NodeCorners { mask, first: 0 }.count();
+                (first as usize, count, mask < OWN_CUBE << 1 && (count > 0 || first == 0))
+            }
+            _ => {
+                let (mask, first) = plain_entry(entry[0]);
+                (first, plain_count(mask, valid), mask & !valid == 0)
+            }
+        };
+        let range = first..first.saturating_add(count * unit);
+        if !fits || count > 0 && (range.start < array * unit || range.end > words.len()) {
+            let what = format!("the entry of slot {descriptor} in attachment {kind} does not fit: {entry:x?}");
+            add(ids::ATTACHMENT_ENTRY, place, what);
+            complete = false;
+            continue;
         }
+        // A run is at most 64 words long, and never empty.
+        let mut runs = range.clone().step_by(32).map(|word| (word, (range.end - word).min(32) as u32));
+        if let Some(word) = runs.find_map(|(word, count)| used.insert_run(word, count)) {
+            let what = format!("a value of attachment {kind} belongs to slot {descriptor} and to another");
+            add(ids::ATTACHMENT_ONCE, at + word as u64 * 4, what);
+        }
+    }
+    let free = (array * unit..words.len()).find(|word| !used.has(*word));
+    if let Some(word) = free.filter(|_| complete) {
+        let what = format!("a value of attachment {kind} belongs to no descriptor");
+        add(ids::ATTACHMENT_ONCE, at + word as u64 * 4, what);
     }
 }

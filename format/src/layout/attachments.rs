@@ -1,7 +1,7 @@
 //! The attachments of one block: which it has, and their bytes (spec sections 6 and 8).
 
-use crate::file::{AttachmentEntry, FIRST_SLOT, InfoSection, attachment, to_bytes};
-use crate::layout::block::{Layout, Placed};
+use crate::file::{AttachmentEntry, attachment};
+use crate::layout::place::Placed;
 use crate::values::plain::{plain_count, slots};
 use crate::{AmbientBlock, ColorBlock, FormatError, NormalBlock, Tree};
 
@@ -30,6 +30,13 @@ pub(crate) struct Attached {
     /// Its first byte, from the start of the block.
     start: u64,
     size: u64,
+}
+
+impl Attached {
+    /// Its entry in the directory of the info section, which starts at byte `info` of the block.
+    pub(crate) fn entry(&self, info: u64) -> AttachmentEntry {
+        AttachmentEntry { kind: self.content.kind(), offset: (self.start - info) as u32, size: self.size }
+    }
 }
 
 impl Content {
@@ -163,27 +170,17 @@ fn one_color(tree: &Tree, placed: &[Placed]) -> Option<[u8; 3]> {
     placed.iter().all(|p| colors(p).is_some_and(|c| c.iter().all(|c| *c == first))).then_some(first)
 }
 
-impl Layout {
-    pub(crate) fn encode_info(&self, index: u32, words: &mut [u32]) {
-        let relative = |offset: u64| (offset - self.parts.info) as u32;
-        let mut bytes = to_bytes(&InfoSection {
-            block: index,
-            array_slots: self.array_slots,
-            first_descriptor: self.array_slots - FIRST_SLOT,
-            contour_offset: relative(self.parts.contours) / 4,
-            contour_count: self.contour_count,
-            attachment_count: self.attachments.len() as u32,
-            reserved: 0,
-        });
-        for &Attached { content, start, size } in &self.attachments {
-            bytes.extend(to_bytes(&AttachmentEntry { kind: content.kind(), offset: relative(start), size }));
-        }
-        bytemuck::cast_slice_mut::<u32, u8>(words)[..bytes.len()].copy_from_slice(&bytes);
-    }
+/// What the attachments of a block describe.
+pub(crate) struct Described<'a> {
+    pub(crate) placed: &'a [Placed],
+    pub(crate) array_slots: u32,
+}
 
-    pub(crate) fn encode_attributes(&self, tree: &Tree, words: &mut [u32]) {
-        for &Attached { content, start, size } in &self.attachments {
-            let words = &mut words[((start - self.parts.info) / 4) as usize..][..(size / 4) as usize];
+impl Described<'_> {
+    /// Writes the attachments. `words` begin at byte `from` of the block.
+    pub(crate) fn encode(&self, tree: &Tree, attached: &[Attached], from: u64, words: &mut [u32]) {
+        for &Attached { content, start, size } in attached {
+            let words = &mut words[((start - from) / 4) as usize..][..(size / 4) as usize];
             match content {
                 Content::ConstantColor([r, g, b]) => words[0] = u32::from_le_bytes([r, g, b, 0]),
                 Content::ColorBlocks => self.encode_pairs(words, |members| {
@@ -211,7 +208,7 @@ impl Layout {
     /// Writes an entry for every descriptor, and the values in their order.
     fn encode_plain(&self, words: &mut [u32], tree: &Tree, value: fn(&Tree, usize) -> Option<u32>) {
         let mut next = self.array_slots as usize;
-        for placed in &self.placed {
+        for placed in self.placed {
             let plain = PlainValues::new(tree, placed.node, value);
             words[placed.slot as usize] = (next as u32) << 8 | u32::from(plain.mask);
             for value in plain.stored() {
@@ -224,7 +221,7 @@ impl Layout {
     /// The same for corners.
     fn encode_corners(&self, words: &mut [u32], tree: &Tree) {
         let mut next = self.array_slots as usize * 2;
-        for placed in &self.placed {
+        for placed in self.placed {
             let corners = tree.corners[placed.node];
             let values = &tree.corner_values[corners.first as usize..][..corners.count()];
             if values.is_empty() {

@@ -1,28 +1,10 @@
-//! Where the descriptors and far pointers of one block lie, and their bytes (spec sections 4.2 and 5).
+//! The bytes of one block (spec sections 4.2 and 5).
 
-use crate::descriptor::MAX_NEAR_POINTER;
-use crate::file::{ATTACHMENT_BYTES, FIRST_SLOT, INFO_BYTES, PAGE_SLOTS};
-use crate::layout::attachments::{Attached, Content, place};
-use crate::layout::plan::{Plan, upper_bound};
+use crate::file::{ATTACHMENT_BYTES, FIRST_SLOT, INFO_BYTES, InfoSection, PAGE_SLOTS, to_bytes};
+use crate::layout::attachments::{Attached, Content, Described, place};
+use crate::layout::place::{Children, Placed, Placer};
+use crate::layout::plan::Plan;
 use crate::{ChildDescriptor, FormatError, Tree};
-
-/// Where a descriptor's children are.
-#[derive(Clone, Copy)]
-enum Children {
-    None,
-    /// First child at this slot of the block.
-    Near(u32),
-    /// Far pointer at the first slot, first child at the second.
-    Far(u32, u32),
-    /// Far pointer at the slot, children in the other block.
-    Block(u32, u32),
-}
-
-pub(crate) struct Placed {
-    pub(crate) node: usize,
-    pub(crate) slot: u32,
-    children: Children,
-}
 
 /// Byte offsets of the parts of a block from its start.
 pub(crate) struct Parts {
@@ -41,76 +23,6 @@ pub(crate) struct Layout {
     pub(crate) parts: Parts,
 }
 
-/// Walks the nodes of one block and gives them slots.
-struct Placer<'a> {
-    tree: &'a Tree,
-    sizes: &'a [u32],
-    plan: &'a Plan,
-    near_limit: u32,
-    cursor: u32,
-    placed: Vec<Placed>,
-    far_pointers: u64,
-}
-
-impl Placer<'_> {
-    /// The block that has the children of this node, if it is not this one.
-    fn block_of(&self, node: usize) -> Option<u32> {
-        if self.plan.cuts.is_empty() { None } else { self.plan.cuts.get(&node).copied() }
-    }
-
-    /// Places the children of `above` (or the root alone), then what is below each of them. Returns the first slot.
-    fn place(&mut self, above: Option<usize>) -> Result<u32, FormatError> {
-        let (mut group, mut far) = ([0usize; 8], [false; 8]);
-        let mut count = 0;
-        match above {
-            Some(index) => {
-                for (_, child) in self.tree.children(index) {
-                    group[count] = child;
-                    count += 1;
-                }
-            }
-            None => count = 1,
-        }
-        let group = &group[..count];
-        // A descriptor needs a far pointer if what its elder siblings have below them may push its children too far.
-        let mut ahead = 16u32.saturating_sub(count as u32);
-        for (far, &node) in far.iter_mut().zip(group) {
-            *far = self.block_of(node).is_some() || self.sizes[node] != 0 && ahead.saturating_add(64) > self.near_limit;
-            ahead = ahead.saturating_add(upper_bound(self.sizes[node], self.near_limit));
-        }
-        let far_count = far.iter().filter(|&&f| f).count() as u32;
-        let needed = group.len() as u32 + far_count;
-        let in_page = self.cursor % PAGE_SLOTS;
-        if in_page == 0 || in_page + needed > PAGE_SLOTS {
-            self.cursor = self.cursor.next_multiple_of(PAGE_SLOTS) + FIRST_SLOT;
-        }
-        let first = self.cursor;
-        let mut far_slot = first + group.len() as u32;
-        self.cursor = (first + needed).next_multiple_of(2);
-        self.far_pointers += u64::from(far_count);
-        let start = self.placed.len();
-        self.placed.extend((first..).zip(group).map(|(slot, &node)| Placed { node, slot, children: Children::None }));
-        for (i, &node) in group.iter().enumerate() {
-            let children = if let Some(block) = self.block_of(node) {
-                Children::Block(far_slot, block)
-            } else if self.sizes[node] == 0 {
-                continue;
-            } else {
-                let target = self.place(Some(node))?;
-                if far[i] { Children::Far(far_slot, target) } else { Children::Near(target) }
-            };
-            far_slot += u32::from(far[i]);
-            if let Children::Near(target) = children
-                && target - (first + i as u32) > MAX_NEAR_POINTER
-            {
-                return Err(FormatError::Limit(format!("node {node} at slot {first} is too far from its children")));
-            }
-            self.placed[start + i].children = children;
-        }
-        Ok(first)
-    }
-}
-
 impl Layout {
     pub(crate) fn new(
         tree: &Tree,
@@ -119,8 +31,7 @@ impl Layout {
         block: usize,
         near_limit: u32,
     ) -> Result<Self, FormatError> {
-        let mut placer =
-            Placer { tree, sizes, plan, near_limit, cursor: FIRST_SLOT, placed: Vec::new(), far_pointers: 0 };
+        let mut placer = Placer::new(tree, sizes, plan, near_limit);
         placer.place(plan.blocks[block].above)?;
         let Placer { placed, cursor: array_slots, far_pointers, .. } = placer;
         let contour_count = placed.iter().map(|p| tree.nodes[p.node].contours.count_ones()).sum();
@@ -168,6 +79,23 @@ impl Layout {
                 ChildDescriptor::new(node.valid, node.leaf, child_ptr, far, node.contours, contour_ptr).0;
         }
         self.encode_info(index, rest_words);
-        self.encode_attributes(tree, rest_words);
+        let described = Described { placed: &self.placed, array_slots: self.array_slots };
+        described.encode(tree, &self.attachments, self.parts.info, rest_words);
+    }
+
+    fn encode_info(&self, index: u32, words: &mut [u32]) {
+        let mut bytes = to_bytes(&InfoSection {
+            block: index,
+            array_slots: self.array_slots,
+            first_descriptor: self.array_slots - FIRST_SLOT,
+            contour_offset: ((self.parts.contours - self.parts.info) / 4) as u32,
+            contour_count: self.contour_count,
+            attachment_count: self.attachments.len() as u32,
+            reserved: 0,
+        });
+        for attached in &self.attachments {
+            bytes.extend(to_bytes(&attached.entry(self.parts.info)));
+        }
+        bytemuck::cast_slice_mut::<u32, u8>(words)[..bytes.len()].copy_from_slice(&bytes);
     }
 }

@@ -1,5 +1,6 @@
 //! An octree in depth-first order, before it has addresses: what a builder makes and [`assemble`](crate::assemble) lays out.
 
+use crate::values::plain::{OWN_CUBE, slots};
 use crate::{AmbientBlock, ColorBlock, Contour, CornerValue, FormatError, NodeCorners, NormalBlock, RawNormal};
 
 /// One non-leaf voxel.
@@ -357,6 +358,51 @@ impl Tree {
             || detached != self.outside.len()
         {
             return Err(FormatError::Limit("the tree ends before all its nodes are closed".into()));
+        }
+        Ok(())
+    }
+}
+
+impl Tree {
+    /// Whether what is stored as it is fits the nodes.
+    fn check_values(&self) -> Result<(), FormatError> {
+        let refuse = |what: String| Err(FormatError::Limit(what));
+        let blocks = !(self.color_blocks.is_empty() && self.normal_blocks.is_empty());
+        let voxels = !(self.colors.is_empty() && self.normals.is_empty());
+        let of_plain = !(self.alphas.is_empty() && self.own.is_empty());
+        if self.plain && blocks || of_plain && !self.plain {
+            return refuse("alphas and masks of plain values take a plain tree, and that has no blocks".into());
+        }
+        if !self.alphas.is_empty() && self.alphas.len() != self.colors.len() {
+            return refuse(format!("{} alphas for {} colours", self.alphas.len(), self.colors.len()));
+        }
+        for (what, count) in [("masks of plain values", self.own.len()), ("corner masks", self.corners.len())] {
+            if count != 0 && count != self.nodes.len() {
+                return refuse(format!("{count} {what} for {} nodes: one each, or none", self.nodes.len()));
+            }
+        }
+        if !self.corners.is_empty() && (blocks || voxels) {
+            return refuse("a tree with corners has no other colours and normals".into());
+        }
+        for (index, (own, node)) in self.own.iter().zip(&self.nodes).enumerate() {
+            let range = node.first_voxel as usize..;
+            let others = || range.clone().zip(slots(node.valid)).filter(|(_, slot)| own >> slot & 1 == 0);
+            let value = |voxel: usize| (self.colors.get(voxel), self.alphas.get(voxel), self.normals.get(voxel));
+            let mut values = others().map(|(voxel, _)| value(voxel));
+            let first = values.next();
+            if own & !node.valid != 0 || values.any(|value| Some(value) != first) {
+                return refuse(format!("voxels of node {index} without values of their own differ: mask {own:08b}"));
+            }
+        }
+        let mut next = 0;
+        for (index, corners) in self.corners.iter().enumerate() {
+            if corners.mask >= OWN_CUBE << 1 || corners.first as usize != next {
+                return refuse(format!("corners of node {index} do not fit: {corners:?}"));
+            }
+            next += corners.count();
+        }
+        if next != self.corner_values.len() {
+            return refuse(format!("{} corner values for masks of {next}", self.corner_values.len()));
         }
         Ok(())
     }

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use glam::Vec3;
 
 use super::clusters::{NewFile, OCTREE_CHUNK, SLICES};
-use super::export_values::Inherited;
+use super::export_values::{Gaps, Inherited};
 use super::kind;
 use super::layers::LEAF;
 use super::slice::{COMPLETE, NewSlice, Place, entry};
@@ -71,24 +71,11 @@ struct Task {
     voxel: usize,
 }
 
-pub(super) struct Exporter<'a> {
-    pub(super) octree: &'a Octree,
+struct Exporter<'a> {
+    octree: &'a Octree,
     file: NewFile,
     slices: u32,
     lost: Vec<String>,
-}
-
-/// What is missing of an object's attributes, and how far constant colours are from the blocks for them.
-#[derive(Default)]
-pub(super) struct Gaps {
-    pub(super) colors: bool,
-    pub(super) normals: bool,
-    constant: Option<f32>,
-    ambient: bool,
-    /// Some colours or normals are not stored as they are, and a palette has to take the nearest.
-    pub(super) rounded: bool,
-    /// Descriptors whose corners are others in the file.
-    pub(super) lattice: u64,
 }
 
 impl Exporter<'_> {
@@ -113,8 +100,8 @@ impl Exporter<'_> {
         let layers = layers(self.octree, root)?;
         let mut gaps = Gaps::default();
         let inherited = match kinds.as_slice() {
-            kinds if kinds.contains(&kind::PALETTE) => Inherited::palette(self, root, &mut gaps),
-            kinds if kinds.contains(&kind::CORNERS) => Inherited::corners(self, root, &mut gaps),
+            kinds if kinds.contains(&kind::PALETTE) => Inherited::palette(self.octree, root, &mut gaps),
+            kinds if kinds.contains(&kind::CORNERS) => Inherited::corners(self.octree, root, &mut gaps),
             _ => Inherited::default(),
         };
         let mut tasks = vec![Task { id: self.slices, place: Place::ROOT, level: 0, voxel: 0 }];
@@ -239,8 +226,8 @@ impl Exporter<'_> {
             .map(|kind| match *kind {
                 kind::CONTOURS => (*kind, self.contours(&nodes)),
                 kind::OCCLUSION => (*kind, self.ambient(&nodes, gaps)),
-                kind::PALETTE => (*kind, self.palette(&nodes, inherited, gaps)),
-                kind::CORNERS => (*kind, self.corners(&nodes, inherited)),
+                kind::PALETTE => (*kind, inherited.palette_words(self.octree, &nodes, gaps)),
+                kind::CORNERS => (*kind, inherited.corner_words(self.octree, &nodes)),
                 _ => (*kind, self.blocks(&nodes, gaps)),
             })
             .collect();

@@ -2,10 +2,22 @@
 
 use std::collections::HashMap;
 
-use super::export::{Exporter, Gaps};
 use crate::file::attachment;
 use crate::values::plain::{OWN_CUBE, plain_entry, slots};
-use crate::{CornerCell, CornerValue, NodeCorners, RawNormal};
+use crate::{CornerCell, CornerValue, NodeCorners, Octree, RawNormal};
+
+/// What is missing of an object's attributes, and how far constant colours are from the blocks for them.
+#[derive(Default)]
+pub(super) struct Gaps {
+    pub(super) colors: bool,
+    pub(super) normals: bool,
+    pub(super) constant: Option<f32>,
+    pub(super) ambient: bool,
+    /// Some colours or normals are not stored as they are, and a palette has to take the nearest.
+    pub(super) rounded: bool,
+    /// Descriptors whose corners are others in the file.
+    pub(super) lattice: u64,
+}
 
 /// What the voxels of an object have, where that depends on what is above them.
 #[derive(Default)]
@@ -19,15 +31,14 @@ pub(super) struct Inherited {
 
 impl Inherited {
     /// For a palette.
-    pub(super) fn palette(exporter: &Exporter, root: u32, gaps: &mut Gaps) -> Self {
-        let octree = exporter.octree;
+    pub(super) fn palette(octree: &Octree, root: u32, gaps: &mut Gaps) -> Self {
         let mut own = vec![0; octree.slots().len()];
         let mut stack = vec![(root, None)];
         while let Some((slot, above)) = stack.pop() {
             let valid = octree.descriptor(slot).valid_mask();
-            let mut mask = exporter.plain_mask(slot) & valid;
+            let mut mask = plain_mask(octree, slot) & valid;
             for child in slots(valid) {
-                let value = exporter.value(slot, child, gaps);
+                let value = value(octree, slot, child, gaps);
                 if Some(value) != above {
                     mask |= 1 << child;
                 }
@@ -39,13 +50,12 @@ impl Inherited {
     }
 
     /// For corners.
-    pub(super) fn corners(exporter: &Exporter, root: u32, gaps: &mut Gaps) -> Self {
-        let octree = exporter.octree;
+    pub(super) fn corners(octree: &Octree, root: u32, gaps: &mut Gaps) -> Self {
         let mut corners: HashMap<u32, (u32, Vec<CornerValue>)> = HashMap::new();
         let mut stack: Vec<(u32, Option<CornerCell>)> = vec![(root, None)];
         while let Some((slot, above)) = stack.pop() {
             let valid = octree.descriptor(slot).valid_mask();
-            let (node, values) = exporter.node_corners(slot);
+            let (node, values) = node_corners(octree, slot);
             // Where corners lack, the file gives a voxel those of the nearest voxel above that has them.
             let lacking = slots(valid).any(|child| !node.has_child(child));
             let own = (node.mask & OWN_CUBE != 0).then(|| values.get(node.rank(OWN_CUBE)..node.count())).flatten();
@@ -63,6 +73,35 @@ impl Inherited {
             }
         }
         Self { corners, ..Self::default() }
+    }
+
+    /// A word for each node, mask and pointer; then the values.
+    pub(super) fn palette_words(&self, octree: &Octree, nodes: &[u32], gaps: &mut Gaps) -> Vec<u32> {
+        let mut words = vec![0; nodes.len()];
+        for (index, slot) in nodes.iter().enumerate() {
+            let mask = self.own[*slot as usize];
+            words[index] = (words.len() as u32) << 8 | u32::from(mask);
+            for child in slots(mask) {
+                words.extend_from_slice(bytemuck::cast_slice(&[value(octree, *slot, child, gaps)]));
+            }
+        }
+        words
+    }
+
+    /// Two words for each node, mask and pointer; then the values.
+    pub(super) fn corner_words(&self, octree: &Octree, nodes: &[u32]) -> Vec<u32> {
+        let mut words = vec![0; nodes.len() * 2];
+        for (index, slot) in nodes.iter().enumerate() {
+            let (node, values) = node_corners(octree, *slot);
+            let (mask, values) = match self.corners.get(slot) {
+                Some((mask, values)) => (*mask, &values[..]),
+                None => (node.mask & (OWN_CUBE - 1), values.get(..node.rank(OWN_CUBE)).unwrap_or_default()),
+            };
+            words[2 * index] = mask;
+            words[2 * index + 1] = words.len() as u32;
+            words.extend_from_slice(bytemuck::cast_slice(values));
+        }
+        words
     }
 }
 
@@ -83,73 +122,41 @@ fn lattice(node: NodeCorners, values: &[CornerValue]) -> (u32, Vec<CornerValue>)
     (OWN_CUBE - 1, (0..27).map(point).collect())
 }
 
-impl Exporter<'_> {
-    /// Which voxels of a descriptor have colours or normals that no other voxel shares.
-    fn plain_mask(&self, slot: u32) -> u8 {
-        let parts = &self.octree.parts()[self.octree.block_of(slot) as usize];
-        let masks = parts.attachments.iter().map(|(kind, ..)| match *kind {
-            kind @ (attachment::COLORS_PLAIN | attachment::NORMALS_PLAIN) => {
-                let words = self.octree.attachment_words(parts, kind);
-                words.and_then(|words| words.get((slot - parts.start) as usize)).map_or(0, |word| plain_entry(*word).0)
-            }
-            _ => 0,
-        });
-        masks.fold(0, |all, mask| all | mask)
-    }
-
-    /// Colour and normal of a voxel, as a palette has them.
-    fn value(&self, slot: u32, child: u8, gaps: &mut Gaps) -> CornerValue {
-        let octree = self.octree;
-        let color = octree.plain_color(slot, child).unwrap_or_else(|| match octree.color(slot, child) {
-            Some(color) => {
-                gaps.rounded = true;
-                let [r, g, b] = color.map(|c| (c * 255.0).round() as u8);
-                [r, g, b, u8::MAX]
-            }
-            None => {
-                gaps.colors = true;
-                [u8::MAX; 4]
-            }
-        });
-        let normal = octree.plain_normal(slot, child).unwrap_or_else(|| {
-            let normal = octree.normal(slot, child);
-            *(if normal.is_some() { &mut gaps.rounded } else { &mut gaps.normals }) = true;
-            RawNormal::encode(normal.unwrap_or(glam::Vec3::Z))
-        });
-        CornerValue { color, normal }
-    }
-
-    fn node_corners(&self, slot: u32) -> (NodeCorners, &[CornerValue]) {
-        let parts = &self.octree.parts()[self.octree.block_of(slot) as usize];
-        self.octree.corner_values(parts, slot).unwrap_or_default()
-    }
-
-    /// A word for each node, mask and pointer; then the values.
-    pub(super) fn palette(&self, nodes: &[u32], inherited: &Inherited, gaps: &mut Gaps) -> Vec<u32> {
-        let mut words = vec![0; nodes.len()];
-        for (index, slot) in nodes.iter().enumerate() {
-            let mask = inherited.own[*slot as usize];
-            words[index] = (words.len() as u32) << 8 | u32::from(mask);
-            for child in slots(mask) {
-                words.extend_from_slice(bytemuck::cast_slice(&[self.value(*slot, child, gaps)]));
-            }
+/// Which voxels of a descriptor have colours or normals that no other voxel shares.
+fn plain_mask(octree: &Octree, slot: u32) -> u8 {
+    let parts = &octree.parts()[octree.block_of(slot) as usize];
+    let masks = parts.attachments.iter().map(|(kind, ..)| match *kind {
+        kind @ (attachment::COLORS_PLAIN | attachment::NORMALS_PLAIN) => {
+            let words = octree.attachment_words(parts, kind);
+            words.and_then(|words| words.get((slot - parts.start) as usize)).map_or(0, |word| plain_entry(*word).0)
         }
-        words
-    }
+        _ => 0,
+    });
+    masks.fold(0, |all, mask| all | mask)
+}
 
-    /// Two words for each node, mask and pointer; then the values.
-    pub(super) fn corners(&self, nodes: &[u32], inherited: &Inherited) -> Vec<u32> {
-        let mut words = vec![0; nodes.len() * 2];
-        for (index, slot) in nodes.iter().enumerate() {
-            let (node, values) = self.node_corners(*slot);
-            let (mask, values) = match inherited.corners.get(slot) {
-                Some((mask, values)) => (*mask, &values[..]),
-                None => (node.mask & (OWN_CUBE - 1), values.get(..node.rank(OWN_CUBE)).unwrap_or_default()),
-            };
-            words[2 * index] = mask;
-            words[2 * index + 1] = words.len() as u32;
-            words.extend_from_slice(bytemuck::cast_slice(values));
+/// Colour and normal of a voxel, as a palette has them.
+fn value(octree: &Octree, slot: u32, child: u8, gaps: &mut Gaps) -> CornerValue {
+    let color = octree.plain_color(slot, child).unwrap_or_else(|| match octree.color(slot, child) {
+        Some(color) => {
+            gaps.rounded = true;
+            let [r, g, b] = color.map(|c| (c * 255.0).round() as u8);
+            [r, g, b, u8::MAX]
         }
-        words
-    }
+        None => {
+            gaps.colors = true;
+            [u8::MAX; 4]
+        }
+    });
+    let normal = octree.plain_normal(slot, child).unwrap_or_else(|| {
+        let normal = octree.normal(slot, child);
+        *(if normal.is_some() { &mut gaps.rounded } else { &mut gaps.normals }) = true;
+        RawNormal::encode(normal.unwrap_or(glam::Vec3::Z))
+    });
+    CornerValue { color, normal }
+}
+
+fn node_corners(octree: &Octree, slot: u32) -> (NodeCorners, &[CornerValue]) {
+    let parts = &octree.parts()[octree.block_of(slot) as usize];
+    octree.corner_values(parts, slot).unwrap_or_default()
 }

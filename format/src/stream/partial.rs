@@ -3,7 +3,7 @@
 use crate::check::topology::Bits;
 use crate::file::*;
 use crate::octree::Image;
-use crate::stream::{Block, file_offset};
+use crate::stream::block::{Block, file_offset};
 use crate::{Broken, ChildDescriptor, FormatError, Octree, ids};
 
 /// Makes an octree of `blocks`, in the order of the table that they are from.

@@ -1,0 +1,237 @@
+//! Reading a part of a file: tables first, then the blocks of a region down to a level (spec section 11).
+
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use crate::check::tables::block_parts;
+use crate::file::compression;
+use crate::file::open::{
+    Tables, check_overlaps, check_section, check_tags, directory_range, read_directory, read_header,
+};
+use crate::file::*;
+use crate::stream::block::{Block, Region, file_offset};
+use crate::stream::partial::assemble;
+use crate::stream::source::RangeRead;
+use crate::{FormatError, Octree, OpenOptions};
+
+/// What the first read asks for. Writers put directory and tables at the start: in most files they are within.
+const PREFIX: u64 = 8192;
+
+/// Reads single blocks of a file from any [`RangeRead`].
+///
+/// ```
+/// # use esvo_format::*;
+/// # let mut tree = Tree::default();
+/// # let root = tree.open(&[Some(Voxel { leaf: true, ..Voxel::default() }); 8]);
+/// # tree.close(root);
+/// # let octree = assemble(&tree, glam::DMat4::IDENTITY, &AssembleOptions::default())?;
+/// # let mut file = Vec::new();
+/// # octree.write_to(&mut file).unwrap();
+/// let reader = StreamReader::open(&file)?;
+/// // What shows the voxels of the lower corner down to level 9, then an octree of it that can be cast.
+/// let corner = Region { low: glam::DVec3::ZERO, high: glam::DVec3::splat(0.25) };
+/// let blocks = reader.blocks_for(0, &corner, 9);
+/// let octree = reader.partial(&blocks)?;
+/// assert!(octree.sound().is_ok());
+/// # Ok::<(), FormatError>(())
+/// ```
+pub struct StreamReader<S> {
+    source: S,
+    length: Option<u64>,
+    options: OpenOptions,
+    header: Header,
+    sections: Vec<SectionEntry>,
+    objects: Vec<ObjectEntry>,
+    blocks: Vec<BlockEntry>,
+    bytes: AtomicU64,
+    reads: AtomicU64,
+}
+
+impl<S: RangeRead> StreamReader<S> {
+    /// Opens a file with the default [`OpenOptions`], see [`open_with`](Self::open_with).
+    ///
+    /// # Errors
+    /// The source's, or the rule that the file breaks.
+    pub fn open(source: S) -> Result<Self, FormatError> {
+        Self::open_with(source, &OpenOptions::default())
+    }
+
+    /// Opens a file: reads header, directory and tables, checks them and their checksums, and reads nothing else. A
+    /// file as this library writes it takes one read of 8 KiB, and another if its tables are longer than that.
+    ///
+    /// # Errors
+    /// The source's, or the rule that the file breaks.
+    pub fn open_with(source: S, options: &OpenOptions) -> Result<Self, FormatError> {
+        let fail = |source| FormatError::Source { offset: 0, source };
+        let length = source.length().map_err(fail)?;
+        let mut input = Input { source: &source, length, prefix: Vec::new(), bytes: 0, reads: 0 };
+        let first = length.unwrap_or(PREFIX).min(PREFIX);
+        input.prefix = match input.fetch(0, first) {
+            // Shorter than any file of this version can be, but its header may say what it is.
+            Err(FormatError::Source { source, .. }) if source.kind() == std::io::ErrorKind::UnexpectedEof => {
+                input.fetch(0, HEADER_BYTES)?
+            }
+            other => other?,
+        };
+        let header = read_header(&input.prefix, length)?;
+        let (start, end) = directory_range(&header)?;
+        let directory = read_directory(&input.fetch(start, end - start)?, &header)?;
+        check_overlaps(&directory.ranges)?;
+        let tables = Tables::read(&header, &directory.sections, |section| {
+            let bytes = input.fetch(section.offset, section.length)?;
+            check_section(section, &bytes)?;
+            Ok(bytes)
+        })?;
+        check_tags(&directory.sections)?;
+        let (bytes, reads) = (input.bytes.into(), input.reads.into());
+        let Tables { objects, blocks, .. } = tables;
+        let sections = directory.sections;
+        Ok(Self { source, length, options: *options, header, sections, objects, blocks, bytes, reads })
+    }
+
+    /// The header.
+    pub fn header(&self) -> &Header {
+        &self.header
+    }
+
+    /// The directory.
+    pub fn sections(&self) -> &[SectionEntry] {
+        &self.sections
+    }
+
+    /// The object table.
+    pub fn objects(&self) -> &[ObjectEntry] {
+        &self.objects
+    }
+
+    /// The block table.
+    pub fn blocks(&self) -> &[BlockEntry] {
+        &self.blocks
+    }
+
+    /// Bytes that have been read from the source.
+    pub fn bytes_read(&self) -> u64 {
+        self.bytes.load(Ordering::Relaxed)
+    }
+
+    /// Reads that the source has been asked for.
+    pub fn reads(&self) -> u64 {
+        self.reads.load(Ordering::Relaxed)
+    }
+
+    /// Reads the bytes of a section other than the block data, and checks them; `None` if there is none with this tag.
+    ///
+    /// # Errors
+    /// The source's; a wrong checksum; more than the memory limit.
+    pub fn section(&self, tag: [u8; 4]) -> Result<Option<Vec<u8>>, FormatError> {
+        let Some(section) = self.sections.iter().find(|s| s.tag == tag && tag != TAG_DATA) else { return Ok(None) };
+        self.options.check(section.length)?;
+        let bytes = self.fetch(section.offset, section.length)?;
+        check_section(section, &bytes)?;
+        Ok(Some(bytes))
+    }
+
+    /// The blocks of an object that it takes to show what of it is in a region, down to voxels of level `max_level`:
+    /// its root block and the blocks below whose cubes meet the region and that hold descriptors of coarser voxels.
+    /// In the order of the table, so parents first; none if there is no such object.
+    pub fn blocks_for(&self, object: usize, region: &Region, max_level: u32) -> Vec<u32> {
+        let wanted = |block: &BlockEntry| {
+            // A block below a voxel of level L has the descriptors from level L + 1 on, which say what voxels there
+            // are from level L + 2 on.
+            let first_level = 23 - block.cube_scale + 2;
+            let cube = Region::cube(block.cube_position, block.cube_scale);
+            block.parent == NO_PARENT || first_level <= max_level && cube.meets(region)
+        };
+        let blocks = self.blocks.iter().enumerate();
+        blocks.filter(|(_, b)| b.object as usize == object && wanted(b)).map(|(index, _)| index as u32).collect()
+    }
+
+    /// Reads a block, checks its stored bytes against their checksum, decompresses it and checks its info section.
+    ///
+    /// # Errors
+    /// The source's; the rule that the block breaks; no such block; more than the memory limit.
+    pub fn read_block(&self, index: u32) -> Result<Block, FormatError> {
+        let Some(block) = self.blocks.get(index as usize) else {
+            return Err(FormatError::Limit(format!("block {index} of {}", self.blocks.len())));
+        };
+        self.options.check(block.image_size)?;
+        let stored = self.fetch(block.file_offset, block.stored_size)?;
+        compression::check_crc(index as usize, block, &stored)?;
+        // Only now: so many bytes are there, and the table says no more than can be made of them.
+        let mut slots = vec![0u64; (block.image_size / 8) as usize];
+        let image: &mut [u8] = bytemuck::cast_slice_mut(&mut slots);
+        compression::decode(index as usize, block, &stored, image)?;
+        let parts = block_parts(image, 0, file_offset(block, 0), index as usize)?;
+        Ok(Block { index, parts, slots })
+    }
+
+    /// Reads blocks and makes an octree of them that can be cast, see [`partial_of`](Self::partial_of).
+    ///
+    /// # Errors
+    /// Those of [`read_block`](Self::read_block) and [`partial_of`](Self::partial_of).
+    pub fn partial(&self, blocks: &[u32]) -> Result<Octree, FormatError> {
+        let mut wanted = blocks.to_vec();
+        wanted.sort_unstable();
+        wanted.dedup();
+        let image = wanted.iter().filter_map(|index| self.blocks.get(*index as usize)).map(|b| b.image_size).sum();
+        self.options.check(image)?;
+        let blocks: Vec<Block> = wanted.iter().map(|index| self.read_block(*index)).collect::<Result<_, _>>()?;
+        self.partial_of(&blocks)
+    }
+
+    /// Makes an octree of blocks of this file: they lie one behind the other in the order of the table, and a
+    /// descriptor whose children are in a block that is not among them has leaves for children. Objects without a block
+    /// among them are left out; of the others counts and levels are those of the part. With all blocks, the image is
+    /// the one of the file, bit for bit. Metadata and unknown sections stay behind.
+    ///
+    /// All pointers are checked: the octree is [sound](Octree::sound).
+    ///
+    /// # Errors
+    /// A block without its parent, twice, or not of this file; no block at all; the rule that a descriptor breaks; more
+    /// than the memory limit.
+    pub fn partial_of<'a>(&self, blocks: impl IntoIterator<Item = &'a Block>) -> Result<Octree, FormatError> {
+        let mut blocks: Vec<&Block> = blocks.into_iter().collect();
+        blocks.sort_unstable_by_key(|block| block.index);
+        self.options.check(blocks.iter().map(|block| block.slots.len() as u64 * 8).sum())?;
+        assemble(&self.objects, &self.blocks, &blocks)
+    }
+
+    fn fetch(&self, offset: u64, length: u64) -> Result<Vec<u8>, FormatError> {
+        let mut input = Input { source: &self.source, length: self.length, prefix: Vec::new(), bytes: 0, reads: 0 };
+        let bytes = input.fetch(offset, length);
+        self.bytes.fetch_add(input.bytes, Ordering::Relaxed);
+        self.reads.fetch_add(input.reads, Ordering::Relaxed);
+        bytes
+    }
+}
+
+/// The source, and what has been read of it.
+struct Input<'a, S> {
+    source: &'a S,
+    length: Option<u64>,
+    /// Its first bytes.
+    prefix: Vec<u8>,
+    bytes: u64,
+    reads: u64,
+}
+
+impl<S: RangeRead> Input<'_, S> {
+    fn fetch(&mut self, offset: u64, length: u64) -> Result<Vec<u8>, FormatError> {
+        let end = offset.saturating_add(length);
+        if end <= self.prefix.len() as u64 {
+            return Ok(self.prefix[offset as usize..end as usize].to_vec());
+        }
+        let mut bytes = Vec::new();
+        while (bytes.len() as u64) < length {
+            let have = bytes.len() as u64;
+            // Of a source that does not tell its length, no more memory is taken than twice what it has.
+            let ahead = if self.length.is_some_and(|all| end <= all) { length } else { have.max(1 << 20) };
+            bytes.resize(length.min(have + ahead) as usize, 0);
+            let part = &mut bytes[have as usize..];
+            self.bytes += part.len() as u64;
+            self.reads += 1;
+            let at = offset + have;
+            self.source.read_at(at, part).map_err(|source| FormatError::Source { offset: at, source })?;
+        }
+        Ok(bytes)
+    }
+}
