@@ -6,7 +6,7 @@ use esvo_cpu::CpuCaster;
 use serde::{Deserialize, Serialize};
 
 use crate::BenchError;
-use crate::check::Allowed;
+use crate::paper_bench::check::Allowed;
 
 /// An engine that casts rays against octrees.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, PartialOrd, Ord, Serialize, Deserialize)]

@@ -6,7 +6,7 @@ use esvo_builder::{BuildSettings, Mesh};
 use esvo_format::Stats;
 use serde::{Deserialize, Serialize};
 
-use crate::report::KindBytes;
+use crate::paper_bench::report::KindBytes;
 
 /// Version of the layout of a [`BuildSummary`]. Fields may be added without a new one.
 pub const SCHEMA: u32 = 1;
@@ -105,5 +105,5 @@ impl BuildSummary {
 
 /// Most memory that this process has held so far, in bytes, or 0 where the system does not say.
 pub fn peak_bytes() -> u64 {
-    crate::clock::status_bytes("self", "VmHWM:").unwrap_or(0)
+    crate::system::clock::status_bytes("self", "VmHWM:").unwrap_or(0)
 }

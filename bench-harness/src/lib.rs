@@ -1,40 +1,27 @@
 //! The benchmark harness of esvo: matrix, checks, timing, error, tables.
 //!
-//! [`run::run`] takes a [`Matrix`] and gives a [`Report`], from which [`tables`] makes what is printed and
-//! [`output`] what is written.
+//! [`run::run`](paper_bench::run::run) takes a [`Matrix`] and gives a [`Report`], from which
+//! [`tables`](paper_bench::tables) makes what is printed and [`output`] what is written.
 
 mod backend;
+mod bench_error;
 pub mod build_bench;
 pub mod build_summary;
-pub mod check;
-mod clock;
-mod cutout;
 pub mod error;
-mod failure;
-pub mod flip;
 pub mod format_bench;
-pub mod import_table;
-mod levels;
-pub mod machine;
-pub mod matrix;
-mod measure;
-mod mesh_picture;
+pub mod import_bench;
 pub mod output;
-mod paper;
-pub mod pictures;
-mod process;
+pub mod paper_bench;
+pub mod picture_bench;
 mod progress;
-pub mod report;
-pub mod run;
 pub mod scene;
-mod scratch;
-pub mod tables;
+pub mod system;
 pub mod text;
 pub mod timing;
 
 pub use backend::Backend;
-pub use failure::BenchError;
-pub use matrix::Matrix;
-pub use process::interrupted;
+pub use bench_error::BenchError;
+pub use paper_bench::matrix::Matrix;
+pub use paper_bench::report::Report;
 pub use progress::Progress;
-pub use report::Report;
+pub use system::process::interrupted;

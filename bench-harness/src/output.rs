@@ -6,9 +6,11 @@ use esvo_core::picture::{Picture, write_png};
 use esvo_format::write_atomically;
 
 use crate::format_bench::FormatReport;
-use crate::machine::{Machine, slug};
-use crate::run::Outcome;
-use crate::{BenchError, format_bench, tables};
+use crate::paper_bench::run::Outcome;
+use crate::paper_bench::tables;
+use crate::picture::write_png;
+use crate::system::machine::{Machine, slug};
+use crate::{BenchError, format_bench};
 
 /// A picture and where it goes.
 #[derive(Clone, PartialEq, Eq, Debug)]

@@ -8,7 +8,7 @@ use esvo_core::Camera;
 use esvo_scenes::{CameraSpec, FoundScene, SceneEntry, SceneManifest, SceneVariant, locate_scene};
 
 use crate::BenchError;
-use crate::report::NamedView;
+use crate::paper_bench::report::NamedView;
 
 /// A scene, ready to be built.
 pub struct Scene {

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use crate::matrix::LeftOut;
+use crate::paper_bench::matrix::LeftOut;
 
 /// A table of short texts. The first columns say what a row is and stand to the left, figures stand to the right.
 #[derive(Clone, Debug, Default)]

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use esvo_bench::Backend;
-use esvo_bench::check::check;
+use esvo_bench::paper_bench::check::check;
 use esvo_builder::BuildSettings;
 use esvo_core::reference::ReferenceCaster;
 use esvo_core::{CastError, CastOptions, Caster, Device, FrameTime, Hit, View};

@@ -1,15 +1,16 @@
 //! The layout of the tables, on a report with made-up figures.
 
-use esvo_bench::check::{Agreement, Allowed};
-use esvo_bench::error::{DepthError, Summary};
-use esvo_bench::flip::ImageError;
-use esvo_bench::machine::Machine;
-use esvo_bench::matrix::{LeftOut, Matrix, Variant};
-use esvo_bench::report::{
+use esvo_bench::Backend;
+use esvo_bench::error::depth::{DepthError, Summary};
+use esvo_bench::error::image::ImageError;
+use esvo_bench::paper_bench::check::{Agreement, Allowed};
+use esvo_bench::paper_bench::matrix::{LeftOut, Matrix, Variant};
+use esvo_bench::paper_bench::report::{
     BuildRow, CheckRow, DeviceRecord, ErrorRow, KindBytes, NamedView, Report, SCHEMA, SceneReport, TimeCell,
 };
+use esvo_bench::paper_bench::tables;
+use esvo_bench::system::machine::Machine;
 use esvo_bench::timing::{Samples, Spread};
-use esvo_bench::{Backend, tables};
 use esvo_core::Camera;
 
 fn fake_report() -> Report {

@@ -5,12 +5,12 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use esvo_bench::Backend;
 
-use crate::bench_build::BenchBuild;
-use crate::bench_format::BenchFormat;
-use crate::bench_import::BenchImport;
-use crate::bench_pictures::BenchPictures;
-use crate::displacement::Displacement;
-use crate::selection::Selection;
+use crate::commands::bench::build::BenchBuild;
+use crate::commands::bench::format::BenchFormat;
+use crate::commands::bench::import::BenchImport;
+use crate::commands::bench::pictures::BenchPictures;
+use crate::commands::bench::selection::Selection;
+use crate::commands::build::displacement::Displacement;
 
 /// Sparse voxel octrees: build, inspect, render and benchmark.
 #[derive(Debug, Parser)]

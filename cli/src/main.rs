@@ -1,22 +1,8 @@
 //! The esvo command line: build, inspect, validate, render and benchmark sparse voxel octrees.
 
-mod ambient;
 mod args;
-mod bench;
-mod bench_build;
-mod bench_format;
-mod bench_import;
-mod bench_pictures;
-mod build;
-mod convert;
-mod diff;
-mod displacement;
-mod dump;
+mod commands;
 mod fail;
-mod info;
-mod render;
-mod selection;
-mod validate;
 mod words;
 
 use std::process::ExitCode;
@@ -48,15 +34,15 @@ fn main() -> ExitCode {
         complain("warning", &format!("an interrupt will leave temporary files behind: {error}"));
     }
     let result = match Arguments::parse().command {
-        Command::Build(arguments) => build::run(&arguments),
-        Command::Info(arguments) => info::run(&arguments),
-        Command::Dump(arguments) => dump::run(&arguments),
-        Command::Diff(arguments) => diff::run(&arguments),
-        Command::Validate(arguments) => validate::run(&arguments),
-        Command::Convert(arguments) => convert::run(&arguments),
-        Command::Ambient(arguments) => ambient::run(&arguments),
-        Command::Render(arguments) => render::run(&arguments),
-        Command::Bench(arguments) => bench::run(&arguments),
+        Command::Build(arguments) => commands::build::run(&arguments),
+        Command::Info(arguments) => commands::info::run(&arguments),
+        Command::Dump(arguments) => commands::dump::run(&arguments),
+        Command::Diff(arguments) => commands::diff::run(&arguments),
+        Command::Validate(arguments) => commands::validate::run(&arguments),
+        Command::Convert(arguments) => commands::convert::run(&arguments),
+        Command::Ambient(arguments) => commands::ambient::run(&arguments),
+        Command::Render(arguments) => commands::render::run(&arguments),
+        Command::Bench(arguments) => commands::bench::run(&arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

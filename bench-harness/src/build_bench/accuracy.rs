@@ -11,8 +11,8 @@ use esvo_cpu::triangles::TriangleScene;
 use esvo_format::Octree;
 
 use crate::BenchError;
-use crate::cutout::cast_solid;
-use crate::error::{DepthError, DepthErrors, voxel_edges};
+use crate::error::depth::{DepthError, DepthErrors, voxel_edges};
+use crate::picture_bench::cutout::cast_solid;
 use crate::scene::{Scene, displacement};
 
 /// The triangles of a scene, and what its rays hit among them.

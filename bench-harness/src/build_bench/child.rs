@@ -9,7 +9,7 @@ use super::limit::Limit;
 use super::plan::Contours;
 use crate::BenchError;
 use crate::build_summary::BuildSummary;
-use crate::process::Process;
+use crate::system::process::Process;
 use crate::text::GB;
 
 /// Time between two looks at a child.

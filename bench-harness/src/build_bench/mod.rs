@@ -16,11 +16,11 @@ use std::path::{Path, PathBuf};
 
 use esvo_scenes::{SceneEntry, SceneManifest, SceneVariant};
 
-use crate::clock::Clock;
-use crate::machine::Machine;
-use crate::matrix::LeftOut;
+use crate::paper_bench::matrix::LeftOut;
 use crate::scene::{self, Scene};
-use crate::scratch::Scratch;
+use crate::system::clock::Clock;
+use crate::system::machine::Machine;
+use crate::system::scratch::Scratch;
 use crate::text::GB;
 use crate::{BenchError, Progress};
 use accuracy::{Errors, Truth};

@@ -5,7 +5,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use crate::BenchError;
-use crate::matrix::{LeftOut, SceneEntry};
+use crate::paper_bench::matrix::{LeftOut, SceneEntry};
 
 /// Scenes, levels and limits.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
@@ -90,7 +90,7 @@ impl BuildMatrix {
 
     /// Keeps these scenes only, in this order. One that the matrix has not takes the levels of its first scene.
     pub fn select_scenes(&mut self, names: &[String]) {
-        self.scenes = crate::matrix::selected(&self.scenes, names);
+        self.scenes = crate::paper_bench::matrix::selected(&self.scenes, names);
         self.left_out.clear();
     }
 
@@ -117,7 +117,7 @@ impl BuildMatrix {
         if self.repeat_below_seconds.is_nan() || self.repeat_below_seconds < 0.0 {
             return Err("repeat_below_seconds is a number from 0 on".into());
         }
-        crate::matrix::check_scenes(&self.scenes)
+        crate::paper_bench::matrix::check_scenes(&self.scenes)
     }
 
     /// Size of the pictures that together have about as many rays as are wanted, 4 to 3.

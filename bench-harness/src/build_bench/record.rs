@@ -6,11 +6,11 @@ use super::limit::{Limit, Stopped};
 use super::plan::{BuildMatrix, Contours};
 use super::saved::SavedLevels;
 use crate::build_summary::{BuildSeconds, BuildSummary};
-use crate::error::DepthError;
-use crate::machine::Machine;
-use crate::matrix::LeftOut;
-use crate::report::NamedView;
+use crate::error::depth::DepthError;
+use crate::paper_bench::matrix::LeftOut;
+use crate::paper_bench::report::NamedView;
 use crate::scene::Scene;
+use crate::system::machine::Machine;
 use crate::text::MIB;
 use crate::timing::Spread;
 

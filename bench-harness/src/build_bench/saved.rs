@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::plan::Contours;
 use super::record::BuildRow;
-use crate::error::Summary;
+use crate::error::depth::Summary;
 
 /// What the contours of one octree are worth.
 #[derive(Clone, Copy, PartialEq, Debug, Serialize, Deserialize)]
@@ -110,7 +110,7 @@ fn along(points: &[(f64, f64)], x: f64) -> Option<f64> {
 mod tests {
     use super::*;
     use crate::build_bench::record::tests::row;
-    use crate::error::DepthError;
+    use crate::error::depth::DepthError;
 
     #[test]
     fn levels_are_saved_by_every_measure_on_its_own() {

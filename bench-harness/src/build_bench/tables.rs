@@ -4,8 +4,8 @@ use super::peers::{Authors, Termination, TheirError};
 use super::plan::Contours;
 use super::record::{BuildReport, BuildRow, SceneBuilds};
 use super::saved::{Measure, SavedLevels};
-use crate::error::{DepthError, Summary};
-use crate::paper::Paper;
+use crate::error::depth::{DepthError, Summary};
+use crate::paper_bench::paper::Paper;
 use crate::text::{Document, MIB, TextTable, short};
 
 /// The levels of the paper's Table 1.
@@ -428,7 +428,7 @@ mod tests {
     use super::*;
     use crate::build_bench::record::tests::row;
     use crate::build_bench::{BuildMatrix, Limit, SCHEMA, Stopped};
-    use crate::machine::Machine;
+    use crate::system::machine::Machine;
 
     fn report() -> BuildReport {
         let stopped = |contours, levels, limit| Stopped { contours, levels, limit, why: "would".into() };

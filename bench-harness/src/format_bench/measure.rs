@@ -11,8 +11,8 @@ use esvo_format::{FormatError, Octree, RangeRead, Region, StreamReader, WriteOpt
 
 use super::source::{Source, copies};
 use super::{AccessRow, FormatReport, LargeFile, SCHEMA, Settings, StorageRow, Timed, ValidationRow};
-use crate::machine::Machine;
-use crate::scratch::Scratch;
+use crate::system::machine::Machine;
+use crate::system::scratch::Scratch;
 use crate::{BenchError, Progress};
 
 /// Bytes of a page of the page cache.

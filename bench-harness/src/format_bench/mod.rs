@@ -14,7 +14,7 @@ use std::path::PathBuf;
 use esvo_format::FormatError;
 use serde::{Deserialize, Serialize};
 
-use crate::machine::Machine;
+use crate::system::machine::Machine;
 use crate::timing::Spread;
 use crate::{BenchError, Progress};
 

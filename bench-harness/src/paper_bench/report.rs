@@ -3,11 +3,11 @@
 use esvo_core::{Camera, DeviceKind};
 use serde::{Deserialize, Serialize};
 
-use crate::check::Agreement;
-use crate::error::DepthError;
-use crate::flip::ImageError;
-use crate::machine::Machine;
-use crate::matrix::{LeftOut, Matrix, Variant};
+use crate::error::depth::DepthError;
+use crate::error::image::ImageError;
+use crate::paper_bench::check::Agreement;
+use crate::paper_bench::matrix::{LeftOut, Matrix, Variant};
+use crate::system::machine::Machine;
 use crate::text::MIB;
 use crate::timing::{Samples, Spread};
 use crate::{Backend, BenchError};

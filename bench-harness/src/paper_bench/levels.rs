@@ -1,7 +1,7 @@
 //! Which octrees of the next level a run can afford.
 
-use crate::clock::{Clock, predict};
-use crate::report::BuildRow;
+use crate::paper_bench::report::BuildRow;
+use crate::system::clock::{Clock, predict};
 use crate::text::GB;
 
 /// Peak memory of a build over the size of its octree. Measured 4.7 for SIBENIK without contours at 12 levels.

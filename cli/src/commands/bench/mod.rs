@@ -1,21 +1,24 @@
 //! `esvo bench`.
 
-use esvo_bench::{Backend, Matrix, Progress, output, run, tables};
+pub(crate) mod build;
+pub(crate) mod format;
+pub(crate) mod import;
+pub(crate) mod pictures;
+pub(crate) mod selection;
+
+use esvo_bench::paper_bench::{run, tables};
+use esvo_bench::{Backend, Matrix, Progress, output};
 
 use crate::args::{Bench, BenchCommand};
-use crate::bench_build;
-use crate::bench_format;
-use crate::bench_import;
-use crate::bench_pictures;
 use crate::fail::{Failure, complain, print};
 
 pub(crate) fn run(arguments: &Bench) -> Result<(), Failure> {
     match &arguments.command {
         None => tables_run(arguments),
-        Some(BenchCommand::Build(arguments)) => bench_build::run(arguments),
-        Some(BenchCommand::Format(arguments)) => bench_format::run(arguments),
-        Some(BenchCommand::Pictures(arguments)) => bench_pictures::run(arguments),
-        Some(BenchCommand::Import(arguments)) => bench_import::run(arguments),
+        Some(BenchCommand::Build(arguments)) => build::run(arguments),
+        Some(BenchCommand::Format(arguments)) => format::run(arguments),
+        Some(BenchCommand::Pictures(arguments)) => pictures::run(arguments),
+        Some(BenchCommand::Import(arguments)) => import::run(arguments),
     }
 }
 

@@ -11,15 +11,15 @@ use esvo_cpu::CpuCaster;
 use esvo_cpu::triangles::TriangleScene;
 use esvo_format::Octree;
 
-use crate::check::{self, Agreement};
-use crate::clock::Clock;
-use crate::error::{DepthError, voxel_edges};
-use crate::flip::image_error;
-use crate::matrix::{Matrix, Variant};
-use crate::mesh_picture;
-use crate::report::{BuildRow, CheckRow, ErrorRow, KindBytes, NamedView, TimeCell};
-use crate::run::{CHECK_SIZE, Engine, PICTURE_SIZE};
+use crate::error::depth::{DepthError, voxel_edges};
+use crate::error::image::image_error;
+use crate::paper_bench::check::{self, Agreement};
+use crate::paper_bench::matrix::{Matrix, Variant};
+use crate::paper_bench::report::{BuildRow, CheckRow, ErrorRow, KindBytes, NamedView, TimeCell};
+use crate::paper_bench::run::{CHECK_SIZE, Engine, PICTURE_SIZE};
+use crate::picture_bench::mesh_picture;
 use crate::scene::Scene;
+use crate::system::clock::Clock;
 use crate::timing::{Samples, Spread};
 use crate::{Backend, BenchError, Progress};
 

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use esvo_bench::Progress;
-use esvo_bench::import_table::{Options, run as try_files};
+use esvo_bench::import_bench::{Options, run as try_files};
 
 use crate::fail::{Failure, complain, print};
 

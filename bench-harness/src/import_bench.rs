@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use esvo_builder::import::is_mesh_file;
 
-use crate::process::Process;
+use crate::system::process::Process;
 use crate::text::TextTable;
 use crate::{BenchError, Progress};
 

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use esvo_bench::matrix::SceneEntry;
+use esvo_bench::paper_bench::matrix::SceneEntry;
 
 use crate::fail::Failure;
 

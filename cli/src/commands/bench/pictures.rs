@@ -3,10 +3,9 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use esvo_bench::machine::Machine;
-use esvo_bench::pictures::{Options, run as make, to_markdown};
-use esvo_bench::{BenchError, Progress, output};
-use esvo_core::picture::write_png;
+use esvo_bench::picture_bench::pictures::{Options, run as make, to_markdown};
+use esvo_bench::system::machine::Machine;
+use esvo_bench::{BenchError, Progress, output, picture};
 
 use crate::args::parse_size;
 use crate::fail::{Failure, print};

@@ -1,5 +1,7 @@
 //! `esvo build`.
 
+pub(crate) mod displacement;
+
 use std::path::Path;
 use std::time::Instant;
 

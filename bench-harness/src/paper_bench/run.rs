@@ -9,16 +9,17 @@ use esvo_cpu::triangles::TriangleScene;
 use esvo_format::Octree;
 use esvo_scenes::SceneManifest;
 
-use crate::clock::{Clock, resident_bytes};
-use crate::levels::{self, Both, Limits};
-use crate::machine::Machine;
-use crate::matrix::{LeftOut, Matrix, SceneEntry, Variant};
-use crate::measure::{Row, Truth};
 use crate::output::NamedPicture;
-use crate::report::{BuildRow, DeviceRecord, Report, SCHEMA, SceneReport};
+use crate::paper_bench::levels::{self, Both, Limits};
+use crate::paper_bench::matrix::{LeftOut, Matrix, SceneEntry, Variant};
+use crate::paper_bench::measure;
+use crate::paper_bench::measure::{Row, Truth};
+use crate::paper_bench::report::{BuildRow, DeviceRecord, Report, SCHEMA, SceneReport};
 use crate::scene::{self, Scene};
+use crate::system::clock::{Clock, resident_bytes};
+use crate::system::machine::Machine;
 use crate::text::GB;
-use crate::{Backend, BenchError, Progress, measure};
+use crate::{Backend, BenchError, Progress};
 
 /// What a run is told.
 #[derive(Clone, Debug)]
@@ -279,7 +280,7 @@ impl Runner<'_> {
             let Some(octree) = pair.of(variant) else { continue };
             self.progress.say(format!("{}: picture, {}", scene.name, variant.title()));
             let picture = measure::picture(&view.camera, octree, variant).map_err(failed)?;
-            let name = format!("{}-{}-{}.png", crate::machine::slug(&scene.name), pair.levels, variant.title());
+            let name = format!("{}-{}-{}.png", crate::system::machine::slug(&scene.name), pair.levels, variant.title());
             report.pictures.push(name.clone());
             self.pictures.push(NamedPicture { name, picture });
         }

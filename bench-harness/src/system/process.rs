@@ -4,8 +4,8 @@ use std::io;
 use std::process::{Child, Command, ExitStatus};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use crate::clock::status_bytes;
-use crate::scratch::remove_temporaries;
+use crate::system::clock::status_bytes;
+use crate::system::scratch::remove_temporaries;
 
 /// Those that are running.
 static RUNNING: Mutex<Vec<Child>> = Mutex::new(Vec::new());

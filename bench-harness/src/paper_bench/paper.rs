@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Deserialize;
 
-use crate::matrix::Variant;
+use crate::paper_bench::matrix::Variant;
 
 /// The figures of the paper's two tables.
 #[derive(Debug, Deserialize)]
@@ -72,7 +72,7 @@ struct AuthorsBuilder {
 impl Paper {
     /// The figures.
     pub fn figures() -> Self {
-        toml::from_str(include_str!("../data/paper_tables.toml")).expect("checked by a test")
+        toml::from_str(include_str!("../../data/paper_tables.toml")).expect("checked by a test")
     }
 
     /// Triangles of the paper's copy of a scene.

@@ -5,7 +5,7 @@ use esvo_core::exact::{CameraRays, ExactRay, TriangleHit};
 use esvo_cpu::triangles::TriangleScene;
 use glam::DVec3;
 
-use crate::mesh_picture::Looked;
+use crate::picture_bench::mesh_picture::Looked;
 
 /// Holes that one ray may go through. A ray in the plane of a cut-out triangle could go on for ever.
 const MOST_HOLES: usize = 256;

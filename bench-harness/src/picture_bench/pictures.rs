@@ -12,12 +12,12 @@ use esvo_cpu::triangles::TriangleScene;
 use esvo_format::Octree;
 use esvo_scenes::SceneManifest;
 
-use crate::cutout::cast_solid;
-use crate::flip::image_error;
-use crate::machine::{Machine, slug};
-use crate::mesh_picture::shade_mesh;
+use crate::error::image::image_error;
 use crate::output::NamedPicture;
+use crate::picture_bench::cutout::cast_solid;
+use crate::picture_bench::mesh_picture::shade_mesh;
 use crate::scene::{self, Scene};
+use crate::system::machine::{Machine, slug};
 use crate::text::{Document, TextTable};
 use crate::{BenchError, Progress};
 

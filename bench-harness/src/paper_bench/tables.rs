@@ -1,8 +1,8 @@
 //! The paper's two tables, and what stands beside them, from a [`Report`].
 
-use crate::matrix::Variant;
-use crate::paper::Paper;
-use crate::report::{BuildRow, DeviceRecord, Report, SceneReport};
+use crate::paper_bench::matrix::Variant;
+use crate::paper_bench::paper::Paper;
+use crate::paper_bench::report::{BuildRow, DeviceRecord, Report, SceneReport};
 use crate::text::{Document, TextTable, short};
 
 /// Every table of a report, in the order of printing.

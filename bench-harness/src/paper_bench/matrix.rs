@@ -100,12 +100,12 @@ impl Variant {
 impl Matrix {
     /// The matrix of a default run: within three minutes on two cores.
     pub fn default_run() -> Self {
-        Self::parse(include_str!("../matrices/default.toml"), "default.toml").expect("checked by a test")
+        Self::parse(include_str!("../../matrices/default.toml"), "default.toml").expect("checked by a test")
     }
 
     /// The paper's whole matrix.
     pub fn full_run() -> Self {
-        Self::parse(include_str!("../matrices/full.toml"), "full.toml").expect("checked by a test")
+        Self::parse(include_str!("../../matrices/full.toml"), "full.toml").expect("checked by a test")
     }
 
     /// Reads a matrix from a file.
@@ -202,7 +202,7 @@ mod tests {
     #[test]
     fn values_out_of_range_are_named() {
         let parse = |from: &str, to: &str| {
-            let text = include_str!("../matrices/default.toml").replacen(from, to, 1);
+            let text = include_str!("../../matrices/default.toml").replacen(from, to, 1);
             Matrix::parse(&text, "m.toml").unwrap_err().to_string()
         };
         assert!(parse("rounds = 3", "rounds = 0").contains("at least 1"));

@@ -6,8 +6,8 @@ use clap::Args;
 use esvo_bench::build_bench::{BuildMatrix, Contours, Options, run as run_builds, to_text, write};
 use esvo_bench::{Progress, output};
 
+use crate::commands::bench::selection::Selection;
 use crate::fail::{Failure, complain, print};
-use crate::selection::Selection;
 
 /// Measure building: seconds, memory, bytes, and error against the triangles.
 #[derive(Debug, Args)]

@@ -1,0 +1,6 @@
+//! The machine: its time, memory, processes and temporary folders.
+
+pub(crate) mod clock;
+pub mod machine;
+pub(crate) mod process;
+pub(crate) mod scratch;

@@ -1,0 +1,11 @@
+//! The commands, each with what it does. [`crate::args`] lists them.
+
+pub(crate) mod ambient;
+pub(crate) mod bench;
+pub(crate) mod build;
+pub(crate) mod convert;
+pub(crate) mod diff;
+pub(crate) mod dump;
+pub(crate) mod info;
+pub(crate) mod render;
+pub(crate) mod validate;
