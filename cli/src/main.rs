@@ -3,6 +3,8 @@
 mod args;
 mod commands;
 mod fail;
+mod files;
+mod values;
 mod words;
 
 use std::process::ExitCode;
@@ -34,15 +36,15 @@ fn main() -> ExitCode {
         complain("warning", &format!("an interrupt will leave temporary files behind: {error}"));
     }
     let result = match Arguments::parse().command {
-        Command::Build(arguments) => commands::build::run(&arguments),
-        Command::Info(arguments) => commands::info::run(&arguments),
-        Command::Dump(arguments) => commands::dump::run(&arguments),
-        Command::Diff(arguments) => commands::diff::run(&arguments),
-        Command::Validate(arguments) => commands::validate::run(&arguments),
-        Command::Convert(arguments) => commands::convert::run(&arguments),
-        Command::Ambient(arguments) => commands::ambient::run(&arguments),
-        Command::Render(arguments) => commands::render::run(&arguments),
-        Command::Bench(arguments) => commands::bench::run(&arguments),
+        Command::Build(arguments) => commands::build::run_build(&arguments),
+        Command::Info(arguments) => commands::info::run_info(&arguments),
+        Command::Dump(arguments) => commands::dump::run_dump(&arguments),
+        Command::Diff(arguments) => commands::diff::run_diff(&arguments),
+        Command::Validate(arguments) => commands::validate::run_validate(&arguments),
+        Command::Convert(arguments) => commands::convert::run_convert(&arguments),
+        Command::Ambient(arguments) => commands::ambient::run_ambient(&arguments),
+        Command::Render(arguments) => commands::render::run_render(&arguments),
+        Command::Bench(arguments) => commands::bench::run_bench(&arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

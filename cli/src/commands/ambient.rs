@@ -1,16 +1,52 @@
 //! `esvo ambient`.
 
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
+use clap::Args;
 use esvo_bench::{Backend, Progress};
 use esvo_core::ambient::{Ambient as Values, AmbientSettings};
 
-use crate::args::Ambient;
-use crate::fail::{Failure, check_extension, check_not_input, check_output, name_file, open, print};
+use crate::args::Engine;
+use crate::fail::{Failure, print};
+use crate::files::{check_extension, check_not_input, check_output, name_file, open};
 use crate::words::count;
 
-pub(crate) fn run(arguments: &Ambient) -> Result<(), Failure> {
+/// Compute ambient occlusion: how much light from all around reaches each voxel.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+From each leaf voxel rays go to all sides of its surface, by preference straight up. The share of them that meets nothing
+is stored with the voxel, and pictures are darker where it is small. The octree must have normals. The cpu engine casts
+many rays at once; GPU engines cast them one by one here, which takes long.
+
+Examples:
+  esvo ambient sibenik.esvo -o sibenik-ao.esvo
+  esvo ambient conference.esvo -o conference-ao.esvo --radius 0.05 --flip-normals")]
+pub(crate) struct AmbientArguments {
+    /// The octree
+    pub(crate) input: PathBuf,
+    /// The file to write: the same octree with ambient occlusion
+    #[arg(short, long, value_name = "FILE")]
+    pub(crate) output: PathBuf,
+    /// Rays per leaf voxel
+    #[arg(long, value_name = "N", default_value_t = 256, value_parser = clap::value_parser!(u32).range(1..=65536))]
+    pub(crate) rays: u32,
+    /// How far away something can be to be in the way, in parts of the scene's extent
+    #[arg(long, value_name = "X", default_value_t = 0.05)]
+    pub(crate) radius: f64,
+    /// Look to the other side of the surface: for meshes whose normals point inwards
+    #[arg(long)]
+    pub(crate) flip_normals: bool,
+    /// Rays ignore contours: voxels are cubes
+    #[arg(long)]
+    pub(crate) no_contours: bool,
+    /// The engine
+    #[arg(short, long, value_enum, default_value_t = Engine::Cpu)]
+    pub(crate) backend: Engine,
+}
+
+pub(crate) fn run_ambient(arguments: &AmbientArguments) -> Result<(), Failure> {
     let settings = AmbientSettings {
         rays: arguments.rays,
         radius: arguments.radius,

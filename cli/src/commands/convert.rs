@@ -1,11 +1,12 @@
 //! `esvo convert`.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
+use clap::Args;
 use esvo_format::{WriteOptions, oct};
 
-use crate::args::Convert;
-use crate::fail::{Failure, check_output, extension, name_file, open, print};
+use crate::fail::{Failure, print};
+use crate::files::{check_output, extension, name_file, open};
 use crate::words::size;
 
 /// A kind of file, told by the extension.
@@ -15,7 +16,28 @@ enum Kind {
     Oct,
 }
 
-pub(crate) fn run(arguments: &Convert) -> Result<(), Failure> {
+/// Convert between .esvo and the paper authors' .oct, or rewrite an .esvo.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+What a file is, its extension says. Contours, and colours and normals in blocks, are carried over bit for bit; what the other
+kind of file cannot hold is listed.
+
+Examples:
+  esvo convert sibenik.oct -o sibenik.esvo
+  esvo convert sibenik.esvo -o sibenik.oct
+  esvo convert sibenik.esvo -o small.esvo --compress")]
+pub(crate) struct ConvertArguments {
+    /// The file to read: .esvo or .oct
+    pub(crate) input: PathBuf,
+    /// The file to write: .esvo or .oct
+    #[arg(short, long, value_name = "FILE")]
+    pub(crate) output: PathBuf,
+    /// Compress the blocks of an .esvo with Zstandard, at this level, 1 to 22
+    #[arg(long, value_name = "LEVEL", num_args = 0..=1, default_missing_value = "3", value_parser = clap::value_parser!(i32).range(1..=22))]
+    pub(crate) compress: Option<i32>,
+}
+
+pub(crate) fn run_convert(arguments: &ConvertArguments) -> Result<(), Failure> {
     let (from, to) = (kind(&arguments.input)?, kind(&arguments.output)?);
     if arguments.compress.is_some() && to == Kind::Oct {
         return Err(

@@ -1,13 +1,37 @@
 //! `esvo diff`.
 
-use esvo_format::diff;
 use std::fmt::Write;
+use std::path::PathBuf;
 
-use crate::args::Diff;
-use crate::fail::{Failure, open, print};
+use clap::Args;
+use esvo_format::diff;
+
+use crate::fail::{Failure, print};
+use crate::files::open;
 use crate::words::count;
 
-pub(crate) fn run(arguments: &Diff) -> Result<(), Failure> {
+/// Compare what two files hold, however it is laid out.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Objects, transforms, topology, contours, colours and normals are compared; blocks, pointers, compression, metadata and
+unknown sections are not. Exit code 0: the same octree. 1: not, and the first differences are listed.
+
+Example:
+  esvo diff before.esvo after.esvo")]
+pub(crate) struct DiffArguments {
+    /// A file
+    pub(crate) first: PathBuf,
+    /// Another
+    pub(crate) second: PathBuf,
+    /// List at most so many differences
+    #[arg(long, value_name = "N", default_value_t = 20)]
+    pub(crate) limit: usize,
+    /// As JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+pub(crate) fn run_diff(arguments: &DiffArguments) -> Result<(), Failure> {
     let (first, second) = (open(&arguments.first)?, open(&arguments.second)?);
     let names = format!("{} and {}", arguments.first.display(), arguments.second.display());
     let differences =

@@ -1,13 +1,40 @@
 //! `esvo dump`.
 
 use std::fmt::Display;
+use std::path::PathBuf;
 
+use clap::Args;
 use esvo_format::{FormatError, Octree, dump};
 
-use crate::args::Dump;
-use crate::fail::{Failure, name_file, print, wrong_kind};
+use crate::fail::{Failure, print};
+use crate::files::{name_file, wrong_kind};
 
-pub(crate) fn run(arguments: &Dump) -> Result<(), Failure> {
+/// Show what lies where in a file: its tables, a block slot by slot, or a voxel.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  esvo dump sibenik.esvo                     the object and block tables
+  esvo dump sibenik.esvo --block 0           every slot of a block and what it is
+  esvo dump sibenik.esvo --path 0/3/7        the voxels of the descriptor at child slots 0, 3, 7 from the root
+  esvo dump sibenik.esvo --path / --json     those of the root, as JSON")]
+pub(crate) struct DumpArguments {
+    /// The file
+    pub(crate) file: PathBuf,
+    /// A block, by its index in the block table
+    #[arg(long, value_name = "N", conflicts_with = "path")]
+    pub(crate) block: Option<usize>,
+    /// A descriptor or a leaf voxel, by child slots from the root
+    #[arg(long, value_name = "SLOTS")]
+    pub(crate) path: Option<String>,
+    /// The object that the path begins in
+    #[arg(long, value_name = "N", default_value_t = 0, requires = "path")]
+    pub(crate) object: usize,
+    /// As JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+pub(crate) fn run_dump(arguments: &DumpArguments) -> Result<(), Failure> {
     let named =
         |error: FormatError| wrong_kind(&arguments.file, &error).unwrap_or_else(|| name_file(&arguments.file, error));
     // Not asked to be sound: a damaged file is looked at to find the damage.

@@ -1,16 +1,29 @@
 //! `esvo info`.
 
 use std::fmt::Write;
+use std::path::PathBuf;
 
+use clap::Args;
 use esvo_bench::text::TextTable;
 use esvo_format::{Octree, Stats};
 use serde_json::{Value, json};
 
-use crate::args::Info;
-use crate::fail::{Failure, open, print};
+use crate::fail::{Failure, print};
+use crate::files::open;
 use crate::words::{count, size};
 
-pub(crate) fn run(arguments: &Info) -> Result<(), Failure> {
+/// Say what a file contains.
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  esvo info sibenik.esvo --json")]
+pub(crate) struct InfoArguments {
+    /// The file
+    pub(crate) file: PathBuf,
+    /// As JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+pub(crate) fn run_info(arguments: &InfoArguments) -> Result<(), Failure> {
     let octree = open(&arguments.file)?;
     let stats = esvo_format::stats(&octree);
     if arguments.json {

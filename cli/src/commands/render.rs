@@ -1,22 +1,94 @@
 //! `esvo render`.
 
+use std::path::PathBuf;
 use std::sync::Arc;
 
-use esvo_bench::{Backend, Progress, scene};
-use esvo_core::camera::viewpoint;
-use esvo_core::picture::write_png;
+use clap::{Args, ValueEnum};
+use esvo_bench::picture::write_png;
+use esvo_bench::{Backend, Progress, scene, viewpoint};
 use esvo_core::{Camera, CastOptions, View, shading};
 use esvo_format::Octree;
 use esvo_scenes::SceneVariant;
 use glam::DVec3;
 
-use crate::args::{Render, ViewMode};
-use crate::fail::{Failure, check_extension, check_not_input, check_output, complain, name_file, open, print};
+use crate::args::Engine;
+use crate::fail::{Failure, complain, print};
+use crate::files::{check_extension, check_not_input, check_output, name_file, open};
+use crate::values::{parse_numbers, parse_size};
 
 /// Iterations that `--view-mode iterations` shows as white: about what grazing rays take at 12 levels.
 const MOST_ITERATIONS: u32 = 100;
 
-pub(crate) fn run(arguments: &Render) -> Result<(), Failure> {
+/// Render a picture of an octree.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Without a camera the whole object is looked at from outside. Cameras are in the units of the mesh.
+
+Examples:
+  esvo render sibenik.esvo -o nave.png --scene sibenik --view 2
+  esvo render sibenik.esvo -o nave.png --camera=-15,-9,0,1,0.2,0 --fov 60 --size 1920x1080
+  esvo render sibenik.esvo -o steps.png --view-mode iterations --backend reference")]
+pub(crate) struct RenderArguments {
+    /// The octree
+    pub(crate) file: PathBuf,
+    /// The PNG to write
+    #[arg(short, long, value_name = "FILE")]
+    pub(crate) output: PathBuf,
+    /// The engine
+    #[arg(short, long, value_enum, default_value_t = Engine::Cpu)]
+    pub(crate) backend: Engine,
+    /// Eye and viewing direction: ex,ey,ez,fx,fy,fz and if wanted the field of view in degrees
+    #[arg(long, value_name = "NUMBERS", allow_hyphen_values = true, conflicts_with = "scene")]
+    pub(crate) camera: Option<String>,
+    /// Which way is up
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, default_value = "0,1,0")]
+    pub(crate) up: String,
+    /// Field of view over the shorter side in degrees [default: 60]
+    #[arg(long, value_name = "DEGREES")]
+    pub(crate) fov: Option<f64>,
+    /// Take the camera from the manifest of this scene
+    #[arg(long, value_name = "NAME")]
+    pub(crate) scene: Option<String>,
+    /// Which of its cameras, from 1
+    #[arg(long, value_name = "K", default_value_t = 1, requires = "scene")]
+    pub(crate) view: usize,
+    /// Take the cameras of the scene's procedural stand-in even if the real mesh is found
+    #[arg(long, requires = "scene")]
+    pub(crate) stand_in: bool,
+    /// Where real meshes are looked for first, to tell whose cameras to take
+    #[arg(long, value_name = "FOLDER", requires = "scene")]
+    pub(crate) scenes_dir: Option<PathBuf>,
+    /// Size of the picture
+    #[arg(long, value_name = "WxH", default_value = "1024x768", value_parser = parse_size)]
+    pub(crate) size: [u32; 2],
+    /// Ignore contours: voxels are cubes
+    #[arg(long)]
+    pub(crate) no_contours: bool,
+    /// Use the beam optimization
+    #[arg(long)]
+    pub(crate) beam: bool,
+    /// Rays end at voxels this many pixels large; 0: at leaves only
+    #[arg(long, value_name = "PIXELS", default_value_t = 1.0)]
+    pub(crate) max_voxel_pixels: f32,
+    /// What to show
+    #[arg(long, value_enum, default_value_t = ViewMode::Shaded)]
+    pub(crate) view_mode: ViewMode,
+}
+
+/// What a picture shows, as it is typed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum ViewMode {
+    /// The voxels' own colours and normals in the light of a lamp at the camera
+    Shaded,
+    /// Iterations of every ray: black, violet, red, yellow, and white from 100
+    Iterations,
+    /// The voxels' normals as colours
+    Normals,
+    /// Near is white, far is black
+    Depth,
+}
+
+pub(crate) fn run_render(arguments: &RenderArguments) -> Result<(), Failure> {
     check_output(&arguments.output)?;
     check_extension(&arguments.output, "png", "pictures are written as PNG")?;
     check_not_input(&arguments.output, &arguments.file)?;
@@ -74,8 +146,8 @@ pub(crate) fn run(arguments: &Render) -> Result<(), Failure> {
     ))
 }
 
-fn camera(arguments: &Render, octree: &Octree) -> Result<Camera, Failure> {
-    let up: [f64; 3] = numbers(&arguments.up)
+fn camera(arguments: &RenderArguments, octree: &Octree) -> Result<Camera, Failure> {
+    let up: [f64; 3] = parse_numbers(&arguments.up)
         .and_then(|n| n.try_into().ok())
         .ok_or_else(|| format!("--up {}: three numbers, as 0,1,0", arguments.up))?;
     if up == [0.0; 3] {
@@ -87,7 +159,7 @@ fn camera(arguments: &Render, octree: &Octree) -> Result<Camera, Failure> {
     };
     let fov = arguments.fov.map(|degrees| wide(format!("--fov {degrees}"), degrees)).transpose()?;
     if let Some(text) = &arguments.camera {
-        let n = numbers(text).filter(|n| n.len() == 6 || n.len() == 7).ok_or_else(|| {
+        let n = parse_numbers(text).filter(|n| n.len() == 6 || n.len() == 7).ok_or_else(|| {
             format!(
                 "--camera {text}: six numbers, eye and direction, or seven with the field of view: ex,ey,ez,fx,fy,fz,60"
             )
@@ -124,8 +196,4 @@ fn camera(arguments: &Render, octree: &Octree) -> Result<Camera, Failure> {
     let mut camera = view.camera;
     camera.fov_degrees = fov.unwrap_or(camera.fov_degrees);
     Ok(camera)
-}
-
-fn numbers(text: &str) -> Option<Vec<f64>> {
-    text.split(',').map(|s| s.trim().parse::<f64>().ok().filter(|x| x.is_finite())).collect()
 }

@@ -1,12 +1,30 @@
 //! `esvo validate`.
 
 use std::fmt::Write;
+use std::path::PathBuf;
 
-use crate::args::Validate;
-use crate::fail::{Failure, name_file, print, wrong_kind};
+use clap::Args;
+
+use crate::fail::{Failure, print};
+use crate::files::{name_file, wrong_kind};
 use crate::words::count;
 
-pub(crate) fn run(arguments: &Validate) -> Result<(), Failure> {
+/// Check a file against every rule of the specification.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Exit code 0: the file keeps every rule. 1: it breaks one; each finding names the rule, the offset and what was found.
+
+Example:
+  esvo validate sibenik.esvo")]
+pub(crate) struct ValidateArguments {
+    /// The file
+    pub(crate) file: PathBuf,
+    /// As JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+pub(crate) fn run_validate(arguments: &ValidateArguments) -> Result<(), Failure> {
     let name = arguments.file.display();
     let report = esvo_format::validate_file(&arguments.file).map_err(|e| name_file(&arguments.file, e))?;
     let text = if arguments.json {

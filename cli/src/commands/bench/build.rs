@@ -21,7 +21,7 @@ Examples:
   esvo bench build                                     what the authors' builder was measured on
   esvo bench build --full                              the paper's Table 1, levels 10 to 16: an hour and more
   esvo bench build --scenes sibenik --levels 9,10 --contours on")]
-pub(crate) struct BenchBuild {
+pub(crate) struct BenchBuildArguments {
     /// The paper's Table 1: every scene, levels 10 to 16, as far as the limits allow
     #[arg(long, conflicts_with = "matrix")]
     pub(crate) full: bool,
@@ -58,7 +58,7 @@ pub(crate) enum Which {
     Off,
 }
 
-pub(crate) fn run(arguments: &BenchBuild) -> Result<(), Failure> {
+pub(crate) fn run_bench_build(arguments: &BenchBuildArguments) -> Result<(), Failure> {
     let matrix = matrix(arguments)?;
     let selection = &arguments.selection;
     selection.check()?;
@@ -82,7 +82,7 @@ pub(crate) fn run(arguments: &BenchBuild) -> Result<(), Failure> {
     printed
 }
 
-fn matrix(arguments: &BenchBuild) -> Result<BuildMatrix, Failure> {
+fn matrix(arguments: &BenchBuildArguments) -> Result<BuildMatrix, Failure> {
     let selection = &arguments.selection;
     let mut matrix = match &selection.matrix {
         Some(file) => BuildMatrix::read(file)?,

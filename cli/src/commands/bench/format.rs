@@ -18,7 +18,7 @@ Examples:
   esvo bench format                          a file of 1000 MB; a minute and a half, and 1.2 GB of memory
   esvo bench format --size 100 --seconds 1
   esvo bench format sibenik.esvo --json")]
-pub(crate) struct BenchFormat {
+pub(crate) struct BenchFormatArguments {
     /// Octrees to measure instead of those of a procedural mesh; the large file is made of the first
     pub(crate) files: Vec<PathBuf>,
     /// Size of the large file in MB (10^6 bytes), 2 to 32000
@@ -41,7 +41,7 @@ pub(crate) struct BenchFormat {
     pub(crate) json: bool,
 }
 
-pub(crate) fn run(arguments: &BenchFormat) -> Result<(), Failure> {
+pub(crate) fn run_bench_format(arguments: &BenchFormatArguments) -> Result<(), Failure> {
     output::check(&arguments.out)?;
     let settings = format_bench::Settings {
         large_bytes: arguments.size * 1_000_000,

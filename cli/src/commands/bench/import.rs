@@ -16,7 +16,7 @@ is validated. Exit code 1 if a file made the program crash, hang, run out of mem
 
 Example:
   esvo bench import glTF-validator/test /usr/share/assimp/models -o import-robustness.md")]
-pub(crate) struct BenchImport {
+pub(crate) struct BenchImportArguments {
     /// Folders, searched with all folders in them
     #[arg(required = true, value_name = "FOLDER")]
     pub(crate) folders: Vec<PathBuf>,
@@ -34,14 +34,14 @@ pub(crate) struct BenchImport {
     pub(crate) memory: f64,
 }
 
-pub(crate) fn run(arguments: &BenchImport) -> Result<(), Failure> {
+pub(crate) fn run_bench_import(arguments: &BenchImportArguments) -> Result<(), Failure> {
     for (name, value) in [("--time-limit", arguments.time_limit), ("--memory", arguments.memory)] {
         if !(value > 0.0 && value.is_finite()) {
             return Err(format!("{name} {value}: must be above zero").into());
         }
     }
     if let Some(output) = &arguments.output {
-        crate::fail::check_output(output)?;
+        crate::files::check_output(output)?;
     }
     let program = std::env::current_exe().map_err(|e| format!("this program cannot find itself: {e}"))?;
     let options = Options {

@@ -5,78 +5,52 @@ pub(crate) mod format;
 pub(crate) mod import;
 pub(crate) mod pictures;
 pub(crate) mod selection;
+pub(crate) mod tables;
 
-use esvo_bench::paper_bench::{run, tables};
-use esvo_bench::{Backend, Matrix, Progress, output};
+use clap::{Args, Subcommand};
 
-use crate::args::{Bench, BenchCommand};
-use crate::fail::{Failure, complain, print};
+use crate::fail::Failure;
+use build::BenchBuildArguments;
+use format::BenchFormatArguments;
+use import::BenchImportArguments;
+use pictures::BenchPicturesArguments;
+use tables::TablesArguments;
 
-pub(crate) fn run(arguments: &Bench) -> Result<(), Failure> {
+/// Measure the paper's two tables on this machine.
+#[derive(Debug, Args)]
+#[command(args_conflicts_with_subcommands = true)]
+#[command(after_help = "\
+Builds octrees of the paper's scenes (real meshes where they are found, procedural stand-ins otherwise), checks the answers
+of every engine against the reference caster, times them, prints the tables and writes report.json, tables.md and pictures
+to results/<machine>/<date>/. Exit code 1 if an engine's answers are wrong.
+
+Examples:
+  esvo bench                                    within three minutes on two cores
+  esvo bench --full --memory 16                 the paper's whole matrix
+  esvo bench --scenes sibenik --levels 9,10,11 --backends cpu")]
+pub(crate) struct BenchArguments {
+    /// What else can be measured; without one of these, the paper's tables
+    #[command(subcommand)]
+    pub(crate) command: Option<BenchCommand>,
+    #[command(flatten)]
+    tables: TablesArguments,
+}
+
+/// What else can be measured.
+#[derive(Debug, Subcommand)]
+pub(crate) enum BenchCommand {
+    Build(BenchBuildArguments),
+    Format(BenchFormatArguments),
+    Pictures(BenchPicturesArguments),
+    Import(BenchImportArguments),
+}
+
+pub(crate) fn run_bench(arguments: &BenchArguments) -> Result<(), Failure> {
     match &arguments.command {
-        None => tables_run(arguments),
-        Some(BenchCommand::Build(arguments)) => build::run(arguments),
-        Some(BenchCommand::Format(arguments)) => format::run(arguments),
-        Some(BenchCommand::Pictures(arguments)) => pictures::run(arguments),
-        Some(BenchCommand::Import(arguments)) => import::run(arguments),
+        None => tables::run_bench_tables(&arguments.tables),
+        Some(BenchCommand::Build(arguments)) => build::run_bench_build(arguments),
+        Some(BenchCommand::Format(arguments)) => format::run_bench_format(arguments),
+        Some(BenchCommand::Pictures(arguments)) => pictures::run_bench_pictures(arguments),
+        Some(BenchCommand::Import(arguments)) => import::run_bench_import(arguments),
     }
-}
-
-/// The matrix: the paper's two tables.
-fn tables_run(arguments: &Bench) -> Result<(), Failure> {
-    let matrix = matrix(arguments)?;
-    let selection = &arguments.selection;
-    selection.check()?;
-    output::check(&arguments.out)?;
-    let options =
-        run::Options { matrix, scenes_dir: selection.scenes_dir.clone(), threads: arguments.threads.map(Into::into) };
-    let progress = Progress::terminal();
-    let outcome = run::run(&options, &progress);
-    progress.finish();
-    let outcome = outcome?;
-    let folder = output::write(&outcome, &arguments.out, arguments.machine.as_deref())?;
-    let report = &outcome.report;
-    let text = if selection.json {
-        report.to_json()
-    } else {
-        format!("{}\nWritten to {}\n", tables::to_text(report), folder.display())
-    };
-    // A closed pipe must not hide wrong answers.
-    let printed = print(&text);
-    if selection.json {
-        complain("written", &folder.display().to_string());
-    }
-    let wrong = report.failures().count();
-    if wrong > 0 {
-        return Err(format!(
-            "{wrong} checks failed: an engine's answers differ from the reference caster's; see {}",
-            folder.join("tables.md").display()
-        )
-        .into());
-    }
-    printed
-}
-
-fn matrix(arguments: &Bench) -> Result<Matrix, Failure> {
-    let selection = &arguments.selection;
-    let mut matrix = match &selection.matrix {
-        Some(file) => Matrix::read(file)?,
-        None if arguments.full => Matrix::full_run(),
-        None => Matrix::default_run(),
-    };
-    if !selection.scenes.is_empty() {
-        matrix.select_scenes(&selection.scenes);
-    }
-    selection.apply(&mut matrix.scenes, &mut matrix.memory_gb, &mut matrix.time_limit_seconds);
-    if !arguments.backends.is_empty() {
-        matrix.backends = arguments.backends.iter().map(|&b| Backend::from(b)).collect();
-        matrix.backends.dedup();
-    }
-    if !arguments.resolutions.is_empty() {
-        matrix.resolutions.clone_from(&arguments.resolutions);
-    }
-    matrix.views = arguments.views.unwrap_or(matrix.views);
-    matrix.rounds = arguments.rounds.unwrap_or(matrix.rounds);
-    matrix.validate()?;
-    Ok(matrix)
 }

@@ -19,7 +19,7 @@ the pictures.
 
 Example:
   esvo bench pictures --scenes jungle --levels 10 --out pictures")]
-pub(crate) struct BenchPictures {
+pub(crate) struct BenchPicturesArguments {
     /// Only these scenes
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     pub(crate) scenes: Vec<String>,
@@ -37,7 +37,7 @@ pub(crate) struct BenchPictures {
     pub(crate) out: PathBuf,
 }
 
-pub(crate) fn run(arguments: &BenchPictures) -> Result<(), Failure> {
+pub(crate) fn run_bench_pictures(arguments: &BenchPicturesArguments) -> Result<(), Failure> {
     if arguments.size.iter().any(|&n| n > 8192) {
         return Err("--size: at most 8192x8192, as four rays are cast for each pixel".into());
     }

@@ -7,6 +7,7 @@ use esvo_bench::scene;
 use esvo_builder::{BuildError, Mesh, displace, import};
 
 use crate::fail::Failure;
+use crate::values::{Amplitude, parse_amplitude, parse_height_map};
 
 /// Options of displacement.
 #[derive(Debug, Args)]
@@ -18,30 +19,6 @@ pub(crate) struct Displacement {
     /// Give a material a height map, or another one; implies --displace
     #[arg(long, value_name = "MATERIAL=FILE", value_parser = parse_height_map)]
     pub(crate) height_map: Vec<(String, PathBuf)>,
-}
-
-/// What a height of 1 stands for.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Amplitude {
-    /// In proportion to the mesh.
-    Auto,
-    /// In mesh units.
-    Units(f64),
-}
-
-fn parse_amplitude(text: &str) -> Result<Amplitude, String> {
-    if text == "auto" {
-        return Ok(Amplitude::Auto);
-    }
-    let number = text.parse::<f64>().ok().filter(|x| x.is_finite());
-    number.map(Amplitude::Units).ok_or_else(|| "write a number of mesh units, as 0.05".into())
-}
-
-fn parse_height_map(text: &str) -> Result<(String, PathBuf), String> {
-    match text.split_once('=') {
-        Some((material, file)) if !file.is_empty() => Ok((material.to_owned(), file.into())),
-        _ => Err("write the name of a material, an equals sign and an image file, as stone=stone-height.png".into()),
-    }
 }
 
 impl Displacement {
@@ -82,18 +59,4 @@ fn set_height_map(mesh: &mut Mesh, name: &str, file: &Path) -> Result<(), Failur
     names.truncate(20);
     let rest = if more > 0 { format!(" and {more} more") } else { String::new() };
     Err(format!("--height-map: the mesh has no material {name}; it has {}{rest}", names.join(", ")).into())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn options_are_read() {
-        assert_eq!(parse_amplitude("-0.5"), Ok(Amplitude::Units(-0.5)));
-        assert_eq!(parse_amplitude("auto"), Ok(Amplitude::Auto));
-        assert!(parse_amplitude("inf").is_err() && parse_amplitude("").is_err());
-        assert_eq!(parse_height_map("a b=c=d.png"), Ok(("a b".into(), "c=d.png".into())));
-        assert!(parse_height_map("stone.png").is_err() && parse_height_map("a=").is_err());
-    }
 }

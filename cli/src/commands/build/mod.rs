@@ -2,9 +2,10 @@
 
 pub(crate) mod displacement;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use clap::{Args, ValueEnum};
 use esvo_bench::build_summary::{BuildSeconds, BuildSummary, peak_bytes};
 use esvo_bench::{Progress, scene};
 use esvo_builder::import::{ImportError, load_mesh};
@@ -12,11 +13,132 @@ use esvo_builder::{BuildError, BuildSettings, FileOptions, Mesh};
 use esvo_format::WriteOptions;
 use esvo_scenes::{SceneEntry, SceneManifest};
 
-use crate::args::Build;
-use crate::fail::{Failure, check_extension, check_not_input, check_output, complain, extension, name_file, print};
+use crate::commands::build::displacement::Displacement;
+use crate::fail::{Failure, complain, print};
+use crate::files::{check_extension, check_not_input, check_output, extension, name_file};
+use crate::values::parse_gigabytes;
 use crate::words::{count, size};
 
-pub(crate) fn run(arguments: &Build) -> Result<(), Failure> {
+/// Build an octree from a mesh (.obj, .gltf, .glb, .ply, .stl).
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Errors bound how far a voxel may be from what it stands for; where all three hold, it is not divided further. The defaults
+are those of the paper's authors: 16 steps of 256, 0.01, and the diagonal of a voxel at level 15.
+
+Examples:
+  esvo build conference.obj -o conference.esvo --levels 12 --paper conference
+  esvo build scan.ply -o scan.esvo --levels 10 --no-contours
+  esvo build sibenik.obj -o sibenik-d.esvo --levels 11 --displace 0.05
+  esvo build --scene hairball -o hairball.esvo --levels 10 --json")]
+pub(crate) struct BuildArguments {
+    /// The mesh
+    #[arg(required_unless_present = "scene", conflicts_with = "scene")]
+    pub(crate) mesh: Option<PathBuf>,
+    /// The file to write
+    #[arg(short, long, value_name = "FILE")]
+    pub(crate) output: PathBuf,
+    /// Deepest level, 1 to 23: voxels are at least 2^-N of the root cube
+    #[arg(short, long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=23))]
+    pub(crate) levels: u32,
+    /// No contours: all geometry goes down to the deepest level, as cubes
+    #[arg(long)]
+    pub(crate) no_contours: bool,
+    /// Allowed deviation of the shape: the diagonal of a voxel of this level [default: 15]
+    #[arg(long, value_name = "LEVEL")]
+    pub(crate) contour_error: Option<f64>,
+    /// Allowed deviation of a colour channel in steps of 1/256 [default: 16]
+    #[arg(long, value_name = "STEPS")]
+    pub(crate) color_error: Option<f64>,
+    /// Allowed deviation of a component of the unit normal [default: 0.01]
+    #[arg(long, value_name = "X")]
+    pub(crate) normal_error: Option<f64>,
+    /// What the two are compared with: one sample for each triangle's part of a voxel, as the authors do, or every texel
+    #[arg(long, value_name = "TEST")]
+    pub(crate) texture_test: Option<TextureTest>,
+    /// Start from settings that go together
+    #[arg(long, value_name = "NAME", conflicts_with = "paper")]
+    pub(crate) preset: Option<Preset>,
+    /// Start from the paper's settings for one of its scenes
+    #[arg(long, value_name = "SCENE")]
+    pub(crate) paper: Option<String>,
+    /// Store no colours
+    #[arg(long)]
+    pub(crate) no_colors: bool,
+    /// Store no normals
+    #[arg(long)]
+    pub(crate) no_normals: bool,
+    #[command(flatten)]
+    pub(crate) displacement: Displacement,
+    /// Keep what is finished in OUTPUT.part and go on from there if an earlier build of the same was interrupted
+    #[arg(long)]
+    pub(crate) resume: bool,
+    /// Memory that may be used, in GB (10^9 bytes); where it is short fewer threads work
+    #[arg(long, value_name = "GB", value_parser = parse_gigabytes)]
+    pub(crate) memory_limit: Option<f64>,
+    /// Store blocks compressed with Zstandard at this level
+    #[arg(long, value_name = "LEVEL", num_args = 0..=1, default_missing_value = "3", value_parser = clap::value_parser!(i32).range(1..=22))]
+    pub(crate) compress: Option<i32>,
+    /// Store colours and normals as they are, 4 bytes each, instead of compressed in blocks
+    #[arg(long)]
+    pub(crate) plain_attributes: bool,
+    /// Build this scene of the manifest with the paper's settings: its real mesh, or its procedural stand-in; SIBENIK-D is
+    /// displaced
+    #[arg(long, value_name = "NAME")]
+    pub(crate) scene: Option<String>,
+    /// Build the scene's procedural stand-in even if the real mesh is found
+    #[arg(long, requires = "scene")]
+    pub(crate) stand_in: bool,
+    /// Where real meshes are looked for first; then $ESVO_SCENES, then ../shared/scenes
+    #[arg(long, value_name = "FOLDER", requires = "scene")]
+    pub(crate) scenes_dir: Option<PathBuf>,
+    /// Print what it took and what came out as JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// The names of [`esvo_builder::Preset`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Preset {
+    /// For a first look: 12, 32 steps, 0.1
+    Fast,
+    /// The authors' defaults: 15, 16 steps, 0.01
+    Balanced,
+    /// Few bytes at a fair shape: 13, 64 steps, 0.25
+    Small,
+    /// Every texel that the deepest level can show: 16, 8 steps, 0.01, --texture-test texels
+    Fine,
+}
+
+impl From<Preset> for esvo_builder::Preset {
+    fn from(preset: Preset) -> Self {
+        match preset {
+            Preset::Fast => Self::Fast,
+            Preset::Balanced => Self::Balanced,
+            Preset::Small => Self::Small,
+            Preset::Fine => Self::Fine,
+        }
+    }
+}
+
+/// The names of [`esvo_builder::TextureTest`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum TextureTest {
+    /// One colour and normal for each triangle's part of a voxel
+    Samples,
+    /// Every texel
+    Texels,
+}
+
+impl From<TextureTest> for esvo_builder::TextureTest {
+    fn from(test: TextureTest) -> Self {
+        match test {
+            TextureTest::Samples => Self::Samples,
+            TextureTest::Texels => Self::Texels,
+        }
+    }
+}
+
+pub(crate) fn run_build(arguments: &BuildArguments) -> Result<(), Failure> {
     let manifest = SceneManifest::builtin()?;
     let scene = arguments.scene.as_ref().map(|name| scene::buildable(&manifest, name)).transpose()?;
     let settings = settings(arguments, &manifest, scene)?;
@@ -89,7 +211,11 @@ pub(crate) fn run(arguments: &Build) -> Result<(), Failure> {
 }
 
 /// The mesh, and what to call it.
-fn mesh(arguments: &Build, scene: Option<&SceneEntry>, progress: &Progress) -> Result<(Mesh, String), Failure> {
+fn mesh(
+    arguments: &BuildArguments,
+    scene: Option<&SceneEntry>,
+    progress: &Progress,
+) -> Result<(Mesh, String), Failure> {
     if let Some(path) = &arguments.mesh {
         progress.say(format!("reading {}", path.display()));
         let mesh = load_mesh(path).map_err(|e| explain(path, &e))?;
@@ -112,7 +238,11 @@ fn explain(path: &Path, error: &ImportError) -> String {
     }
 }
 
-fn settings(arguments: &Build, manifest: &SceneManifest, scene: Option<&SceneEntry>) -> Result<BuildSettings, Failure> {
+fn settings(
+    arguments: &BuildArguments,
+    manifest: &SceneManifest,
+    scene: Option<&SceneEntry>,
+) -> Result<BuildSettings, Failure> {
     let named = arguments.paper.as_ref().map(|name| scene::buildable(manifest, name)).transpose()?;
     let preset = arguments.preset.map(|preset| BuildSettings::preset(preset.into()));
     let mut settings = preset.or_else(|| named.or(scene).map(scene::settings)).unwrap_or_default();

@@ -1,0 +1,101 @@
+//! `esvo bench`: the paper's Table 1 and Table 2.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use esvo_bench::paper_bench::{run, tables};
+use esvo_bench::{Backend, Matrix, Progress, output};
+
+use crate::args::Engine;
+use crate::commands::bench::selection::Selection;
+use crate::fail::{Failure, complain, print};
+use crate::values::parse_size;
+
+/// What `esvo bench` measures, and where its record goes.
+#[derive(Debug, Args)]
+pub(crate) struct TablesArguments {
+    /// The paper's whole matrix: every scene, resolution and viewpoint, levels up to what the memory allows
+    #[arg(long, conflicts_with = "matrix")]
+    pub(crate) full: bool,
+    #[command(flatten)]
+    pub(crate) selection: Selection,
+    /// Only these engines
+    #[arg(long, value_enum, value_delimiter = ',')]
+    pub(crate) backends: Vec<Engine>,
+    /// These picture sizes
+    #[arg(long, value_name = "WxH,...", value_delimiter = ',', value_parser = parse_size)]
+    pub(crate) resolutions: Vec<[u32; 2]>,
+    /// Viewpoints per scene
+    #[arg(long, value_name = "N")]
+    pub(crate) views: Option<usize>,
+    /// Timed rounds per row
+    #[arg(long, value_name = "N")]
+    pub(crate) rounds: Option<usize>,
+    /// Threads of the CPU caster
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
+    pub(crate) threads: Option<u16>,
+    /// Where the folder MACHINE/DATE/ is made
+    #[arg(long, value_name = "FOLDER", default_value = "results")]
+    pub(crate) out: PathBuf,
+    /// Name of the machine's folder [default: made from the processor's]
+    #[arg(long, value_name = "NAME")]
+    pub(crate) machine: Option<String>,
+}
+
+pub(crate) fn run_bench_tables(arguments: &TablesArguments) -> Result<(), Failure> {
+    let matrix = matrix(arguments)?;
+    let selection = &arguments.selection;
+    selection.check()?;
+    output::check(&arguments.out)?;
+    let options =
+        run::Options { matrix, scenes_dir: selection.scenes_dir.clone(), threads: arguments.threads.map(Into::into) };
+    let progress = Progress::terminal();
+    let outcome = run::run(&options, &progress);
+    progress.finish();
+    let outcome = outcome?;
+    let folder = output::write(&outcome, &arguments.out, arguments.machine.as_deref())?;
+    let report = &outcome.report;
+    let text = if selection.json {
+        report.to_json()
+    } else {
+        format!("{}\nWritten to {}\n", tables::to_text(report), folder.display())
+    };
+    // A closed pipe must not hide wrong answers.
+    let printed = print(&text);
+    if selection.json {
+        complain("written", &folder.display().to_string());
+    }
+    let wrong = report.failures().count();
+    if wrong > 0 {
+        return Err(format!(
+            "{wrong} checks failed: an engine's answers differ from the reference caster's; see {}",
+            folder.join("tables.md").display()
+        )
+        .into());
+    }
+    printed
+}
+
+fn matrix(arguments: &TablesArguments) -> Result<Matrix, Failure> {
+    let selection = &arguments.selection;
+    let mut matrix = match &selection.matrix {
+        Some(file) => Matrix::read(file)?,
+        None if arguments.full => Matrix::full_run(),
+        None => Matrix::default_run(),
+    };
+    if !selection.scenes.is_empty() {
+        matrix.select_scenes(&selection.scenes);
+    }
+    selection.apply(&mut matrix.scenes, &mut matrix.memory_gb, &mut matrix.time_limit_seconds);
+    if !arguments.backends.is_empty() {
+        matrix.backends = arguments.backends.iter().map(|&b| Backend::from(b)).collect();
+        matrix.backends.dedup();
+    }
+    if !arguments.resolutions.is_empty() {
+        matrix.resolutions.clone_from(&arguments.resolutions);
+    }
+    matrix.views = arguments.views.unwrap_or(matrix.views);
+    matrix.rounds = arguments.rounds.unwrap_or(matrix.rounds);
+    matrix.validate()?;
+    Ok(matrix)
+}

@@ -1,0 +1,86 @@
+//! Files that are named on the command line: opening octrees, and checking outputs before long work is done for them.
+
+use std::fmt::Display;
+use std::path::Path;
+
+use esvo_format::{FormatError, Octree, ids};
+
+use crate::fail::Failure;
+
+/// The error with the file's name in front, unless it says it already.
+pub(crate) fn name_file(path: &Path, error: impl Display) -> String {
+    let (path, error) = (path.display().to_string(), error.to_string());
+    if error.starts_with(&path) { error } else { format!("{path}: {error}") }
+}
+
+/// Opens an octree that must be sound. What is another kind of file is called by its name.
+pub(crate) fn open(path: &Path) -> Result<Octree, Failure> {
+    let octree = Octree::open(path).map_err(|error| match wrong_kind(path, &error) {
+        Some(what) => what,
+        None => name_file(path, error),
+    })?;
+    octree.sound().map_err(|e| name_file(path, e))?;
+    Ok(octree)
+}
+
+/// What to do with a file that does not begin like an octree, if its name says what it is instead.
+pub(crate) fn wrong_kind(path: &Path, error: &FormatError) -> Option<String> {
+    if !matches!(error, FormatError::Broken(broken) if broken.rule == ids::IDENTIFIER) {
+        return None;
+    }
+    let (name, better) = (path.display(), path.with_extension("esvo"));
+    match extension(path).as_str() {
+        "obj" | "gltf" | "glb" | "ply" | "stl" => Some(format!(
+            "{name}: is a mesh, not an octree; make one of it first: esvo build {name} -o {}",
+            better.display()
+        )),
+        "oct" => Some(format!(
+            "{name}: is a file of ESVO 1.4; convert it first: esvo convert {name} -o {}",
+            better.display()
+        )),
+        _ => None,
+    }
+}
+
+/// The extension in lower-case letters; empty without one.
+pub(crate) fn extension(path: &Path) -> String {
+    path.extension().map_or(String::new(), |e| e.to_string_lossy().to_lowercase())
+}
+
+/// Refuses the name of an output that says that it is something else than what is written.
+pub(crate) fn check_extension(path: &Path, wanted: &str, what: &str) -> Result<(), Failure> {
+    if extension(path) == wanted {
+        return Ok(());
+    }
+    Err(format!("{}: {what}; give a name that ends in .{wanted}", path.display()).into())
+}
+
+/// Fails early if a file cannot be put there, before long work is done for it.
+pub(crate) fn check_output(path: &Path) -> Result<(), Failure> {
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    if !folder.is_dir() {
+        return Err(format!("{}: the folder {} does not exist; make it first", path.display(), folder.display()).into());
+    }
+    if path.is_dir() {
+        return Err(format!("{}: is a folder; give the name of a file", path.display()).into());
+    }
+    if std::fs::metadata(path).is_ok_and(|m| !m.is_file()) {
+        return Err(
+            format!("{}: is not a regular file; output is written to a file and renamed", path.display()).into()
+        );
+    }
+    if std::fs::metadata(path).is_ok_and(|m| m.permissions().readonly()) {
+        return Err(format!("{}: is read-only; give another name or make it writable", path.display()).into());
+    }
+    Ok(())
+}
+
+/// Refuses to write over the file that is read, whatever the two are called.
+pub(crate) fn check_not_input(output: &Path, input: &Path) -> Result<(), Failure> {
+    match (output.canonicalize(), input.canonicalize()) {
+        (Ok(a), Ok(b)) if a == b => {
+            Err(format!("{}: is the input; give the output another name", output.display()).into())
+        }
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,67 @@
+//! Reading the values of options.
+
+use std::path::PathBuf;
+
+/// Gigabytes of 10^9 bytes, above 0.
+pub(crate) fn parse_gigabytes(text: &str) -> Result<f64, String> {
+    let number = text.parse::<f64>().map_err(|e| e.to_string())?;
+    if number > 0.0 && number.is_finite() { Ok(number) } else { Err("not a number above 0".into()) }
+}
+
+pub(crate) fn parse_size(text: &str) -> Result<[u32; 2], String> {
+    let number = |s: &str| s.trim().parse::<u32>().ok().filter(|n| (1..=16384).contains(n));
+    match text.split_once(['x', 'X']).map(|(w, h)| (number(w), number(h))) {
+        Some((Some(w), Some(h))) => Ok([w, h]),
+        _ => Err("write width x height in pixels, 1x1 to 16384x16384, as 1024x768".into()),
+    }
+}
+
+pub(crate) fn parse_numbers(text: &str) -> Option<Vec<f64>> {
+    text.split(',').map(|s| s.trim().parse::<f64>().ok().filter(|x| x.is_finite())).collect()
+}
+
+/// What a height of 1 stands for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Amplitude {
+    /// In proportion to the mesh.
+    Auto,
+    /// In mesh units.
+    Units(f64),
+}
+
+pub(crate) fn parse_amplitude(text: &str) -> Result<Amplitude, String> {
+    if text == "auto" {
+        return Ok(Amplitude::Auto);
+    }
+    let number = text.parse::<f64>().ok().filter(|x| x.is_finite());
+    number.map(Amplitude::Units).ok_or_else(|| "write a number of mesh units, as 0.05".into())
+}
+
+pub(crate) fn parse_height_map(text: &str) -> Result<(String, PathBuf), String> {
+    match text.split_once('=') {
+        Some((material, file)) if !file.is_empty() => Ok((material.to_owned(), file.into())),
+        _ => Err("write the name of a material, an equals sign and an image file, as stone=stone-height.png".into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sizes() {
+        assert_eq!(parse_size("512x384"), Ok([512, 384]));
+        for bad in ["", "512", "0x3", "3x0", "x", "1x99999", "-1x2", "1x2x3"] {
+            assert!(parse_size(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn options_are_read() {
+        assert_eq!(parse_amplitude("-0.5"), Ok(Amplitude::Units(-0.5)));
+        assert_eq!(parse_amplitude("auto"), Ok(Amplitude::Auto));
+        assert!(parse_amplitude("inf").is_err() && parse_amplitude("").is_err());
+        assert_eq!(parse_height_map("a b=c=d.png"), Ok(("a b".into(), "c=d.png".into())));
+        assert!(parse_height_map("stone.png").is_err() && parse_height_map("a=").is_err());
+    }
+}
