@@ -1,12 +1,10 @@
-//! What one build took and what came out of it: `esvo build --json`, and what `esvo bench build` reads from its children.
+//! The result of one build: `esvo build --json` prints it, and `esvo bench build` reads it from its child processes.
 
 use std::path::Path;
 
 use esvo_builder::{BuildSettings, Mesh};
 use esvo_format::Stats;
 use serde::{Deserialize, Serialize};
-
-use crate::paper_bench::report::KindBytes;
 
 /// Version of the layout of a [`BuildSummary`]. Fields may be added without a new one.
 pub const SCHEMA: u32 = 1;
@@ -20,15 +18,15 @@ pub struct BuildSummary {
     pub source: String,
     /// Triangles of the mesh, those without area included.
     pub triangles: u64,
-    /// The file that was written.
+    /// The octree's file.
     pub output: String,
-    /// What was asked for.
+    /// The settings of the builder.
     pub settings: BuildSettings,
-    /// What it took.
+    /// Times by phase.
     pub seconds: BuildSeconds,
-    /// Most memory that the process held up to the end of the import, in bytes; 0 where the system does not say.
+    /// Most memory that the process held up to the end of the import, in bytes; 0 if the system does not say.
     pub import_peak_bytes: u64,
-    /// Most memory that the process ever held, in bytes; 0 where the system does not say.
+    /// Most memory that the process ever held, in bytes; 0 if the system does not say.
     pub peak_bytes: u64,
     /// Descriptors.
     pub descriptors: u64,
@@ -46,29 +44,38 @@ pub struct BuildSummary {
     pub image_bytes: u64,
     /// Bytes of the file.
     pub file_bytes: u64,
-    /// Where the bytes of the image are; they add up to `image_bytes`.
+    /// Bytes of the image by kind. Their sum is `image_bytes`.
     pub kinds: Vec<KindBytes>,
-    /// What the importer had to say.
+    /// Warnings of the importer.
     pub warnings: Vec<String>,
 }
 
 /// Seconds of a build, phase by phase.
 #[derive(Clone, Copy, PartialEq, Debug, Default, Serialize, Deserialize)]
 pub struct BuildSeconds {
-    /// From the file to the mesh in memory, or generating it.
+    /// Reading the file to a mesh in memory, or generating the mesh.
     pub import: f64,
     /// From the mesh in memory to the complete file: what tables compare.
     pub build: f64,
-    /// Of that: placing the mesh, finding boundaries and whatever else precedes voxels.
+    /// Part of `build`: placing the mesh, finding boundaries and other work before the first voxel.
     pub prepare: f64,
-    /// Of that: finding voxels, contours and attributes, and encoding them in blocks.
+    /// Part of `build`: finding voxels, contours and attributes, and encoding them in blocks.
     pub voxelize: f64,
-    /// Of that: ordering the blocks and writing the file.
+    /// Part of `build`: ordering the blocks and writing the file.
     pub write: f64,
 }
 
+/// Bytes of one kind.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+pub struct KindBytes {
+    /// Name of the kind.
+    pub kind: String,
+    /// Number of bytes.
+    pub bytes: u64,
+}
+
 impl BuildSummary {
-    /// Of a build that is done and written to `output`.
+    /// The summary of a build that was written to `output`.
     pub fn new(
         source: &str,
         output: &Path,
@@ -101,9 +108,4 @@ impl BuildSummary {
             warnings: mesh.warnings.clone(),
         }
     }
-}
-
-/// Most memory that this process has held so far, in bytes, or 0 where the system does not say.
-pub fn peak_bytes() -> u64 {
-    crate::system::clock::status_bytes("self", "VmHWM:").unwrap_or(0)
 }

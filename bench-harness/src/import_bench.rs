@@ -21,7 +21,7 @@ const MOST_WORDS: u64 = 1 << 16;
 
 /// What is tried, and within which limits.
 #[derive(Clone, Debug)]
-pub struct Options {
+pub struct ImportBenchOptions {
     /// Folders that are searched for mesh files, with all folders in them.
     pub folders: Vec<PathBuf>,
     /// The program that has `build`: this one.
@@ -36,7 +36,7 @@ pub struct Options {
 
 /// What became of a file.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Outcome {
+pub enum ImportOutcome {
     /// An octree that keeps every rule of the specification.
     Octree {
         /// Triangles of the mesh.
@@ -54,30 +54,30 @@ pub enum Outcome {
 
 /// A file and what became of it.
 #[derive(Clone, Debug)]
-pub struct Row {
-    /// Which of the folders, by its place in [`Options::folders`].
+pub struct ImportRow {
+    /// Which of the folders, by its place in [`ImportBenchOptions::folders`].
     pub folder: usize,
     /// The file, seen from the folder.
     pub file: String,
     /// What became of it.
-    pub outcome: Outcome,
+    pub outcome: ImportOutcome,
 }
 
 /// All files of all folders, by folder and name.
 #[derive(Clone, Debug)]
-pub struct Report {
+pub struct ImportReport {
     /// Names of the folders.
     pub folders: Vec<String>,
     /// Levels of the octrees.
     pub levels: u32,
     /// The files.
-    pub rows: Vec<Row>,
+    pub rows: Vec<ImportRow>,
 }
 
-impl Report {
+impl ImportReport {
     /// Files that gave neither an octree nor one clear error.
-    pub fn broken(&self) -> impl Iterator<Item = &Row> {
-        self.rows.iter().filter(|row| matches!(row.outcome, Outcome::Broken(_)))
+    pub fn broken(&self) -> impl Iterator<Item = &ImportRow> {
+        self.rows.iter().filter(|row| matches!(row.outcome, ImportOutcome::Broken(_)))
     }
 
     /// A table per folder.
@@ -88,20 +88,20 @@ impl Report {
             self.levels
         );
         for (index, name) in self.folders.iter().enumerate() {
-            let rows: Vec<&Row> = self.rows.iter().filter(|row| row.folder == index).collect();
-            let count = |kind: fn(&Outcome) -> bool| rows.iter().filter(|row| kind(&row.outcome)).count();
+            let rows: Vec<&ImportRow> = self.rows.iter().filter(|row| row.folder == index).collect();
+            let count = |kind: fn(&ImportOutcome) -> bool| rows.iter().filter(|row| kind(&row.outcome)).count();
             let mut table = TextTable::new(name.as_str(), 1, &["file", "triangles", "voxels", "error or warnings"]);
             table.left = 1;
             table.notes.push(format!(
                 "{} files: {} octrees, {} refused with one error, {} broken",
                 rows.len(),
-                count(|o| matches!(o, Outcome::Octree { .. })),
-                count(|o| matches!(o, Outcome::Refused(_))),
-                count(|o| matches!(o, Outcome::Broken(_))),
+                count(|o| matches!(o, ImportOutcome::Octree { .. })),
+                count(|o| matches!(o, ImportOutcome::Refused(_))),
+                count(|o| matches!(o, ImportOutcome::Broken(_))),
             ));
             for row in rows {
                 let (triangles, voxels, words) = match &row.outcome {
-                    Outcome::Octree { triangles, voxels, warnings } => {
+                    ImportOutcome::Octree { triangles, voxels, warnings } => {
                         let words = match warnings.as_slice() {
                             [] => String::new(),
                             [one] => format!("warning: {one}"),
@@ -109,8 +109,8 @@ impl Report {
                         };
                         (triangles.to_string(), voxels.to_string(), words)
                     }
-                    Outcome::Refused(error) => (String::new(), String::new(), error.clone()),
-                    Outcome::Broken(what) => (String::new(), String::new(), format!("**BROKEN**: {what}")),
+                    ImportOutcome::Refused(error) => (String::new(), String::new(), error.clone()),
+                    ImportOutcome::Broken(what) => (String::new(), String::new(), format!("**BROKEN**: {what}")),
                 };
                 table.rows.push(vec![row.file.clone(), triangles, voxels, words]);
             }
@@ -128,7 +128,7 @@ impl Report {
 /// # Errors
 /// A folder that cannot be read or holds no mesh files, or a program that cannot be started. What goes wrong with a file is
 /// in its row.
-pub fn run(options: &Options, progress: &Progress) -> Result<Report, BenchError> {
+pub fn run_import_bench(options: &ImportBenchOptions, progress: &Progress) -> Result<ImportReport, BenchError> {
     let mut files = Vec::new();
     for (index, folder) in options.folders.iter().enumerate() {
         let before = files.len();
@@ -148,10 +148,10 @@ pub fn run(options: &Options, progress: &Progress) -> Result<Report, BenchError>
         let file = path.strip_prefix(folder).unwrap_or(path).to_string_lossy().replace('\\', "/");
         progress.fraction("reading", done as f64 / files.len() as f64, &file);
         let outcome = Trial { options, path, folder, output: scratch.path().join("out.esvo") }.run()?;
-        rows.push(Row { folder: *index, file, outcome });
+        rows.push(ImportRow { folder: *index, file, outcome });
     }
     let name = |folder: &PathBuf| folder.file_name().unwrap_or(folder.as_os_str()).to_string_lossy().into_owned();
-    Ok(Report { folders: options.folders.iter().map(name).collect(), levels: options.levels, rows })
+    Ok(ImportReport { folders: options.folders.iter().map(name).collect(), levels: options.levels, rows })
 }
 
 /// All mesh files below a folder. Links are not followed: they could lead round in a circle.
@@ -172,14 +172,14 @@ fn collect(folder: &Path, found: &mut Vec<PathBuf>) -> Result<(), BenchError> {
 
 /// One file at a time.
 struct Trial<'a> {
-    options: &'a Options,
+    options: &'a ImportBenchOptions,
     path: &'a Path,
     folder: &'a Path,
     output: PathBuf,
 }
 
 impl Trial<'_> {
-    fn run(&self) -> Result<Outcome, BenchError> {
+    fn run(&self) -> Result<ImportOutcome, BenchError> {
         // Whatever an earlier file left must not be taken for this one's.
         if self.output.exists() {
             std::fs::remove_file(&self.output).map_err(|e| BenchError::io(&self.output, e))?;
@@ -197,11 +197,11 @@ impl Trial<'_> {
                 break status;
             }
             if start.elapsed().as_secs_f64() > self.options.seconds {
-                return Ok(Outcome::Broken(format!("not done after {:.0} s", self.options.seconds)));
+                return Ok(ImportOutcome::Broken(format!("not done after {:.0} s", self.options.seconds)));
             }
             if process.held_bytes().is_some_and(|held| held > self.options.memory) {
                 let limit = self.options.memory as f64 / 1e9;
-                return Ok(Outcome::Broken(format!("held more than {limit:.1} GB of memory")));
+                return Ok(ImportOutcome::Broken(format!("held more than {limit:.1} GB of memory")));
             }
             std::thread::sleep(POLL);
         };
@@ -213,25 +213,25 @@ impl Trial<'_> {
     }
 
     /// What became of the file, from how the process ended and what it said.
-    fn judge(&self, status: ExitStatus, words: &str) -> Outcome {
+    fn judge(&self, status: ExitStatus, words: &str) -> ImportOutcome {
         let folder = format!("{}/", self.folder.display());
         let lines: Vec<String> = words.lines().map(|line| line.replace(&folder, "")).collect();
         let last = || lines.last().cloned().unwrap_or_else(|| "without a word".into());
         let warnings = || lines.iter().filter_map(|line| line.strip_prefix("warning: ")).map(str::to_owned).collect();
         match status.code() {
             Some(0) => match self.octree() {
-                Ok((triangles, voxels)) => Outcome::Octree { triangles, voxels, warnings: warnings() },
-                Err(what) => Outcome::Broken(what),
+                Ok((triangles, voxels)) => ImportOutcome::Octree { triangles, voxels, warnings: warnings() },
+                Err(what) => ImportOutcome::Broken(what),
             },
             Some(1) => {
                 let errors: Vec<&str> = lines.iter().filter_map(|line| line.strip_prefix("error: ")).collect();
                 match errors.as_slice() {
-                    [error] if !self.output.exists() => Outcome::Refused((*error).to_owned()),
-                    [_] => Outcome::Broken("an error, and yet an octree".into()),
-                    _ => Outcome::Broken(format!("not one line of error: {}", last())),
+                    [error] if !self.output.exists() => ImportOutcome::Refused((*error).to_owned()),
+                    [_] => ImportOutcome::Broken("an error, and yet an octree".into()),
+                    _ => ImportOutcome::Broken(format!("not one line of error: {}", last())),
                 }
             }
-            _ => Outcome::Broken(format!("crashed ({status}): {}", last())),
+            _ => ImportOutcome::Broken(format!("crashed ({status}): {}", last())),
         }
     }
 
@@ -276,20 +276,20 @@ mod tests {
         write("f.obj", "echo 'error: one' >&2; echo 'error: two' >&2; exit 1");
         write("deep/er/g.gltf", "exit 1");
         write("h.txt", "exit 101");
-        let options = Options {
+        let options = ImportBenchOptions {
             folders: vec![meshes.clone()],
             program: stub(folder.path()),
             levels: 5,
             seconds: 1.0,
             memory: 1 << 30,
         };
-        let report = run(&options, &Progress::hidden()).unwrap();
-        let found: Vec<(&str, &Outcome)> = report.rows.iter().map(|r| (&*r.file, &r.outcome)).collect();
-        let broken = |outcome: &Outcome, words: &str| {
-            assert!(matches!(outcome, Outcome::Broken(what) if what.starts_with(words)), "{outcome:?}");
+        let report = run_import_bench(&options, &Progress::hidden()).unwrap();
+        let found: Vec<(&str, &ImportOutcome)> = report.rows.iter().map(|r| (&*r.file, &r.outcome)).collect();
+        let broken = |outcome: &ImportOutcome, words: &str| {
+            assert!(matches!(outcome, ImportOutcome::Broken(what) if what.starts_with(words)), "{outcome:?}");
         };
         assert_eq!(found.len(), 7);
-        assert_eq!(found[0], ("a.obj", &Outcome::Refused("a.obj: is | bad".into())));
+        assert_eq!(found[0], ("a.obj", &ImportOutcome::Refused("a.obj: is | bad".into())));
         broken(found[1].1, "crashed (exit status: 101): thread panicked");
         broken(found[2].1, "crashed (signal: 9");
         broken(found[3].1, "not done after 1 s");
@@ -309,23 +309,23 @@ mod tests {
         std::fs::write(folder.path().join("a.obj"), "sleep 60").unwrap();
         let program = stub(folder.path());
         let folders = vec![folder.path().to_owned()];
-        let options = Options { folders, program, levels: 5, seconds: 30.0, memory: 1 };
-        let report = run(&options, &Progress::hidden()).unwrap();
-        let held = matches!(&report.rows[0].outcome, Outcome::Broken(what) if what.starts_with("held more than"));
+        let options = ImportBenchOptions { folders, program, levels: 5, seconds: 30.0, memory: 1 };
+        let report = run_import_bench(&options, &Progress::hidden()).unwrap();
+        let held = matches!(&report.rows[0].outcome, ImportOutcome::Broken(what) if what.starts_with("held more than"));
         assert!(held || cfg!(not(target_os = "linux")), "{:?}", report.rows[0].outcome);
     }
 
     #[test]
     fn folders_without_meshes_are_errors() {
         let folder = tempfile::tempdir().unwrap();
-        let options = |folder: &Path| Options {
+        let options = |folder: &Path| ImportBenchOptions {
             folders: vec![folder.to_owned()],
             program: "none".into(),
             levels: 5,
             seconds: 1.0,
             memory: 1,
         };
-        let message = |folder: &Path| run(&options(folder), &Progress::hidden()).unwrap_err().to_string();
+        let message = |folder: &Path| run_import_bench(&options(folder), &Progress::hidden()).unwrap_err().to_string();
         assert!(message(folder.path()).ends_with(": holds no mesh files"));
         assert!(message(&folder.path().join("none")).contains("No such file"));
     }

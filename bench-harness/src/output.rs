@@ -1,16 +1,13 @@
-//! Where a run's record, tables and pictures go.
+//! Writing records, tables and pictures: every file is whole or as it was before.
 
 use std::path::{Path, PathBuf};
 
 use esvo_core::picture::{Picture, write_png};
 use esvo_format::write_atomically;
+use serde::Serialize;
 
-use crate::format_bench::FormatReport;
-use crate::paper_bench::run::Outcome;
-use crate::paper_bench::tables;
-use crate::picture::write_png;
+use crate::BenchError;
 use crate::system::machine::{Machine, slug};
-use crate::{BenchError, format_bench};
 
 /// A picture and where it goes.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -25,50 +22,50 @@ pub struct NamedPicture {
 ///
 /// # Errors
 /// The system's, at the folder or the nearest one above that exists.
-pub fn check(results: &Path) -> Result<(), BenchError> {
+pub fn check_writable(results: &Path) -> Result<(), BenchError> {
     let above = results.ancestors().map(|p| if p.as_os_str().is_empty() { Path::new(".") } else { p });
     let existing = above.into_iter().find(|p| p.exists()).unwrap_or(Path::new("."));
     tempfile::tempfile_in(existing).map(drop).map_err(|e| BenchError::io(existing, e))
 }
 
-/// Writes `report.json`, `tables.md` and the pictures to `<results>/<machine>/<date>/` and returns that folder.
-///
-/// `machine` replaces the name made from the processor. A second run of a day goes to `<date>.2`, and so on: nothing is
-/// overwritten. The folder appears under its name when everything is in it.
+/// Writes a text file: under a temporary name first, which is then renamed, so that the file is whole or as it was before.
+/// Every record, table and other text of this program is written by this function.
 ///
 /// # Errors
 /// The system's.
-pub fn write(outcome: &Outcome, results: &Path, machine: Option<&str>) -> Result<PathBuf, BenchError> {
-    let report = &outcome.report;
-    write_folder(results, &report.machine, machine, "", |folder| {
-        put(folder, "report.json", &report.to_json())?;
-        put(folder, "tables.md", &tables::to_markdown(report))?;
-        for picture in &outcome.pictures {
-            let path = folder.join(&picture.name);
-            write_png(&path, &picture.picture).map_err(|e| BenchError::io(&path, e))?;
-        }
-        Ok(())
-    })
+pub fn write_text(path: &Path, text: &str) -> Result<(), BenchError> {
+    write_atomically(path, |out| out.write_all(text.as_bytes())).map_err(|e| BenchError::io(path, e))
 }
 
-/// Writes `report.json` and `tables.md` of the format to `<results>/<machine>/<date>-format/`, like [`write()`].
+/// A record as indented JSON with a line feed at the end, as files and standard output get it.
+///
+/// # Panics
+/// A map of the record has keys that are not texts.
+pub fn to_json(record: &impl Serialize) -> String {
+    let mut json = serde_json::to_string_pretty(record).expect("records have text keys only");
+    json.push('\n');
+    json
+}
+
+impl NamedPicture {
+    /// Writes the picture to a folder, whole or not at all, and returns its path.
+    ///
+    /// # Errors
+    /// The system's; a picture whose bytes are not as many as its size says.
+    pub fn write(&self, folder: &Path) -> Result<PathBuf, BenchError> {
+        let path = folder.join(&self.name);
+        write_png(&path, &self.picture).map_err(|e| BenchError::io(&path, e))?;
+        Ok(path)
+    }
+}
+
+/// Makes the folder `<results>/<machine>/<date><kind>` and lets `fill` write its files. `name` replaces the name made from the
+/// processor. A second run on the same day gets `<date><kind>.2`, and so on: nothing is overwritten. The folder appears under
+/// its name when everything is in it. Returns its path.
 ///
 /// # Errors
-/// The system's.
-pub fn write_format(report: &FormatReport, results: &Path, machine: Option<&str>) -> Result<PathBuf, BenchError> {
-    write_folder(results, &report.machine, machine, "-format", |folder| {
-        put(folder, "report.json", &format_bench::to_json(report))?;
-        put(folder, "tables.md", &format_bench::to_markdown(report))
-    })
-}
-
-fn put(folder: &Path, name: &str, text: &str) -> Result<(), BenchError> {
-    let path = folder.join(name);
-    write_atomically(&path, |out| out.write_all(text.as_bytes())).map_err(|e| BenchError::io(&path, e))
-}
-
-/// A new folder `<results>/<machine>/<date><kind>`, with a number behind it if there is one already.
-fn write_folder(
+/// The system's, and those of `fill`.
+pub(crate) fn write_folder(
     results: &Path,
     machine: &Machine,
     name: Option<&str>,

@@ -1,35 +1,35 @@
-//! What a person sees while they wait.
+//! Progress on the terminal.
 
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-/// One line on standard error that says what is going on. Shows nothing unless standard error is a terminal.
+/// One line on standard error that says what the program is doing. Shows nothing unless standard error is a terminal.
 #[derive(Clone, Debug)]
 pub struct Progress {
     bar: ProgressBar,
 }
 
 impl Progress {
-    /// On standard error, if that is a terminal.
+    /// Progress on standard error, if that is a terminal.
     pub fn terminal() -> Self {
         let bar = ProgressBar::new(100).with_style(style("{spinner} [{elapsed}] {msg}"));
         bar.enable_steady_tick(Duration::from_millis(200));
         Self { bar }
     }
 
-    /// Nowhere.
+    /// Progress that is not shown.
     pub fn hidden() -> Self {
         Self { bar: ProgressBar::with_draw_target(None, ProgressDrawTarget::hidden()) }
     }
 
-    /// Says what is done now.
+    /// Shows what is done now.
     pub fn say(&self, what: impl Into<String>) {
         self.bar.set_style(style("{spinner} [{elapsed}] {msg}"));
         self.bar.set_message(what.into());
     }
 
-    /// Says how far it is, 0 to 1, with a note behind.
+    /// Shows how much of a task is done, 0 to 1. The note is added after the name of the task.
     pub fn fraction(&self, what: &str, done: f64, note: &str) {
         if self.bar.length() != Some(100) || self.bar.position() == 0 {
             self.bar.set_length(100);

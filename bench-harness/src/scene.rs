@@ -1,4 +1,4 @@
-//! From a scene's name to its mesh and viewpoints.
+//! Finding a scene by name: its mesh, viewpoints and settings.
 
 use std::path::Path;
 use std::time::Instant;
@@ -6,11 +6,11 @@ use std::time::Instant;
 use esvo_builder::{BuildSettings, DisplaceOptions, Mesh};
 use esvo_core::Camera;
 use esvo_scenes::{CameraSpec, FoundScene, SceneEntry, SceneManifest, SceneVariant, locate_scene};
+use serde::{Deserialize, Serialize};
 
 use crate::BenchError;
-use crate::paper_bench::report::NamedView;
 
-/// A scene, ready to be built.
+/// A scene with its mesh in memory.
 pub struct Scene {
     /// As in the manifest.
     pub name: String,
@@ -24,7 +24,7 @@ pub struct Scene {
     pub publish: bool,
     /// The mesh, not displaced.
     pub mesh: Mesh,
-    /// Whether it is to be displaced.
+    /// Whether the mesh must be displaced before it is built.
     pub displaced: bool,
     /// Viewpoints; at least one.
     pub views: Vec<NamedView>,
@@ -34,44 +34,47 @@ pub struct Scene {
     pub seconds: f64,
 }
 
+/// A viewpoint.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+pub struct NamedView {
+    /// Name in the manifest.
+    pub name: String,
+    /// In mesh units.
+    pub camera: Camera,
+}
+
 /// The scene of that name in the manifest.
 ///
 /// # Errors
-/// There is none, or it cannot be measured; the text says why.
+/// The scene does not exist or cannot be measured; the text says why.
 pub fn entry<'a>(manifest: &'a SceneManifest, name: &str) -> Result<&'a SceneEntry, BenchError> {
     let Some(entry) = manifest.scene(name) else {
         let names: Vec<_> = manifest.scenes.iter().map(|s| s.name.to_ascii_lowercase()).collect();
         return Err(BenchError::scene(name, format!("unknown; the scenes are {}", names.join(", "))));
     };
+    if entry.displaced {
+        let what =
+            "displacement is not supported here; esvo build, esvo bench build and esvo bench pictures support it";
+        return Err(BenchError::scene(&entry.name, what));
+    }
     match &entry.unsupported {
-        Some(why) if is_displaced(entry) => {
-            let what =
-                format!("{why} is not supported here; it is by esvo build, esvo bench build and esvo bench pictures");
-            Err(BenchError::scene(&entry.name, what))
-        }
         Some(why) => Err(BenchError::scene(&entry.name, format!("{why} is not supported yet"))),
         None => Ok(entry),
     }
 }
 
-/// The same, for those who displace what is to be displaced ([`is_displaced`]).
+/// Like [`entry`], for callers that displace meshes: also finds scenes with [`SceneEntry::displaced`].
 ///
 /// # Errors
-/// As [`entry`], displaced scenes excepted.
+/// As for [`entry`], except that displaced scenes are no error.
 pub fn buildable<'a>(manifest: &'a SceneManifest, name: &str) -> Result<&'a SceneEntry, BenchError> {
-    match manifest.scene(name).filter(|e| is_displaced(e)) {
+    match manifest.scene(name).filter(|e| e.displaced) {
         Some(displaced) => Ok(displaced),
         None => entry(manifest, name),
     }
 }
 
-/// Whether the scene is its mesh displaced by the height maps of its materials.
-pub fn is_displaced(entry: &SceneEntry) -> bool {
-    entry.unsupported.as_deref() == Some("displacement")
-}
-
-/// How a mesh is displaced where nothing else is said, for an octree of so many levels: white stands for 1/500 of the mesh's
-/// largest extent.
+/// The default displacement of a mesh for an octree of `levels`: a height of 1 (white) is 1/500 of the mesh's largest extent.
 pub fn displacement(mesh: &Mesh, levels: u32) -> DisplaceOptions {
     let (low, high) = mesh.bounds().unwrap_or_default();
     let extent = (0..3).map(|k| high[k] - low[k]).fold(0.0, f64::max);
@@ -88,11 +91,11 @@ pub fn settings(entry: &SceneEntry) -> BuildSettings {
     }
 }
 
-/// Only the mesh of a scene, without hashing its file, and what it was made from: the real one if it is found and
-/// `stand_in` is not set.
+/// The mesh of a scene and a description of its source. The real mesh is used if it is found and `stand_in` is false; its file
+/// is not hashed.
 ///
 /// # Errors
-/// As [`Scene::load`].
+/// As for [`Scene::load`].
 pub fn mesh(entry: &SceneEntry, scenes_dir: Option<&Path>, stand_in: bool) -> Result<(Mesh, String), BenchError> {
     let failed = |what: String| BenchError::scene(&entry.name, what);
     let found = if stand_in { None } else { esvo_scenes::find_scene_file(entry, scenes_dir) };
@@ -103,7 +106,7 @@ pub fn mesh(entry: &SceneEntry, scenes_dir: Option<&Path>, stand_in: bool) -> Re
     generate(entry)
 }
 
-/// The stand-in of a scene, and what made it.
+/// The stand-in of a scene, and a description of its generator.
 fn generate(entry: &SceneEntry) -> Result<(Mesh, String), BenchError> {
     let missing =
         || BenchError::scene(&entry.name, "the mesh is not there, and there is no stand-in; see --scenes-dir");
@@ -112,11 +115,10 @@ fn generate(entry: &SceneEntry) -> Result<(Mesh, String), BenchError> {
     Ok((mesh, format!("procedural, generator {}, seed {}", stand_in.generator, stand_in.seed)))
 }
 
-/// Viewpoints of the copy of a scene that this machine has: those of the real mesh if it is found, and of the stand-in
-/// otherwise or if `stand_in` is set.
+/// Viewpoints of a scene: those of the real mesh if it is found and `stand_in` is false, otherwise those of the stand-in.
 ///
 /// # Errors
-/// A mesh that is there but cannot be read.
+/// A mesh file that exists but cannot be read.
 pub fn cameras(
     entry: &SceneEntry,
     scenes_dir: Option<&Path>,
@@ -135,11 +137,11 @@ fn locate<'a>(entry: &'a SceneEntry, scenes_dir: Option<&Path>) -> Result<Option
 }
 
 impl Scene {
-    /// Reads the real mesh if it is found in `scenes_dir`, `$ESVO_SCENES` or `../shared/scenes`, generates the stand-in
-    /// otherwise. At most `views` viewpoints.
+    /// Reads the real mesh if it is found in `scenes_dir`, `$ESVO_SCENES` or `../shared/scenes`; generates the stand-in
+    /// otherwise. Takes at most `views` viewpoints.
     ///
     /// # Errors
-    /// A mesh that is there but cannot be read; a scene that has neither.
+    /// A mesh file that exists but cannot be read; a scene without a mesh file and without a stand-in.
     pub fn load(entry: &SceneEntry, scenes_dir: Option<&Path>, views: usize) -> Result<Self, BenchError> {
         let failed = |what: String| BenchError::scene(&entry.name, what);
         let start = Instant::now();
@@ -168,7 +170,7 @@ impl Scene {
             },
             publish: entry.publish || variant == SceneVariant::StandIn,
             mesh,
-            displaced: is_displaced(entry),
+            displaced: entry.displaced,
             views,
             settings: settings(entry),
             seconds: start.elapsed().as_secs_f64(),

@@ -2,20 +2,19 @@
 
 use std::fmt::Write;
 
-use crate::paper_bench::matrix::LeftOut;
-
-/// A table of short texts. The first columns say what a row is and stand to the left, figures stand to the right.
+/// A table of short texts. The first `left` columns name the row and are left-aligned; the others hold figures and are
+/// right-aligned.
 #[derive(Clone, Debug, Default)]
 pub struct TextTable {
     /// What the table shows.
     pub title: String,
-    /// Lines below the title: units, devices, what stands beside what.
+    /// Lines below the title: units, devices, what is compared.
     pub notes: Vec<String>,
     /// Column headings.
     pub head: Vec<String>,
     /// Rows; each as long as `head`.
     pub rows: Vec<Vec<String>>,
-    /// Number of columns that stand to the left.
+    /// Number of left-aligned columns.
     pub left: usize,
 }
 
@@ -73,17 +72,17 @@ impl TextTable {
     }
 }
 
-/// A record as a person reads it: what it was made with, its tables, what is not in them.
+/// A record for people to read: machine, tables, what was left out, credits.
 pub(crate) struct Document<'a> {
-    /// Title, with the date.
+    /// Title with the date.
     pub(crate) title: String,
-    /// Lines on machine, commit and what must be known.
+    /// Lines about the machine, the commit and anything the reader must know.
     pub(crate) header: Vec<String>,
-    /// Those with rows.
+    /// The tables that have rows.
     pub(crate) tables: Vec<TextTable>,
-    /// What was asked for and is not there.
-    pub(crate) left_out: &'a [LeftOut],
-    /// Scene, its credit, and what identifies its mesh.
+    /// What was not measured, and why.
+    pub(crate) left_out: Vec<[&'a str; 2]>,
+    /// Scene, its credit, and the identity of its mesh.
     pub(crate) credits: Vec<[&'a str; 3]>,
 }
 
@@ -93,7 +92,7 @@ impl Document<'_> {
         let mut parts = vec![self.header.join("\n") + "\n"];
         parts.extend(self.tables.iter().map(TextTable::to_text));
         if !self.left_out.is_empty() {
-            let lines = self.left_out.iter().map(|l| format!("  {}: {}\n", l.what, l.reason));
+            let lines = self.left_out.iter().map(|[what, reason]| format!("  {what}: {reason}\n"));
             parts.push(format!("Left out\n{}", lines.collect::<String>()));
         }
         parts.join("\n")
@@ -110,8 +109,8 @@ impl Document<'_> {
         }
         if !self.left_out.is_empty() {
             out += "\n## Left out\n\n";
-            for left in self.left_out {
-                out += &format!("- {}: {}\n", left.what, left.reason);
+            for [what, reason] in &self.left_out {
+                out += &format!("- {what}: {reason}\n");
             }
         }
         out += "\n## Credits\n\n";
@@ -122,12 +121,7 @@ impl Document<'_> {
     }
 }
 
-/// Bytes of a gigabyte, in which limits are given.
-pub(crate) const GB: f64 = 1e9;
-/// Bytes of a mebibyte, in which sizes are shown.
-pub(crate) const MIB: f64 = (1u64 << 20) as f64;
-
-/// A number with about three digits: `1234`, `123`, `12.3`, `1.23`, `0.12`.
+/// A number with about three digits: `1234`, `123`, `12.3`, `1.23`, `0.12`; `-` for NaN and infinity.
 pub fn short(x: f64) -> String {
     match x.abs() {
         a if !a.is_finite() => "-".into(),

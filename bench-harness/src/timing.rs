@@ -1,4 +1,4 @@
-//! Samples and what is said about them.
+//! Timing samples and their statistics.
 
 use serde::{Deserialize, Serialize};
 
@@ -25,14 +25,14 @@ impl Samples {
 pub struct Spread {
     /// The middle value.
     pub median: f64,
-    /// A quarter of the values are below.
+    /// A quarter of the values are below this.
     pub lower_quartile: f64,
-    /// A quarter of the values are above.
+    /// A quarter of the values are above this.
     pub upper_quartile: f64,
 }
 
 impl Spread {
-    /// Of these values; `None` if there are none or one is not a number.
+    /// Median and quartiles of these values. `None` if there are no values or one is NaN.
     pub fn of(values: &[f64]) -> Option<Self> {
         if values.is_empty() || values.iter().any(|v| v.is_nan()) {
             return None;
@@ -46,13 +46,13 @@ impl Spread {
         })
     }
 
-    /// Half the distance of the quartiles over the median, in percent.
+    /// Half the distance between the quartiles, in percent of the median.
     pub fn percent(&self) -> f64 {
         50.0 * (self.upper_quartile - self.lower_quartile) / self.median
     }
 }
 
-/// Quantile `q` in 0..=1 of ascending values, linear between neighbours.
+/// Quantile `q` (0 to 1) of ascending values, interpolated linearly.
 fn quantile(sorted: &[f64], q: f64) -> f64 {
     let at = q * (sorted.len() - 1) as f64;
     let (low, high) = (sorted[at.floor() as usize], sorted[at.ceil() as usize]);

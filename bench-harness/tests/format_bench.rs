@@ -1,15 +1,17 @@
 //! The benchmark of the format, small.
 
-use esvo_bench::format_bench::{FormatReport, Settings, run, to_json, to_markdown, to_text};
-use esvo_bench::{BenchError, Progress, output};
+use esvo_bench::format_bench::{
+    FormatBenchOptions, FormatReport, run_format_bench, to_markdown, to_text, write_format_record,
+};
+use esvo_bench::{BenchError, Progress};
 
-fn small() -> Settings {
-    Settings { large_bytes: 4 << 20, levels: 5, block_slots: 256, seconds: 0.0, files: Vec::new() }
+fn small() -> FormatBenchOptions {
+    FormatBenchOptions { large_bytes: 4 << 20, levels: 5, block_slots: 256, seconds: 0.0, files: Vec::new() }
 }
 
 #[test]
 fn everything_is_measured_written_and_read_back() {
-    let report = run(&small(), &Progress::hidden()).unwrap();
+    let report = run_format_bench(&small(), &Progress::hidden()).unwrap();
     assert_eq!(report.octrees.len(), 2);
     let stored: Vec<_> = report.storage.iter().map(|row| row.zstd).collect();
     assert_eq!(stored, [None, Some(1), Some(3), Some(9)]);
@@ -27,28 +29,28 @@ fn everything_is_measured_written_and_read_back() {
     assert!(coarse.bytes > open.bytes && coarse.bytes.unwrap() < report.large.file_bytes);
     assert!(mapped.bytes.is_none() && (cfg!(not(target_os = "linux")) || mapped.pages.unwrap() > 0));
 
-    let again: FormatReport = serde_json::from_str(&to_json(&report)).unwrap();
+    let again: FormatReport = serde_json::from_str(&report.to_json()).unwrap();
     assert_eq!(again, report);
     for text in [to_text(&report), to_markdown(&report)] {
         assert!(text.contains("zstd 3") && text.contains("large file") && text.contains("open by mapping"), "{text}");
     }
     let folder = tempfile::tempdir().unwrap();
-    let written = output::write_format(&report, folder.path(), Some("Some machine")).unwrap();
-    let second = output::write_format(&report, folder.path(), Some("Some machine")).unwrap();
+    let written = write_format_record(&report, folder.path(), Some("Some machine")).unwrap();
+    let second = write_format_record(&report, folder.path(), Some("Some machine")).unwrap();
     assert!(written.ends_with(format!("some-machine/{}-format", report.machine.day())));
     assert!(second.ends_with(format!("some-machine/{}-format.2", report.machine.day())));
-    assert_eq!(std::fs::read_to_string(written.join("report.json")).unwrap(), to_json(&report));
+    assert_eq!(std::fs::read_to_string(written.join("report.json")).unwrap(), report.to_json());
     assert_eq!(std::fs::read_to_string(written.join("tables.md")).unwrap(), to_markdown(&report));
 }
 
 #[test]
 fn what_cannot_be_measured_is_an_error() {
-    let fails = |settings: Settings, what: &str| {
-        let error: BenchError = run(&settings, &Progress::hidden()).unwrap_err();
+    let fails = |settings: FormatBenchOptions, what: &str| {
+        let error: BenchError = run_format_bench(&settings, &Progress::hidden()).unwrap_err();
         assert!(error.to_string().contains(what), "{error}");
     };
-    fails(Settings { large_bytes: 1, ..small() }, "1 MiB to 32 GiB");
-    fails(Settings { levels: 1, ..small() }, "2 to 14");
-    fails(Settings { seconds: f64::NAN, ..small() }, "NaN seconds");
-    fails(Settings { files: vec!["absent.esvo".into()], ..small() }, "absent.esvo");
+    fails(FormatBenchOptions { large_bytes: 1, ..small() }, "1 MiB to 32 GiB");
+    fails(FormatBenchOptions { levels: 1, ..small() }, "2 to 14");
+    fails(FormatBenchOptions { seconds: f64::NAN, ..small() }, "NaN seconds");
+    fails(FormatBenchOptions { files: vec!["absent.esvo".into()], ..small() }, "absent.esvo");
 }

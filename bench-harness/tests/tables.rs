@@ -1,28 +1,32 @@
 //! The layout of the tables, on a report with made-up figures.
 
 use esvo_bench::Backend;
+use esvo_bench::build_summary::KindBytes;
 use esvo_bench::error::depth::{DepthError, Summary};
 use esvo_bench::error::image::ImageError;
+use esvo_bench::matrix_parts::LeftOut;
 use esvo_bench::paper_bench::check::{Agreement, Allowed};
-use esvo_bench::paper_bench::matrix::{LeftOut, Matrix, Variant};
+use esvo_bench::paper_bench::matrix::{Matrix, Variant};
 use esvo_bench::paper_bench::report::{
-    BuildRow, CheckRow, DeviceRecord, ErrorRow, KindBytes, NamedView, Report, SCHEMA, SceneReport, TimeCell,
+    CheckRow, DeviceRecord, ErrorRow, PaperReport, SCHEMA, SceneReport, Table1Row, TimeCell,
 };
 use esvo_bench::paper_bench::tables;
+use esvo_bench::scene::NamedView;
 use esvo_bench::system::machine::Machine;
 use esvo_bench::timing::{Samples, Spread};
-use esvo_core::Camera;
+use esvo_core::{Camera, DeviceKind};
+use esvo_scenes::SceneVariant;
 
-fn fake_report() -> Report {
+fn fake_report() -> PaperReport {
     let mut matrix = Matrix::default_run();
     matrix.left_out = vec![LeftOut { what: "SIBENIK-D".into(), reason: "displacement is not supported yet".into() }];
-    let device = |backend, name: &str, kind: &str, detail: &str| DeviceRecord {
+    let device = |backend, name: &str, kind, detail: &str| DeviceRecord {
         backend,
         name: name.into(),
-        kind: kind.into(),
+        kind,
         detail: detail.into(),
     };
-    Report {
+    PaperReport {
         schema: SCHEMA,
         machine: Machine {
             cpu: "Example Processor".into(),
@@ -36,17 +40,17 @@ fn fake_report() -> Report {
         },
         matrix,
         devices: vec![
-            device(Backend::Cpu, "Example Processor", "cpu", "2 threads"),
-            device(Backend::Wgpu, "llvmpipe", "software-gpu", "Mesa 1"),
-            device(Backend::Ash, "Example GPU", "gpu", "driver 2"),
+            device(Backend::Cpu, "Example Processor", DeviceKind::Cpu, "2 threads"),
+            device(Backend::Wgpu, "llvmpipe", DeviceKind::SoftwareGpu, "Mesa 1"),
+            device(Backend::Ash, "Example GPU", DeviceKind::Gpu, "driver 2"),
         ],
-        scenes: vec![scene("SIBENIK", "real", 1.0), scene("HAIRBALL", "stand-in", 2.0)],
+        scenes: vec![scene("SIBENIK", SceneVariant::Real, 1.0), scene("HAIRBALL", SceneVariant::StandIn, 2.0)],
         left_out: vec![LeftOut { what: "SIBENIK-D".into(), reason: "displacement is not supported yet".into() }],
         seconds: 123.4,
     }
 }
 
-fn scene(name: &str, mesh: &str, factor: f64) -> SceneReport {
+fn scene(name: &str, mesh: SceneVariant, factor: f64) -> SceneReport {
     let camera = Camera {
         eye: [0.0; 3],
         forward: [0.0, 0.0, -1.0],
@@ -57,7 +61,7 @@ fn scene(name: &str, mesh: &str, factor: f64) -> SceneReport {
     };
     let mut report = SceneReport {
         name: name.into(),
-        mesh: mesh.into(),
+        mesh,
         triangles: 73_564,
         identity: "as listed in the manifest".into(),
         credit: "somebody".into(),
@@ -74,7 +78,7 @@ fn scene(name: &str, mesh: &str, factor: f64) -> SceneReport {
     for levels in [9, 10] {
         for contours in [false, true] {
             let voxels = ((1_000_000.0 * factor) as u64) << (2 * (levels - 9));
-            report.builds.push(BuildRow {
+            report.builds.push(Table1Row {
                 levels,
                 contours,
                 contour_error: 15.0,
@@ -126,7 +130,7 @@ fn scene(name: &str, mesh: &str, factor: f64) -> SceneReport {
                 continue;
             }
             // One wrong engine, on one scene.
-            let wrong = backend == Backend::Ash && variant == Variant::Beam && mesh == "real";
+            let wrong = backend == Backend::Ash && variant == Variant::Beam && mesh == SceneVariant::Real;
             let (pixels, different_voxel) = (196_608, if wrong { 1234 } else { 0 });
             let allowed = Allowed { share: 1e-5, t: 0.0 };
             let agreement = Agreement { pixels, different_voxel, largest_t_difference: 0.0, other_size: 0, allowed };
@@ -166,10 +170,10 @@ fn markdown() {
 #[test]
 fn the_record_survives_json() {
     let report = fake_report();
-    let again = Report::from_json(&report.to_json()).unwrap();
+    let again = PaperReport::from_json(&report.to_json()).unwrap();
     assert!(again == report, "not all of it comes back");
-    assert!(Report::from_json(&report.to_json().replacen("\"schema\": 1", "\"schema\": 2", 1)).is_err());
-    assert!(Report::from_json("{}").is_err());
+    assert!(PaperReport::from_json(&report.to_json().replacen("\"schema\": 1", "\"schema\": 2", 1)).is_err());
+    assert!(PaperReport::from_json("{}").is_err());
 }
 
 #[test]

@@ -6,18 +6,22 @@ use esvo_bench::Backend;
 use crate::commands::ambient::AmbientArguments;
 use crate::commands::bench::BenchArguments;
 use crate::commands::build::BuildArguments;
+use crate::commands::completions::CompletionsArguments;
 use crate::commands::convert::ConvertArguments;
 use crate::commands::diff::DiffArguments;
 use crate::commands::dump::DumpArguments;
 use crate::commands::info::InfoArguments;
+use crate::commands::man::ManArguments;
 use crate::commands::render::RenderArguments;
 use crate::commands::validate::ValidateArguments;
+use crate::version::long_version;
 
 /// Sparse voxel octrees: build, inspect, render and benchmark.
 #[derive(Debug, Parser)]
 #[command(
     name = "esvo",
     version,
+    long_version = long_version(),
     propagate_version = true,
     after_help = "\
 Examples:
@@ -42,6 +46,8 @@ pub(crate) enum Command {
     Ambient(AmbientArguments),
     Render(RenderArguments),
     Bench(Box<BenchArguments>),
+    Completions(CompletionsArguments),
+    Man(ManArguments),
 }
 
 /// An engine, as it is typed.

@@ -5,6 +5,7 @@ mod commands;
 mod fail;
 mod files;
 mod values;
+mod version;
 mod words;
 
 use std::process::ExitCode;
@@ -45,6 +46,8 @@ fn main() -> ExitCode {
         Command::Ambient(arguments) => commands::ambient::run_ambient(&arguments),
         Command::Render(arguments) => commands::render::run_render(&arguments),
         Command::Bench(arguments) => commands::bench::run_bench(&arguments),
+        Command::Completions(arguments) => commands::completions::run_completions(&arguments),
+        Command::Man(arguments) => commands::man::run_man(&arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -166,7 +166,7 @@ fn bench_writes_its_record() {
     let machine = folder.path("results/test-machine");
     let day = std::fs::read_dir(&machine).unwrap().next().unwrap().unwrap().path();
     let report = std::fs::read_to_string(day.join("report.json")).unwrap();
-    let report = esvo_bench::Report::from_json(&report).unwrap();
+    let report = esvo_bench::PaperReport::from_json(&report).unwrap();
     assert!(report.passed());
     let scene = &report.scenes[0];
     assert_eq!((scene.builds.len(), scene.checks.len(), scene.times.len()), (4, 3, 4));

@@ -4,6 +4,7 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
+use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use crate::camera::CameraSpec;
@@ -15,12 +16,23 @@ pub const SCENES_VARIABLE: &str = "ESVO_SCENES";
 pub const DEFAULT_SCENES_DIR: &str = "../shared/scenes";
 
 /// Which of a scene's two meshes was measured. Tables always say.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum SceneVariant {
     /// The mesh the manifest names.
     Real,
     /// The procedural mesh that takes its place.
     StandIn,
+}
+
+impl SceneVariant {
+    /// What tables call it: `real mesh` or `stand-in`.
+    pub fn title(self) -> &'static str {
+        match self {
+            Self::Real => "real mesh",
+            Self::StandIn => "stand-in",
+        }
+    }
 }
 
 impl std::fmt::Display for SceneVariant {

@@ -44,6 +44,9 @@ pub struct SceneEntry {
     pub credit: String,
     /// Whether pictures of the real mesh may be published. (Pictures of stand-ins always may.)
     pub publish: bool,
+    /// Whether the scene is its mesh displaced by the height maps of its materials, which whoever builds it has to do.
+    #[serde(default)]
+    pub displaced: bool,
     /// Why the scene cannot be measured, if so: tables show it as left out and say this.
     pub unsupported: Option<String>,
     /// The paper's settings of the builder for this scene.

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use esvo_format::Octree;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::{CastError, Fans, Hit, View};
 
@@ -76,7 +76,7 @@ pub struct Device {
 }
 
 /// Kind of a [`Device`].
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DeviceKind {
     /// Native code on the processor.

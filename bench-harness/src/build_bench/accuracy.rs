@@ -1,4 +1,4 @@
-//! How far the octree in a file is from the triangles that it was built from.
+//! The depth error of the octree in a file against the triangles that it was built from.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -15,24 +15,25 @@ use crate::error::depth::{DepthError, DepthErrors, voxel_edges};
 use crate::picture_bench::cutout::cast_solid;
 use crate::scene::{Scene, displacement};
 
-/// The triangles of a scene, and what its rays hit among them.
-pub(crate) struct Truth {
+/// The triangles of a scene and the exact hits of its rays.
+pub(crate) struct SceneTruth {
     scene: Scene,
     size: [u32; 2],
-    /// Those that were asked for last: a displaced mesh has others at every level.
+    /// The triangles of the last level that was measured: a displaced mesh has different triangles at every level.
     known: Option<(u32, Triangles)>,
 }
 
-/// Triangles and what was cast against them.
+/// Triangles and the hits of the rays that were cast against them.
 struct Triangles {
-    /// The mesh after displacement; `None`: that of the scene.
+    /// The mesh after displacement; `None` if the scene's own mesh is used.
     displaced: Option<Mesh>,
     sorted: TriangleScene,
-    /// By their rays, which depend on where the root cube lies: the same for all octrees of a mesh.
+    /// Rays of each view and their hits. The rays depend on the position of the root cube, which is the same for all octrees of
+    /// a mesh.
     views: Vec<(CameraRays, Vec<TriangleHit>)>,
 }
 
-/// Error of an octree where rays end at leaves only, and where they end at voxels of one pixel.
+/// Errors of an octree when rays end at leaves only, and when they end at voxels of one pixel.
 pub(crate) struct Errors {
     pub(crate) leaves: DepthError,
     pub(crate) pixel: DepthError,
@@ -64,13 +65,13 @@ impl Triangles {
     }
 }
 
-impl Truth {
-    /// Of a scene, its pictures being of this size.
+impl SceneTruth {
+    /// The triangles of a scene; `size` is the size of its pictures.
     pub(crate) fn new(scene: Scene, size: [u32; 2]) -> Self {
         Self { scene, size, known: None }
     }
 
-    /// Casts every view of the scene against the octree of `levels` in a file, with its contours if it has any.
+    /// Casts every view of the scene against the octree of `levels` levels in a file, with its contours if it has any.
     pub(crate) fn errors(&mut self, file: &Path, levels: u32) -> Result<Errors, BenchError> {
         let scene = &self.scene;
         let failed = |what: String| BenchError::scene(&scene.name, what);
@@ -93,7 +94,7 @@ impl Truth {
                 let options = CastOptions { contours: true, beam: false, max_voxel_pixels };
                 let view = View::new(&view.camera, to_mesh, root, self.size.into(), &options)?;
                 caster.cast(&view, &mut hits)?;
-                // The rays as the kernels take them: the rounding of the camera is not the octree's error.
+                // The rays of the view, as the casters use them: rounding in the camera is not an error of the octree.
                 let rays = CameraRays::of_view(&view, to_mesh);
                 errors.add(&rays, triangles.hits(scene, rays), &hits, edges);
             }

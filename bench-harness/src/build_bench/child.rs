@@ -1,55 +1,55 @@
-//! One build as a process of its own, so that its memory is its own, and the limits that it is held to.
+//! One build in a process of its own, so that its peak memory can be measured, and the limits of that process.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-use super::limit::Limit;
 use super::plan::Contours;
+use super::record::Limit;
 use crate::BenchError;
 use crate::build_summary::BuildSummary;
 use crate::system::process::Process;
-use crate::text::GB;
+use crate::units::GB;
 
-/// Time between two looks at a child.
+/// Time between two checks of the process.
 const POLL: Duration = Duration::from_millis(20);
 
-/// What is built, by whom, and within which limits.
-pub(crate) struct Job<'a> {
-    /// The program that has `build`: this one.
+/// What is built, by which program, and within which limits.
+pub(crate) struct BuildJob<'a> {
+    /// The program whose `build` command is run: `esvo`.
     pub(crate) program: &'a Path,
-    /// Where real meshes are looked for first.
+    /// The folder that is searched first for real meshes.
     pub(crate) scenes_dir: Option<&'a Path>,
     /// Name of the scene.
     pub(crate) scene: &'a str,
-    /// Whether the scene's stand-in is built.
+    /// Whether the scene's stand-in is built instead of its real mesh.
     pub(crate) stand_in: bool,
     /// Deepest level.
     pub(crate) levels: u32,
     /// With contours or without.
     pub(crate) contours: Contours,
-    /// Where the octree goes.
+    /// The file for the octree.
     pub(crate) output: &'a Path,
-    /// Bytes that the process may hold.
+    /// Bytes of memory that the process may hold.
     pub(crate) memory: f64,
     /// Bytes that the octree may take on disk.
     pub(crate) disk: f64,
-    /// Seconds that it may take.
+    /// Seconds that the process may take.
     pub(crate) seconds: f64,
-    /// Whose limit that is: of one build, or what the run has left.
+    /// Which limit `seconds` is: that of one build, or the rest of the run's.
     pub(crate) seconds_of: Limit,
 }
 
 /// How a build ended.
 pub(crate) enum Ended {
-    /// It is done.
+    /// The octree is written.
     Done(Box<BuildSummary>),
-    /// There is no octree: a limit, and in words what happened.
+    /// There is no octree. The limit that was exceeded, and the reason in words.
     Stopped(Limit, String),
 }
 
-impl Job<'_> {
+impl BuildJob<'_> {
     fn command(&self) -> Command {
         let mut command = Command::new(self.program);
         command.arg("build").arg("--json").args(["--scene", self.scene]);
@@ -66,10 +66,10 @@ impl Job<'_> {
         command
     }
 
-    /// Runs it to its end or to a limit. That it failed is a limit too.
+    /// Runs the build until it ends or exceeds a limit. A failed build counts as [`Limit::Failed`].
     ///
     /// # Errors
-    /// The program cannot be started, or does not report as it should.
+    /// The program cannot be started, or its report cannot be read.
     pub(crate) fn run(&self) -> Result<Ended, BenchError> {
         let failed = |what: String| {
             let what = format!("{} at {} levels, {}: {what}", self.scene, self.levels, self.contours.title());
@@ -88,10 +88,11 @@ impl Job<'_> {
                 break status;
             }
             if start.elapsed().as_secs_f64() > self.seconds {
-                return stopped(self.seconds_of, format!("stopped after {:.0} s, the limit", self.seconds));
+                return stopped(self.seconds_of, format!("stopped at the limit of {:.0} s", self.seconds));
             }
             if process.held_bytes().is_some_and(|held| held as f64 > self.memory) {
-                let what = format!("stopped when it held more than {:.1} GB; see --memory", self.memory / GB);
+                let what =
+                    format!("stopped because it held more than {:.1} GB of memory; see --memory", self.memory / GB);
                 return stopped(Limit::Memory, what);
             }
             std::thread::sleep(POLL);
@@ -99,17 +100,17 @@ impl Job<'_> {
         let read = |path: &PathBuf| std::fs::read(path).map(|b| String::from_utf8_lossy(&b).into_owned());
         if !status.success() {
             let log = read(&err).unwrap_or_default();
-            let last = log.lines().last().unwrap_or("it said nothing");
+            let last = log.lines().last().unwrap_or("it printed no error");
             return stopped(Limit::Failed, format!("the build failed: {}", last.trim_start_matches("error: ")));
         }
         let text = read(&out).map_err(|e| BenchError::io(&out, e))?;
         let mut summary: BuildSummary =
             serde_json::from_str(&text).map_err(|e| failed(format!("its report cannot be read: {e}")))?;
         if summary.file_bytes as f64 > self.disk {
-            let what = format!("took {:.1} GB of disk; see --disk", summary.file_bytes as f64 / GB);
+            let what = format!("its file took {:.1} GB of disk; see --disk", summary.file_bytes as f64 / GB);
             return stopped(Limit::Disk, what);
         }
-        // The folder is gone when the record is read.
+        // Only the file name: the folder is temporary.
         summary.output = Path::new(&summary.output).file_name().unwrap_or_default().to_string_lossy().into_owned();
         Ok(Ended::Done(Box::new(summary)))
     }

@@ -1,63 +1,64 @@
-//! `esvo bench build`: how long building takes, in how much memory, how large the octrees are and how far from the
-//! triangles, beside the paper and its authors' builder.
+//! `esvo bench build`: time and memory of building, size of the octrees and their error against the triangles, compared with
+//! the paper and with its authors' builder.
 //!
-//! Every octree is built by a process of its own ([`BuildSummary`](crate::build_summary::BuildSummary) is what it reports).
+//! Every octree is built in a process of its own, which reports a [`BuildSummary`](crate::build_summary::BuildSummary).
 
 mod accuracy;
 mod child;
 mod limit;
+mod output;
 mod peers;
 mod plan;
 mod record;
 mod saved;
 mod tables;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use esvo_scenes::{SceneEntry, SceneManifest, SceneVariant};
 
-use crate::paper_bench::matrix::LeftOut;
+use crate::matrix_parts::LeftOut;
 use crate::scene::{self, Scene};
 use crate::system::clock::Clock;
 use crate::system::machine::Machine;
+use crate::system::proc;
 use crate::system::scratch::Scratch;
-use crate::text::GB;
+use crate::units::GB;
 use crate::{BenchError, Progress};
-use accuracy::{Errors, Truth};
-use child::{Ended, Job};
+use accuracy::{Errors, SceneTruth};
+use child::{BuildJob, Ended};
 
-pub use limit::{Limit, Stopped};
+pub use output::write_build_record;
 pub use plan::{BuildMatrix, Contours};
-pub use record::{BuildReport, BuildRow, BuildSample, SCHEMA, SceneBuilds};
-pub use saved::{Measure, SavedLevels};
+pub use record::{BuildReport, BuildRow, BuildSample, Limit, Measure, SCHEMA, SavedLevels, SceneBuilds, Stopped};
 pub use tables::{to_markdown, to_text};
 
-/// What a run is told.
+/// What [`run_build_bench`] measures.
 #[derive(Clone, Debug)]
-pub struct Options {
-    /// What is built.
+pub struct BuildBenchOptions {
+    /// Scenes, levels and limits.
     pub matrix: BuildMatrix,
-    /// Where real meshes are looked for first.
+    /// The folder that is searched first for real meshes.
     pub scenes_dir: Option<PathBuf>,
-    /// The program whose `build` is run: the `esvo` that is running.
+    /// The program whose `build` command is run: usually the `esvo` that is running.
     pub program: PathBuf,
 }
 
-/// Builds everything that the matrix names and its limits allow, and hands the report to `save` whenever a row is done, so
-/// that a run which is stopped leaves what it has. A build that fails is recorded ([`BuildReport::failures`]) and ends its
-/// ladder of levels; the others go on.
+/// Builds all octrees of the matrix that its limits allow. Passes the report to `save` after every octree, so that a run that
+/// is stopped leaves a record. A failed build is recorded ([`BuildReport::failures`]) and ends the levels of its octree; the
+/// run continues with the others.
 ///
 /// # Errors
-/// A scene that does not exist, a mesh that cannot be used, builds that give other octrees the second time, what `save` says.
-pub fn run(
-    options: &Options,
+/// A scene that does not exist, a mesh that cannot be used, a repeated build with a different result, an error of `save`.
+pub fn run_build_bench(
+    options: &BuildBenchOptions,
     progress: &Progress,
     save: &mut dyn FnMut(&BuildReport) -> Result<(), BenchError>,
 ) -> Result<BuildReport, BenchError> {
     let matrix = &options.matrix;
     matrix.validate().map_err(|what| BenchError::Matrix { file: matrix.name.clone(), what })?;
     let manifest = SceneManifest::builtin().map_err(|e| BenchError::scene("manifest", e))?;
-    // All names first: a wrong one must not be found after an hour.
+    // Check all names first: an unknown scene must not end the run after an hour.
     let entries = (matrix.scenes.iter())
         .map(|wanted| Ok((scene::buildable(&manifest, &wanted.name)?, &wanted.levels[..])))
         .collect::<Result<Vec<_>, BenchError>>()?;
@@ -72,7 +73,7 @@ pub fn run(
         complete: false,
     };
     let clock = Clock::start(matrix.time_limit_seconds);
-    let mut runner = Runner { options, progress, clock, file: scratch.file("octree.esvo"), report, save };
+    let mut runner = BuildRun { options, progress, clock, file: scratch.file("octree.esvo"), report, save };
     for (entry, levels) in entries {
         runner.scene(entry, levels)?;
     }
@@ -84,17 +85,17 @@ pub fn run(
     Ok(runner.report)
 }
 
-struct Runner<'a> {
-    options: &'a Options,
+struct BuildRun<'a> {
+    options: &'a BuildBenchOptions,
     progress: &'a Progress,
     clock: Clock,
-    /// The octree that is being built or looked at.
+    /// The file of the octree that is being built or measured.
     file: PathBuf,
     report: BuildReport,
     save: &'a mut dyn FnMut(&BuildReport) -> Result<(), BenchError>,
 }
 
-impl Runner<'_> {
+impl BuildRun<'_> {
     fn save(&mut self) -> Result<(), BenchError> {
         self.report.seconds = self.clock.elapsed();
         (self.save)(&self.report)
@@ -105,7 +106,7 @@ impl Runner<'_> {
         let matrix = &self.options.matrix;
         let scenes_dir = self.options.scenes_dir.as_deref();
         if entry.stand_in.is_none() && esvo_scenes::find_scene_file(entry, scenes_dir).is_none() {
-            let reason = "its mesh is not here, and there is no stand-in; --scenes-dir says where it is".into();
+            let reason = "its mesh is not here, and there is no stand-in; give its folder by --scenes-dir".into();
             self.report.left_out.push(LeftOut { what: entry.name.clone(), reason });
             return self.save();
         }
@@ -113,7 +114,8 @@ impl Runner<'_> {
         let scene = Scene::load(entry, scenes_dir, matrix.views)?;
         let size = matrix.picture_size(scene.views.len());
         self.report.scenes.push(SceneBuilds::new(&scene, size));
-        let mut ladder = Ladder { stand_in: scene.variant == SceneVariant::StandIn, truth: Truth::new(scene, size) };
+        let mut ladder =
+            Ladder { stand_in: scene.variant == SceneVariant::StandIn, truth: SceneTruth::new(scene, size) };
         let mut kinds = matrix.contours.clone();
         for (index, &level) in levels.iter().enumerate() {
             for kind in kinds.clone() {
@@ -127,12 +129,12 @@ impl Runner<'_> {
         Ok(())
     }
 
-    /// The scene that is at work.
+    /// The record of the current scene.
     fn builds(&mut self) -> &mut SceneBuilds {
         self.report.scenes.last_mut().expect("a scene is at work")
     }
 
-    /// Builds one octree of the scene and measures its errors, or says why there is none.
+    /// Builds one octree of the scene and measures its errors. `Some`: why the octree does not exist or could not be cast.
     fn step(&mut self, ladder: &mut Ladder, level: u32, kind: Contours) -> Result<Option<(Limit, String)>, BenchError> {
         let matrix = &self.options.matrix;
         let left = self.clock.left();
@@ -141,7 +143,7 @@ impl Runner<'_> {
         if let Some(refused) = limit::refusal(&builds.rows, kind, matrix, left) {
             return Ok(Some(refused));
         }
-        let load = load();
+        let load = proc::load();
         let ended = self.build(&name, ladder.stand_in, level, kind, &format!("at {level} levels"));
         let build = match ended? {
             Ended::Stopped(limit, why) => {
@@ -167,7 +169,7 @@ impl Runner<'_> {
         Ok(failed)
     }
 
-    /// Builds once more what was built and did not take too long.
+    /// Repeats the builds that did not take too long.
     fn round(&mut self, round: usize) -> Result<(), BenchError> {
         let all: Vec<(usize, usize)> = (self.report.scenes.iter().enumerate())
             .flat_map(|(s, scene)| (0..scene.rows.len()).map(move |r| (s, r)))
@@ -175,13 +177,14 @@ impl Runner<'_> {
         for (s, r) in all {
             let scene = &self.report.scenes[s];
             let row = &scene.rows[r];
-            let (name, stand_in, levels, kind) = (scene.name.clone(), scene.mesh != "real", row.levels, row.contours);
+            let (name, stand_in, levels, kind) =
+                (scene.name.clone(), scene.mesh == SceneVariant::StandIn, row.levels, row.contours);
             let seconds = &row.samples[0].seconds;
             let all = seconds.import + seconds.build;
             if all > self.options.matrix.repeat_below_seconds || all > self.clock.left() {
                 continue;
             }
-            let load = load();
+            let load = proc::load();
             let what = format!("at {levels} levels, round {}", round + 1);
             let ended = self.build(&name, stand_in, levels, kind, &what);
             self.remove();
@@ -189,8 +192,8 @@ impl Runner<'_> {
             let row = &mut self.report.scenes[s].rows[r];
             if (build.voxels, build.image_bytes) != (row.build.voxels, row.build.image_bytes) {
                 let what = format!(
-                    "{levels} levels, {}: {} voxels in {} bytes the first time, {} in {} the next: building must give \
-                     the same whatever the threads do",
+                    "{levels} levels, {}: the first build gave {} voxels in {} bytes, a repeated one {} in {}: building must \
+                     not depend on the timing of threads",
                     kind.title(),
                     row.build.voxels,
                     row.build.image_bytes,
@@ -216,7 +219,7 @@ impl Runner<'_> {
         self.progress.say(format!("{scene}: building {}, {what}", contours.title()));
         let matrix = &self.options.matrix;
         let left = self.clock.left().max(1.0);
-        let job = Job {
+        let job = BuildJob {
             program: &self.options.program,
             scenes_dir: self.options.scenes_dir.as_deref(),
             scene,
@@ -232,7 +235,7 @@ impl Runner<'_> {
         job.run()
     }
 
-    /// Ends the ladder of a kind: `levels` are those that are not there.
+    /// Records that the octrees of a kind end before `levels`.
     fn stop(&mut self, kind: Contours, levels: &[u32], limit: Limit, why: String) {
         let Some(&first) = levels.first() else { return };
         let builds = self.builds();
@@ -243,35 +246,14 @@ impl Runner<'_> {
         self.report.left_out.push(LeftOut { what, reason });
     }
 
-    /// The next build starts with an empty disk; that a stopped one left nothing to remove is as well.
+    /// Removes the octree's file. A stopped build may have left none, so errors are ignored.
     fn remove(&self) {
         let _ = std::fs::remove_file(&self.file);
     }
 }
 
-/// What stays while the levels of a scene are built.
+/// Data that is kept while the levels of a scene are built.
 struct Ladder {
     stand_in: bool,
-    truth: Truth,
-}
-
-/// 1-minute load of the machine, or 0 where the system does not say.
-fn load() -> f64 {
-    let text = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
-    text.split_whitespace().next().and_then(|s| s.parse().ok()).unwrap_or(0.0)
-}
-
-/// Writes `build.json` and `build.md` to the folder, which is made, and returns their paths.
-///
-/// # Errors
-/// The system's.
-pub fn write(report: &BuildReport, folder: &Path) -> Result<[PathBuf; 2], BenchError> {
-    std::fs::create_dir_all(folder).map_err(|e| BenchError::io(folder, e))?;
-    let put = |name: &str, text: String| {
-        let path = folder.join(name);
-        let written = esvo_format::write_atomically(&path, |out| out.write_all(text.as_bytes()));
-        written.map_err(|e| BenchError::io(&path, e)).map(|()| path)
-    };
-    let name = &report.matrix.name;
-    Ok([put(&format!("{name}.json"), report.to_json())?, put(&format!("{name}.md"), to_markdown(report))?])
+    truth: SceneTruth,
 }

@@ -1,8 +1,8 @@
-//! What the paper authors' own builder made of the same meshes, measured apart.
+//! Figures of the paper authors' own builder on the same meshes. They were measured separately.
 
 use serde::Deserialize;
 
-/// Their figures.
+/// All figures of the authors' builder.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Authors {
@@ -10,17 +10,17 @@ pub(crate) struct Authors {
     error: Vec<TheirError>,
 }
 
-/// One build of theirs, with contours.
+/// One build by the authors' builder, with contours.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct TheirBuild {
     scene: String,
     levels: u32,
-    /// Whether the mesh is the one that we have.
+    /// Whether the mesh was the same as ours.
     #[serde(default = "yes")]
     pub(crate) own_mesh: bool,
     pub(crate) seconds: f64,
-    /// The same while other programs ran, where that was seen.
+    /// Seconds of a build while other programs ran, if measured.
     pub(crate) seconds_busy: Option<f64>,
     pub(crate) peak_mib: f64,
     pub(crate) mib: f64,
@@ -33,7 +33,7 @@ pub(crate) struct TheirBuild {
     pub(crate) bytes_per_voxel: f64,
 }
 
-/// The error of one of their octrees: the least and the most of two cameras.
+/// The error of one octree of the authors' builder: lowest and highest value of two cameras.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct TheirError {
@@ -46,7 +46,7 @@ pub(crate) struct TheirError {
     pub(crate) disagreement_percent: [f64; 2],
 }
 
-/// Where rays end.
+/// The termination of rays.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum Termination {
@@ -65,12 +65,12 @@ impl Authors {
         toml::from_str(include_str!("../../data/authors_builder.toml")).expect("checked by a test")
     }
 
-    /// Their build of a scene.
+    /// The authors' build of a scene.
     pub(crate) fn build(&self, scene: &str, levels: u32) -> Option<&TheirBuild> {
         self.build.iter().find(|b| b.scene == scene && b.levels == levels)
     }
 
-    /// Their error on a scene.
+    /// The error of the authors' octree of a scene.
     pub(crate) fn error(&self, scene: &str, levels: u32, termination: Termination) -> Option<&TheirError> {
         self.error.iter().find(|e| e.scene == scene && e.levels == levels && e.termination == termination)
     }
@@ -79,7 +79,7 @@ impl Authors {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::text::MIB;
+    use crate::units::MIB;
 
     #[test]
     fn figures_agree_with_each_other() {

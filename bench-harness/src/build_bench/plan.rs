@@ -1,11 +1,11 @@
-//! What `esvo bench build` is told to build.
+//! The matrix of `esvo bench build`: which octrees are built, within which limits.
 
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
 use crate::BenchError;
-use crate::paper_bench::matrix::{LeftOut, SceneEntry};
+use crate::matrix_parts::{LeftOut, SceneLevels, check_scenes, parse_toml, select_scenes};
 
 /// Scenes, levels and limits.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
@@ -13,14 +13,14 @@ use crate::paper_bench::matrix::{LeftOut, SceneEntry};
 pub struct BuildMatrix {
     /// Name, for the record.
     pub name: String,
-    /// How often each octree is built; times are medians. Rounds are interleaved: every octree is built once before one is
+    /// How often each octree is built; times are medians. Builds are interleaved: every octree is built once before any is
     /// built again.
     pub repeats: usize,
-    /// What took longer than so many seconds the first time is not built again.
+    /// An octree whose first build took longer than this many seconds is not built again.
     pub repeat_below_seconds: f64,
-    /// Most viewpoints of a scene that errors are measured from.
+    /// Errors are measured from at most this many viewpoints of a scene.
     pub views: usize,
-    /// Rays over all viewpoints of a scene, about.
+    /// Approximate number of rays per scene, over all its viewpoints.
     pub rays: u64,
     /// Memory that a build may take, in GB (10^9 bytes).
     pub memory_gb: f64,
@@ -28,15 +28,15 @@ pub struct BuildMatrix {
     pub disk_gb: f64,
     /// Seconds that one build may take, import and writing included.
     pub build_limit_seconds: f64,
-    /// Seconds that the run may take; none: no limit.
+    /// Seconds that the run may take. Absent: no limit.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub time_limit_seconds: Option<f64>,
-    /// Which octrees.
+    /// Which kinds of octrees are built.
     pub contours: Vec<Contours>,
     /// The scenes and their levels.
     #[serde(rename = "scene")]
-    pub scenes: Vec<SceneEntry>,
-    /// What is left out from the start, and why.
+    pub scenes: Vec<SceneLevels>,
+    /// What this matrix leaves out, and why.
     #[serde(default)]
     pub left_out: Vec<LeftOut>,
 }
@@ -47,12 +47,12 @@ pub struct BuildMatrix {
 pub enum Contours {
     /// With contours and the paper's settings for the scene.
     On,
-    /// Every voxel down to the last level, as cubes.
+    /// Without contours: all geometry is divided down to the deepest level.
     Off,
 }
 
 impl Contours {
-    /// As tables say it.
+    /// The name in tables.
     pub fn title(self) -> &'static str {
         match self {
             Self::On => "contours",
@@ -62,7 +62,7 @@ impl Contours {
 }
 
 impl BuildMatrix {
-    /// What runs if nothing else is said.
+    /// The default matrix.
     pub fn default_run() -> Self {
         Self::parse(include_str!("../../matrices/build.toml"), "build.toml").expect("checked by a test")
     }
@@ -75,7 +75,7 @@ impl BuildMatrix {
     /// Reads one from a TOML file.
     ///
     /// # Errors
-    /// The file cannot be read, is no such TOML, or holds values out of range.
+    /// The file cannot be read, is not the TOML of a matrix, or has values out of range.
     pub fn read(path: &Path) -> Result<Self, BenchError> {
         let text = std::fs::read_to_string(path).map_err(|e| BenchError::io(path, e))?;
         Self::parse(&text, &path.display().to_string())
@@ -83,27 +83,27 @@ impl BuildMatrix {
 
     fn parse(text: &str, name: &str) -> Result<Self, BenchError> {
         let bad = |what: String| BenchError::Matrix { file: name.into(), what };
-        let matrix: Self = toml::from_str(text).map_err(|e| bad(e.message().to_string()))?;
+        let matrix: Self = parse_toml(text).map_err(bad)?;
         matrix.validate().map_err(bad)?;
         Ok(matrix)
     }
 
-    /// Keeps these scenes only, in this order. One that the matrix has not takes the levels of its first scene.
+    /// Keeps only these scenes, in this order. A scene that is not in the matrix gets the levels of the matrix's first scene.
     pub fn select_scenes(&mut self, names: &[String]) {
-        self.scenes = crate::paper_bench::matrix::selected(&self.scenes, names);
+        self.scenes = select_scenes(&self.scenes, names);
         self.left_out.clear();
     }
 
     /// Checks that every value is in its range.
     ///
     /// # Errors
-    /// The first that is not, in words.
+    /// The first value out of range, in words.
     pub fn validate(&self) -> Result<(), String> {
         if self.repeats == 0 || self.views == 0 || self.contours.is_empty() {
-            return Err("repeats and views are at least 1, and contours needs an entry".into());
+            return Err("repeats and views must be at least 1, and contours must have an entry".into());
         }
         if !(1..=1 << 28).contains(&self.rays) {
-            return Err(format!("rays is between 1 and 2^28, not {}", self.rays));
+            return Err(format!("rays is {}, expected 1 to 2^28", self.rays));
         }
         let numbers = [
             ("memory_gb", self.memory_gb),
@@ -112,15 +112,15 @@ impl BuildMatrix {
             ("time_limit_seconds", self.time_limit_seconds.unwrap_or(1.0)),
         ];
         if let Some((name, value)) = numbers.iter().find(|(_, x)| !(*x > 0.0 && x.is_finite())) {
-            return Err(format!("{name} is a positive number, not {value}"));
+            return Err(format!("{name} is {value}, expected a number above 0"));
         }
         if self.repeat_below_seconds.is_nan() || self.repeat_below_seconds < 0.0 {
-            return Err("repeat_below_seconds is a number from 0 on".into());
+            return Err(format!("repeat_below_seconds is {}, expected 0 or more", self.repeat_below_seconds));
         }
-        crate::paper_bench::matrix::check_scenes(&self.scenes)
+        check_scenes(&self.scenes)
     }
 
-    /// Size of the pictures that together have about as many rays as are wanted, 4 to 3.
+    /// Size of each picture, 4 to 3, so that all pictures of a scene together have about `rays` rays.
     pub fn picture_size(&self, views: usize) -> [u32; 2] {
         let pixels = (self.rays as f64 / views.max(1) as f64).max(1.0);
         let width = (pixels * 4.0 / 3.0).sqrt().round().clamp(1.0, 16384.0);

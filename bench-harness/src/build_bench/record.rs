@@ -1,18 +1,17 @@
-//! The record of `esvo bench build`: `build.json`. Everything that its tables say is computed from it.
+//! The record of `esvo bench build`, `<matrix>.json`: plain data. All tables are computed from it.
 
+use esvo_scenes::SceneVariant;
 use serde::{Deserialize, Serialize};
 
-use super::limit::{Limit, Stopped};
 use super::plan::{BuildMatrix, Contours};
-use super::saved::SavedLevels;
 use crate::build_summary::{BuildSeconds, BuildSummary};
-use crate::error::depth::DepthError;
-use crate::paper_bench::matrix::LeftOut;
-use crate::paper_bench::report::NamedView;
-use crate::scene::Scene;
+use crate::error::depth::{DepthError, Summary};
+use crate::matrix_parts::LeftOut;
+use crate::output::to_json;
+use crate::scene::{NamedView, Scene};
 use crate::system::machine::Machine;
-use crate::text::MIB;
 use crate::timing::Spread;
+use crate::units::MIB;
 
 /// Version of the record's layout. Fields may be added without a new one.
 pub const SCHEMA: u32 = 1;
@@ -22,9 +21,9 @@ pub const SCHEMA: u32 = 1;
 pub struct BuildReport {
     /// [`SCHEMA`].
     pub schema: u32,
-    /// What it ran on.
+    /// The machine and the software.
     pub machine: Machine,
-    /// What was asked for.
+    /// The matrix.
     pub matrix: BuildMatrix,
     /// The scenes, in the order of the matrix.
     pub scenes: Vec<SceneBuilds>,
@@ -32,7 +31,7 @@ pub struct BuildReport {
     pub left_out: Vec<LeftOut>,
     /// Seconds that the run took.
     pub seconds: f64,
-    /// Whether the run came to its end; otherwise this is what was done when it was stopped.
+    /// Whether the run was completed. False: it was stopped, and this is what it had measured.
     #[serde(default = "yes")]
     pub complete: bool,
 }
@@ -40,25 +39,25 @@ pub struct BuildReport {
 /// Everything about one scene.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct SceneBuilds {
-    /// As in the manifest, and in the paper's tables if it is one of the paper's.
+    /// Name in the manifest, and in the paper's tables if it is one of the paper's scenes.
     pub name: String,
-    /// `real` or `stand-in`.
-    pub mesh: String,
+    /// Which of the scene's two meshes was measured.
+    pub mesh: SceneVariant,
     /// Triangles of that mesh.
     pub triangles: u64,
     /// Whether the file is the one that the manifest names, or which generator made the mesh.
     pub identity: String,
-    /// Credit to print beside tables.
+    /// Credit to print with tables.
     pub credit: String,
     /// Viewpoints that errors were measured from.
     pub views: Vec<NamedView>,
-    /// Picture of each viewpoint.
+    /// Size of the picture of each viewpoint.
     pub size: [u32; 2],
-    /// What was built, in the order in which it was built first.
+    /// The octrees, in the order of their first builds.
     pub rows: Vec<BuildRow>,
     /// How many levels contours save.
     pub saved: Vec<SavedLevels>,
-    /// Where the ladders of levels end before they reach what was asked for.
+    /// Kinds of octrees whose deeper levels were not built.
     #[serde(default)]
     pub stopped: Vec<Stopped>,
 }
@@ -74,29 +73,105 @@ pub struct BuildRow {
     pub levels: u32,
     /// With contours or without.
     pub contours: Contours,
-    /// What came out of it, and what the first build took.
+    /// The result and the first build.
     pub build: BuildSummary,
-    /// What every build took, the first one included.
+    /// All builds, including the first.
     pub samples: Vec<BuildSample>,
-    /// Distance from the triangles where rays end at leaves only.
+    /// Distance from the triangles when rays end at leaves only.
     pub error: Option<DepthError>,
-    /// Distance from the triangles where rays end at voxels of one pixel.
+    /// Distance from the triangles when rays end at voxels of one pixel.
     pub error_at_pixel: Option<DepthError>,
 }
 
-/// What one build took.
+/// Time and memory of one build.
 #[derive(Clone, Copy, PartialEq, Debug, Serialize, Deserialize)]
 pub struct BuildSample {
-    /// Phase by phase.
+    /// Seconds by phase.
     pub seconds: BuildSeconds,
     /// Most memory that the process ever held, import included.
     pub peak_bytes: u64,
-    /// 1-minute load of the machine before it, 0 where the system does not say: above 1 somebody else is at work.
+    /// Load of the machine over the minute before the build, 0 if the system does not say. Above 1: other programs were running.
     pub load: f64,
 }
 
+/// From which level on a scene has no octrees of a kind, and why.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+pub struct Stopped {
+    /// The kind.
+    pub contours: Contours,
+    /// The first level without an octree.
+    pub levels: u32,
+    /// The limit that was exceeded.
+    pub limit: Limit,
+    /// The reason in words, with figures.
+    pub why: String,
+}
+
+/// Why no deeper level is built.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Limit {
+    /// A build needs too much memory.
+    Memory,
+    /// The file needs too much disk.
+    Disk,
+    /// A build takes too long.
+    Build,
+    /// The run takes too long.
+    Run,
+    /// The build failed.
+    Failed,
+}
+
+/// How many levels the contours of one octree save.
+#[derive(Clone, Copy, PartialEq, Debug, Serialize, Deserialize)]
+pub struct SavedLevels {
+    /// Which percentile of the error is equal.
+    #[serde(default)]
+    pub measure: Measure,
+    /// Deepest level of the octree with contours.
+    pub levels: u32,
+    /// That percentile of its error in mesh units, with rays that end at leaves only.
+    pub error: f64,
+    /// Bytes of its image.
+    pub bytes: f64,
+    /// Deepest level of the cubical octree with that error.
+    pub cubical_levels: f64,
+    /// Bytes of its image.
+    pub cubical_bytes: f64,
+    /// Whether that octree is deeper or shallower than all cubical octrees that were built, so that it is extrapolated.
+    pub extrapolated: bool,
+}
+
+/// Which percentile of the error over the rays is compared.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Measure {
+    /// 50 %: the error on flat and gently curved surfaces.
+    #[default]
+    Median,
+    /// 90 %.
+    P90,
+    /// 99 %: the error at edges and silhouettes.
+    P99,
+}
+
+impl Measure {
+    /// Every measure.
+    pub const ALL: [Self; 3] = [Self::Median, Self::P90, Self::P99];
+
+    /// The percentile of a set of errors.
+    pub(crate) fn of(self, errors: &Summary) -> f64 {
+        match self {
+            Self::Median => errors.median,
+            Self::P90 => errors.p90,
+            Self::P99 => errors.p99,
+        }
+    }
+}
+
 impl BuildRow {
-    /// Median and quartiles over the builds of something.
+    /// Median and quartiles of a value over all builds.
     pub fn spread(&self, of: impl Fn(&BuildSample) -> f64) -> Spread {
         let values: Vec<f64> = self.samples.iter().map(of).collect();
         let none = Spread { median: f64::NAN, lower_quartile: f64::NAN, upper_quartile: f64::NAN };
@@ -113,7 +188,7 @@ impl BuildRow {
         self.build.image_bytes as f64 / MIB
     }
 
-    /// Most memory of any of the builds, in MiB.
+    /// Peak memory, the highest of all builds, in MiB.
     pub fn peak_mib(&self) -> f64 {
         self.samples.iter().map(|s| s.peak_bytes).max().unwrap_or(0) as f64 / MIB
     }
@@ -125,11 +200,11 @@ impl BuildRow {
 }
 
 impl SceneBuilds {
-    /// Of a scene of which nothing is built yet, its pictures being of this size.
+    /// A scene without octrees yet. `size` is the size of its pictures.
     pub(crate) fn new(scene: &Scene, size: [u32; 2]) -> Self {
         Self {
             name: scene.name.clone(),
-            mesh: scene.variant.to_string(),
+            mesh: scene.variant,
             triangles: scene.mesh.triangle_count() as u64,
             identity: scene.identity.clone(),
             credit: scene.credit.clone(),
@@ -141,7 +216,7 @@ impl SceneBuilds {
         }
     }
 
-    /// What ended the ladder of a kind at or below this level.
+    /// Why the octree of a kind at this level was not built: the limit that applied at this level or a coarser one.
     pub fn stopped(&self, contours: Contours, levels: u32) -> Option<&Stopped> {
         self.stopped.iter().find(|s| s.contours == contours && s.levels <= levels)
     }
@@ -150,15 +225,10 @@ impl SceneBuilds {
     pub fn row(&self, contours: Contours, levels: u32) -> Option<&BuildRow> {
         self.rows.iter().find(|r| r.contours == contours && r.levels == levels)
     }
-
-    /// `real mesh` or `stand-in`.
-    pub fn mesh_title(&self) -> &'static str {
-        if self.mesh == "real" { "real mesh" } else { "stand-in" }
-    }
 }
 
 impl BuildReport {
-    /// Ladders that a failed build ended, with their scenes.
+    /// Failed builds, with their scenes.
     pub fn failures(&self) -> impl Iterator<Item = (&SceneBuilds, &Stopped)> {
         let failed = |s: &&Stopped| s.limit == Limit::Failed;
         self.scenes.iter().flat_map(move |scene| scene.stopped.iter().filter(failed).map(move |s| (scene, s)))
@@ -166,9 +236,7 @@ impl BuildReport {
 
     /// The record as JSON, indented.
     pub fn to_json(&self) -> String {
-        let mut json = serde_json::to_string_pretty(self).expect("a report has text keys only");
-        json.push('\n');
-        json
+        to_json(self)
     }
 }
 

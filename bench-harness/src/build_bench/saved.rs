@@ -1,59 +1,9 @@
-//! How many levels contours save: the cubical octree that is as near to the triangles as one with contours, were there one
-//! of every fraction of a level.
-
-use serde::{Deserialize, Serialize};
+//! Levels saved by contours: the cubical error curve over the level is interpolated at the error of the octree with contours.
 
 use super::plan::Contours;
-use super::record::BuildRow;
-use crate::error::depth::Summary;
+use super::record::{BuildRow, Measure, SavedLevels};
 
-/// What the contours of one octree are worth.
-#[derive(Clone, Copy, PartialEq, Debug, Serialize, Deserialize)]
-pub struct SavedLevels {
-    /// Which error is equal.
-    #[serde(default)]
-    pub measure: Measure,
-    /// Deepest level of the octree with contours.
-    pub levels: u32,
-    /// Its error in mesh units: that percentile over the rays, which end at leaves only.
-    pub error: f64,
-    /// Bytes of its image.
-    pub bytes: f64,
-    /// Deepest level of the cubical octree with that error.
-    pub cubical_levels: f64,
-    /// Bytes of its image.
-    pub cubical_bytes: f64,
-    /// Whether that octree is deeper or shallower than all that were built, so that it follows from their trend.
-    pub extrapolated: bool,
-}
-
-/// Which part of the rays has at most the error.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Measure {
-    /// Half: how far flat and gently curved surfaces are.
-    #[default]
-    Median,
-    /// 90 %.
-    P90,
-    /// 99 %: how far edges and silhouettes are.
-    P99,
-}
-
-impl Measure {
-    /// Every measure.
-    pub const ALL: [Self; 3] = [Self::Median, Self::P90, Self::P99];
-
-    fn of(self, errors: &Summary) -> f64 {
-        match self {
-            Self::Median => errors.median,
-            Self::P90 => errors.p90,
-            Self::P99 => errors.p99,
-        }
-    }
-}
-
-/// For every octree with contours and every measure; empty unless two cubical octrees are there to compare with.
+/// The levels saved by each octree with contours, for each measure. Empty unless there are two cubical octrees to compare with.
 pub(crate) fn saved(rows: &[BuildRow]) -> Vec<SavedLevels> {
     Measure::ALL.into_iter().flat_map(|measure| saved_by(rows, measure)).collect()
 }
@@ -85,8 +35,8 @@ fn saved_by(rows: &[BuildRow], measure: Measure) -> Vec<SavedLevels> {
     of(Contours::On).into_iter().filter_map(found).collect()
 }
 
-/// The level at which the logarithm of the error, taken as straight between neighbours and beyond the ends, is that of
-/// `error`, and whether it is beyond an end.
+/// The level at which the error is `error`, and whether that level is extrapolated. `points` are (level, error, bytes); the
+/// logarithm of the error is linear in the level between neighbours and beyond both ends.
 fn crossing(points: &[(f64, f64, f64)], error: f64) -> Option<(f64, bool)> {
     let target = error.log2();
     let logs: Vec<(f64, f64)> = points.iter().map(|p| (p.0, p.1.log2())).collect();
@@ -94,11 +44,11 @@ fn crossing(points: &[(f64, f64, f64)], error: f64) -> Option<(f64, bool)> {
     let inside = logs.windows(2).position(|w| w[0].1 >= target && target >= w[1].1);
     let from = inside.unwrap_or(if target > logs[0].1 { 0 } else { last });
     let ((l0, e0), (l1, e1)) = (logs[from], logs[from + 1]);
-    // Errors that do not fall with the level have no trend to follow.
+    // An error that does not fall with the level cannot be extrapolated.
     (e0 > e1).then(|| (l0 + (e0 - target) / (e0 - e1) * (l1 - l0), inside.is_none()))
 }
 
-/// The value at `x` of points whose `x` ascend, taken as straight between neighbours and beyond the ends.
+/// The value at `x` of a line through points with ascending `x`, linear between neighbours and beyond both ends.
 fn along(points: &[(f64, f64)], x: f64) -> Option<f64> {
     let last = points.len().checked_sub(2)?;
     let from = points[1..].iter().position(|p| x <= p.0).unwrap_or(last).min(last);
@@ -110,7 +60,7 @@ fn along(points: &[(f64, f64)], x: f64) -> Option<f64> {
 mod tests {
     use super::*;
     use crate::build_bench::record::tests::row;
-    use crate::error::depth::DepthError;
+    use crate::error::depth::{DepthError, Summary};
 
     #[test]
     fn levels_are_saved_by_every_measure_on_its_own() {

@@ -1,4 +1,4 @@
-//! How far what an octree caster found is from the triangles themselves.
+//! Depth error: the distance between the hits of an octree caster and the exact hits of the triangles.
 
 use esvo_core::exact::{CameraRays, TriangleHit};
 use esvo_core::shading::{octree_to_mesh, voxel_normal};
@@ -7,7 +7,7 @@ use esvo_format::Octree;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-/// What a set of errors comes to. All zero for an empty set.
+/// Percentiles, mean and maximum of a set of errors. All zero for an empty set.
 #[derive(Clone, Copy, PartialEq, Debug, Default, Serialize, Deserialize)]
 pub struct Summary {
     /// Half of the errors are at most this.
@@ -16,21 +16,21 @@ pub struct Summary {
     pub p90: f64,
     /// 99 % of the errors are at most this.
     pub p99: f64,
-    /// Mean; a few rays that graze an edge and hit what lies behind it can make most of it.
+    /// Mean. A few rays that pass an edge and hit a surface far behind it can dominate it.
     pub mean: f64,
     /// Largest.
     pub max: f64,
 }
 
 impl Summary {
-    /// Of numbers that are not NaN, in any order. Percentiles are the nearest rank: always one of the numbers.
+    /// Summarizes numbers in any order; none may be NaN. Percentiles are nearest ranks: each is one of the numbers.
     pub fn of(mut errors: Vec<f64>) -> Self {
         if errors.is_empty() {
             return Self::default();
         }
         errors.sort_unstable_by(f64::total_cmp);
         let count = errors.len();
-        // The least number that so many percent of all do not exceed.
+        // The smallest number that is at least as large as `percent` of all numbers.
         let rank = |percent: usize| errors[(count * percent).div_ceil(100).max(1) - 1];
         Self {
             median: rank(50),
@@ -47,20 +47,20 @@ impl Summary {
 pub struct DepthError {
     /// Rays compared.
     pub rays: u64,
-    /// Rays that hit in both; the summaries are of these.
+    /// Rays that hit both triangles and voxels. The summaries are taken over these rays.
     pub both_hit: u64,
-    /// Rays that hit triangles, but no voxel: holes.
+    /// Rays that hit a triangle but no voxel: holes.
     pub only_exact: u64,
-    /// Rays that hit a voxel, but no triangle.
+    /// Rays that hit a voxel but no triangle.
     pub only_octree: u64,
-    /// Rays whose `t` is not a number, or lies outside `0..=1` without being a miss; counted nowhere else. Above 0 the
-    /// caster is broken.
+    /// Rays whose `t` is NaN, or outside `0..=1` without being a miss. They are not counted elsewhere. A number above 0 means
+    /// that the caster is broken.
     pub strange: u64,
     /// `(only_exact + only_octree + strange) / rays`.
     pub disagreement: f64,
-    /// Mean of the signed error along the ray in pixels: above 0, voxels lie behind the surface.
+    /// Mean of the signed error along the ray in pixels. Above 0: voxels lie behind the surface.
     pub bias_pixels: f64,
-    /// Distance between the two hits along the ray, in footprints of a pixel at the exact hit.
+    /// Distance between the two hits along the ray, in pixels: footprints of a pixel at the exact hit.
     pub pixels: Summary,
     /// The same in mesh units.
     pub scene: Summary,
@@ -72,8 +72,7 @@ pub struct DepthError {
 }
 
 impl DepthError {
-    /// Compares hits ray by ray. `rays` are those that both were cast with, and `edges` are those of the octree's voxels
-    /// ([`voxel_edges`]).
+    /// Compares hits ray by ray. Both were cast with `rays`; `edges` are the octree's ([`voxel_edges`]).
     ///
     /// # Panics
     /// The number of hits is not that of the rays.
@@ -84,7 +83,7 @@ impl DepthError {
     }
 }
 
-/// Depth errors of several pictures, gathered ray by ray.
+/// Depth errors of several pictures, collected ray by ray.
 #[derive(Clone, Default, Debug)]
 pub struct DepthErrors {
     counts: DepthError,
@@ -95,7 +94,7 @@ pub struct DepthErrors {
 }
 
 impl DepthErrors {
-    /// Adds a picture, as [`DepthError::between`] takes it.
+    /// Adds a picture. The arguments are those of [`DepthError::between`].
     ///
     /// # Panics
     /// The number of hits is not that of the rays.
@@ -124,7 +123,7 @@ impl DepthErrors {
         }
     }
 
-    /// What all of them come to.
+    /// Summarizes all pictures.
     pub fn finish(self) -> DepthError {
         let mut error = self.counts;
         error.both_hit = self.pixels.len() as u64;
@@ -139,16 +138,16 @@ impl DepthErrors {
     }
 }
 
-/// Edges of cubes in mesh units.
+/// Edge lengths of cubes in mesh units.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct VoxelEdges {
-    /// Of the root cube.
+    /// Edge of the root cube.
     pub root: f64,
-    /// Of the finest voxels.
+    /// Edge of the finest voxels.
     pub finest: f64,
 }
 
-/// Edges of the root cube and of the finest voxels of an object.
+/// Edge lengths of the root cube and of the finest voxels of an object.
 ///
 /// # Panics
 /// There is no such object.
@@ -157,11 +156,11 @@ pub fn voxel_edges(octree: &Octree, object: usize) -> VoxelEdges {
     VoxelEdges { root, finest: root * (-f64::from(octree.objects()[object].levels)).exp2() }
 }
 
-/// Angles in degrees between the normals of voxels and of the surface, where both were hit. The side does not matter: a
-/// normal and its opposite are 0 apart, and 90 is the most.
+/// Angles in degrees between the normals of voxels and of the surface, for rays that hit both. Opposite normals count as
+/// equal: angles are 0 to 90.
 ///
-/// `surface_normal` gives the normal of a triangle at a point, in mesh space, any length; triangles without one (zero) are
-/// left out, and so are voxels without one.
+/// `surface_normal` gives the normal of a triangle at a point, in mesh space, of any length. Triangles and voxels whose normal
+/// is zero are left out.
 ///
 /// # Panics
 /// The hits are not of this octree and view.
@@ -183,7 +182,7 @@ pub fn normal_error(
         let surface = surface_normal(exact.triangle, ray.origin + ray.direction * exact.t);
         let (x, y) = (index as u32 % view.width, index as u32 / view.width);
         let voxel = voxel_normal(octree, &to_mesh, &view.ray(x, y), hit);
-        // By sine and cosine: the arc cosine alone loses half the digits of a small angle.
+        // atan2 of sine and cosine: the arc cosine alone loses half the digits of a small angle.
         let angle = surface.cross(voxel).length().atan2(surface.dot(voxel).abs());
         if surface != DVec3::ZERO && voxel != DVec3::ZERO && angle.is_finite() {
             angles.push(angle.to_degrees());
@@ -295,7 +294,7 @@ mod tests {
         assert_eq!((error.strange, error.only_exact), (3, good.only_exact + 1));
         assert!(error.scene.max > 1.9 && error.pixels.p99 < 1e-3, "{error:?}");
         assert!(error.disagreement > good.disagreement);
-        // A triangle that is gone is noticed too.
+        // A missing triangle is noticed too.
         let half = TriangleScene::new(vec![scene.triangles()[0].map(Into::into)]).unwrap();
         let error = DepthError::between(&rays, &half.cast_exact(&rays), &hits, edges);
         assert!(error.disagreement > 0.3, "{error:?}");

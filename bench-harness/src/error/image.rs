@@ -1,8 +1,8 @@
-//! How different two pictures look: ꟻLIP, and the plain measures beside it.
+//! Image error: how different two pictures look (ꟻLIP), mean absolute difference and PSNR.
 //!
-//! ꟻLIP for low dynamic range is written after Andersson, Nilsson, Akenine-Möller, Oskarsson, Åström, Fairchild:
-//! *ꟻLIP: A Difference Evaluator for Alternating Images* (HPG 2020): what an observer notices who flips between two
-//! pictures, 0 (nothing) to 1, per pixel. Symbols are those of the paper.
+//! ꟻLIP for low dynamic range follows Andersson, Nilsson, Akenine-Möller, Oskarsson, Åström, Fairchild:
+//! *ꟻLIP: A Difference Evaluator for Alternating Images* (HPG 2020). It estimates, for each pixel, the difference that an
+//! observer notices when flipping between two pictures, from 0 (none) to 1. Symbols are those of the paper.
 
 use std::f32::consts::PI;
 
@@ -59,9 +59,9 @@ pub fn flip_map(reference: &Picture, test: &Picture, pixels_per_degree: f32) -> 
 const Q_C: f32 = 0.7;
 /// Exponent of the feature difference.
 const Q_F: f32 = 0.5;
-/// This part of the largest colour difference ...
+/// Part of the largest colour difference that is mapped to the error [`P_T`].
 const P_C: f32 = 0.4;
-/// ... is taken to this error.
+/// Error that the part [`P_C`] of the largest colour difference is mapped to.
 const P_T: f32 = 0.95;
 /// Width of the feature detectors in degrees.
 const FEATURE_WIDTH: f32 = 0.082;
@@ -69,7 +69,7 @@ const FEATURE_WIDTH: f32 = 0.082;
 const SENSITIVITY: [[(f32, f32); 2]; 3] =
     [[(1.0, 0.0047), (0.0, 1e-5)], [(1.0, 0.0053), (0.0, 1e-5)], [(34.1, 0.04), (13.5, 0.025)]];
 
-/// A picture as the observer takes it in.
+/// A picture as the observer perceives it.
 struct Observed {
     /// Filtered by contrast sensitivity, in L*a*b* with Hunt's adjustment.
     lab: Vec<[f32; 3]>,
@@ -95,7 +95,7 @@ impl Observed {
             let gaussians = SENSITIVITY[channel].map(|(a, b)| {
                 let kernel = kernel(radius, |x| (-(PI * x / pixels_per_degree).powi(2) / b).exp());
                 let total: f32 = kernel.iter().sum();
-                // What the Gaussian weighs in two dimensions.
+                // The weight of the Gaussian in two dimensions.
                 (kernel.map_values(|k| k / total), a * (PI / b).sqrt() * total * total)
             });
             let weight: f32 = gaussians.iter().map(|g| g.1).sum();
@@ -134,7 +134,7 @@ impl Observed {
     }
 }
 
-/// Values of a function at whole numbers from `-radius` to `radius`.
+/// Values of a function at the integers from `-radius` to `radius`.
 fn kernel(radius: usize, value: impl Fn(f32) -> f32) -> Vec<f32> {
     (0..=2 * radius).map(|i| value(i as f32 - radius as f32)).collect()
 }
@@ -165,7 +165,7 @@ struct Plane {
 }
 
 impl Plane {
-    /// Convolved along rows, then along columns; beyond its border a picture goes on as at the border.
+    /// Convolves along rows, then along columns. Pixels outside the picture have the value of the nearest border pixel.
     fn convolved(&self, along_rows: &[f32], along_columns: &[f32]) -> Plane {
         let (width, height) = (self.width, self.height);
         let mut rows = vec![0.0; self.values.len()];

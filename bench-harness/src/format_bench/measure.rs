@@ -10,8 +10,9 @@ use std::time::Instant;
 use esvo_format::{FormatError, Octree, RangeRead, Region, StreamReader, WriteOptions, validate_file};
 
 use super::source::{Source, copies};
-use super::{AccessRow, FormatReport, LargeFile, SCHEMA, Settings, StorageRow, Timed, ValidationRow};
+use super::{AccessRow, FormatBenchOptions, FormatReport, LargeFile, SCHEMA, StorageRow, Timed, ValidationRow};
 use crate::system::machine::Machine;
+use crate::system::proc::mapped_bytes;
 use crate::system::scratch::Scratch;
 use crate::{BenchError, Progress};
 
@@ -25,26 +26,30 @@ const RUNS: usize = 5;
 const COARSE: u32 = 6;
 
 /// Everything, on the thread that this is called on.
-pub(super) fn all(settings: &Settings, sources: &[Source], progress: &Progress) -> Result<FormatReport, BenchError> {
+pub(super) fn all(
+    options: &FormatBenchOptions,
+    sources: &[Source],
+    progress: &Progress,
+) -> Result<FormatReport, BenchError> {
     let machine = Machine::detect();
     let start = Instant::now();
     let first = &sources[0];
-    let storage = storage(settings, first, progress)?;
+    let storage = storage(options, first, progress)?;
     let folder = Scratch::new()?;
     let mut validation = Vec::new();
     for source in sources {
         progress.say(format!("validating, {}", source.row.name));
         let path = folder.file("octree.esvo");
         source.octree.write(&path).map_err(BenchError::Format)?;
-        validation.push(validate(settings, &source.row.name, &path)?);
+        validation.push(validate(options, &source.row.name, &path)?);
     }
     progress.say("writing the large file");
     let path = folder.file("large.esvo");
-    copies(&first.octree, settings.large_bytes).and_then(|octree| octree.write(&path)).map_err(BenchError::Format)?;
+    copies(&first.octree, options.large_bytes).and_then(|octree| octree.write(&path)).map_err(BenchError::Format)?;
     progress.say("validating the large file");
-    validation.push(validate(settings, "large file", &path)?);
+    validation.push(validate(options, "large file", &path)?);
     progress.say("reading the large file");
-    let large = access(settings, &path)?;
+    let large = access(options, &path)?;
     Ok(FormatReport {
         schema: SCHEMA,
         machine,
@@ -56,29 +61,32 @@ pub(super) fn all(settings: &Settings, sources: &[Source], progress: &Progress) 
     })
 }
 
-/// Runs it as often as the settings say; returns what the last run did.
-fn time<T>(settings: &Settings, mut run: impl FnMut() -> Result<T, FormatError>) -> Result<(Timed, T), BenchError> {
+/// Runs it as often as the options say; returns what the last run did.
+fn time<T>(
+    options: &FormatBenchOptions,
+    mut run: impl FnMut() -> Result<T, FormatError>,
+) -> Result<(Timed, T), BenchError> {
     let started = Instant::now();
     let mut seconds = Vec::new();
     loop {
         let before = Instant::now();
         let result = run().map_err(BenchError::Format)?;
         seconds.push(before.elapsed().as_secs_f64());
-        if seconds.len() >= RUNS && started.elapsed().as_secs_f64() >= settings.seconds {
+        if seconds.len() >= RUNS && started.elapsed().as_secs_f64() >= options.seconds {
             return Ok((Timed { seconds }, result));
         }
         drop(result);
     }
 }
 
-fn storage(settings: &Settings, source: &Source, progress: &Progress) -> Result<Vec<StorageRow>, BenchError> {
+fn storage(options: &FormatBenchOptions, source: &Source, progress: &Progress) -> Result<Vec<StorageRow>, BenchError> {
     let mut rows = Vec::new();
     for zstd in [None, Some(1), Some(3), Some(9)] {
         progress.say(match zstd {
             None => "storing".into(),
             Some(level) => format!("storing, Zstandard at level {level}"),
         });
-        let (write, file) = time(settings, || {
+        let (write, file) = time(options, || {
             let mut file = Vec::new();
             let written = source.octree.write_to_with(&mut file, &WriteOptions { compress: zstd });
             written.map(|()| file).map_err(|source| FormatError::Io { path: "memory".into(), source })
@@ -86,7 +94,7 @@ fn storage(settings: &Settings, source: &Source, progress: &Progress) -> Result<
         let reader = StreamReader::open(&file).map_err(BenchError::Format)?;
         // As a program does that loads blocks.
         let blocks = reader.blocks().len() as u32;
-        let (read, ()) = time(settings, || (0..blocks).try_for_each(|index| reader.read_block(index).map(drop)))?;
+        let (read, ()) = time(options, || (0..blocks).try_for_each(|index| reader.read_block(index).map(drop)))?;
         let file_bytes = file.len() as u64;
         let bytes_per_voxel = file_bytes as f64 / source.row.voxels.max(1) as f64;
         rows.push(StorageRow { zstd, file_bytes, bytes_per_voxel, write, read });
@@ -94,8 +102,8 @@ fn storage(settings: &Settings, source: &Source, progress: &Progress) -> Result<
     Ok(rows)
 }
 
-fn validate(settings: &Settings, name: &str, path: &Path) -> Result<ValidationRow, BenchError> {
-    let (time, report) = time(settings, || validate_file(path))?;
+fn validate(options: &FormatBenchOptions, name: &str, path: &Path) -> Result<ValidationRow, BenchError> {
+    let (time, report) = time(options, || validate_file(path))?;
     if !report.is_ok() {
         let first = report.findings.first().map(|finding| finding.broken.clone());
         return Err(first.map_or_else(
@@ -154,7 +162,7 @@ fn reads(
     Ok(file.reads.into_inner())
 }
 
-fn access(settings: &Settings, path: &Path) -> Result<LargeFile, BenchError> {
+fn access(options: &FormatBenchOptions, path: &Path) -> Result<LargeFile, BenchError> {
     let open = || open_file(path).and_then(StreamReader::open);
     let reader = open().map_err(BenchError::Format)?;
     let (objects, blocks) = (reader.objects().len(), reader.blocks().len());
@@ -164,27 +172,18 @@ fn access(settings: &Settings, path: &Path) -> Result<LargeFile, BenchError> {
     let coarse = reader.blocks_for(object, &Region::ALL, COARSE);
     let mut access = Vec::new();
 
-    let (seconds, _) = time(settings, open)?;
+    let (seconds, _) = time(options, open)?;
     access.push(row("open: header, directory, tables".into(), seconds, &reads(path, |_| Ok(()))?));
-    let (seconds, _) = time(settings, || open()?.read_block(middle))?;
+    let (seconds, _) = time(options, || open()?.read_block(middle))?;
     let what = "open and read one block, checked".into();
     access.push(row(what, seconds, &reads(path, |reader| reader.read_block(middle).map(drop))?));
-    let (seconds, _) = time(settings, || open()?.partial(&coarse))?;
+    let (seconds, _) = time(options, || open()?.partial(&coarse))?;
     let what = format!("open and load an object down to level {COARSE}, ready to cast");
     access.push(row(what, seconds, &reads(path, |reader| reader.partial(&coarse).map(drop))?));
-    let (seconds, octree) = time(settings, || Octree::open(path))?;
-    let pages = mapped_pages(path);
+    let (seconds, octree) = time(options, || Octree::open(path))?;
+    let pages = mapped_bytes(path).map(|bytes| bytes / PAGE);
     drop(octree);
     let what = "open by mapping, every block's parts checked".into();
     access.push(AccessRow { what, time: seconds, bytes: None, reads: None, pages });
     Ok(LargeFile { file_bytes: length(path)?, objects: objects as u64, blocks: blocks as u64, access })
-}
-
-/// Pages of a file that are mapped into this process; `None` where the system does not say.
-fn mapped_pages(path: &Path) -> Option<u64> {
-    let text = std::fs::read_to_string("/proc/self/smaps").ok()?;
-    let name = path.canonicalize().ok()?;
-    let mut lines = text.lines().skip_while(|line| !line.ends_with(&*name.to_string_lossy()));
-    let resident = lines.find_map(|line| line.strip_prefix("Rss:"))?;
-    Some(resident.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()? * 1024 / PAGE)
 }

@@ -6,6 +6,7 @@
 //! read: what is measured is the program, not the disk.
 
 mod measure;
+mod output;
 mod source;
 mod tables;
 
@@ -14,18 +15,20 @@ use std::path::PathBuf;
 use esvo_format::FormatError;
 use serde::{Deserialize, Serialize};
 
+use crate::output::to_json;
 use crate::system::machine::Machine;
 use crate::timing::Spread;
 use crate::{BenchError, Progress};
 
-pub use tables::{to_json, to_markdown, to_text};
+pub use output::write_format_record;
+pub use tables::{to_markdown, to_text};
 
 /// Version of the record.
 pub const SCHEMA: u32 = 1;
 
 /// What is measured.
 #[derive(Clone, Debug)]
-pub struct Settings {
+pub struct FormatBenchOptions {
     /// Size of the large file in bytes.
     pub large_bytes: u64,
     /// Levels of the octree with everything; that of descriptors alone has one more.
@@ -38,7 +41,7 @@ pub struct Settings {
     pub files: Vec<PathBuf>,
 }
 
-impl Default for Settings {
+impl Default for FormatBenchOptions {
     /// A thousand megabytes, 9 levels, blocks of up to 128 KiB of descriptors, two seconds per figure.
     fn default() -> Self {
         Self { large_bytes: 1_000_000_000, levels: 9, block_slots: 1 << 14, seconds: 2.0, files: Vec::new() }
@@ -64,12 +67,19 @@ pub struct FormatReport {
     pub seconds: f64,
 }
 
+impl FormatReport {
+    /// The record as indented JSON, with every sample as it was taken.
+    pub fn to_json(&self) -> String {
+        to_json(self)
+    }
+}
+
 /// An octree that was measured.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct OctreeRow {
     /// What rows call it.
     pub name: String,
-    /// Where it comes from: the mesh and the settings of the builder, or the file.
+    /// Where it comes from: the mesh and the options of the builder, or the file.
     pub source: String,
     /// Deepest level.
     pub levels: u32,
@@ -162,22 +172,22 @@ impl Timed {
 /// Measures.
 ///
 /// # Errors
-/// Settings out of range; a file that cannot be read or breaks the specification; the system's, when the large file cannot
+/// FormatBenchOptions out of range; a file that cannot be read or breaks the specification; the system's, when the large file cannot
 /// be written.
-pub fn run(settings: &Settings, progress: &Progress) -> Result<FormatReport, BenchError> {
+pub fn run_format_bench(options: &FormatBenchOptions, progress: &Progress) -> Result<FormatReport, BenchError> {
     let bad = |what: String| Err(BenchError::Format(FormatError::Limit(what)));
-    if !(1 << 20..=32 << 30).contains(&settings.large_bytes) {
-        return bad(format!("a large file of {} bytes: 1 MiB to 32 GiB", settings.large_bytes));
+    if !(1 << 20..=32 << 30).contains(&options.large_bytes) {
+        return bad(format!("a large file of {} bytes: 1 MiB to 32 GiB", options.large_bytes));
     }
-    if !(2..=14).contains(&settings.levels) {
-        return bad(format!("{} levels: 2 to 14", settings.levels));
+    if !(2..=14).contains(&options.levels) {
+        return bad(format!("{} levels: 2 to 14", options.levels));
     }
-    if !(settings.seconds >= 0.0 && settings.seconds <= 3600.0) {
-        return bad(format!("{} seconds for each figure: 0 to 3600", settings.seconds));
+    if !(options.seconds >= 0.0 && options.seconds <= 3600.0) {
+        return bad(format!("{} seconds for each figure: 0 to 3600", options.seconds));
     }
-    let octrees = source::octrees(settings, progress)?;
+    let octrees = source::octrees(options, progress)?;
     // Figures are per core.
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build();
     let pool = pool.map_err(|e| BenchError::Format(FormatError::Limit(e.to_string())))?;
-    pool.install(|| measure::all(settings, &octrees, progress))
+    pool.install(|| measure::all(options, &octrees, progress))
 }

@@ -6,7 +6,7 @@ use esvo_builder::BuildSettings;
 use esvo_format::file::NO_PARENT;
 use esvo_format::{AssembleOptions, FormatError, Octree, stats};
 
-use super::{OctreeRow, Settings};
+use super::{FormatBenchOptions, OctreeRow};
 use crate::{BenchError, Progress};
 
 /// The mesh of the octrees: small to make, and with walls, columns and ornaments.
@@ -37,24 +37,24 @@ impl Source {
 
 /// The files that are asked for, or octrees of the procedural mesh: with everything, and of descriptors alone, which take
 /// longest to validate.
-pub(super) fn octrees(settings: &Settings, progress: &Progress) -> Result<Vec<Source>, BenchError> {
-    if !settings.files.is_empty() {
-        return settings.files.iter().map(|path| from_file(path)).collect();
+pub(super) fn octrees(options: &FormatBenchOptions, progress: &Progress) -> Result<Vec<Source>, BenchError> {
+    if !options.files.is_empty() {
+        return options.files.iter().map(|path| from_file(path)).collect();
     }
     let mesh = esvo_scenes::procedural(MESH).ok_or_else(|| BenchError::scene(MESH, "there is no such generator"))?;
     let build = |name: &str, extra: u32, all: bool| {
-        let levels = settings.levels + extra;
+        let levels = options.levels + extra;
         progress.say(format!("building an octree of {levels} levels, {name}"));
         let build = BuildSettings {
             levels,
             contours: all,
             colors: all,
             normals: all,
-            assemble: AssembleOptions { block_slots: settings.block_slots, ..AssembleOptions::default() },
+            assemble: AssembleOptions { block_slots: options.block_slots, ..AssembleOptions::default() },
             ..BuildSettings::default()
         };
         let built = esvo_builder::build(&mesh, &build, &|_| {}).map_err(|e| BenchError::scene(MESH, e))?;
-        let source = format!("procedural {MESH}, {levels} levels, blocks of at most {} slots", settings.block_slots);
+        let source = format!("procedural {MESH}, {levels} levels, blocks of at most {} slots", options.block_slots);
         Ok(Source::new(name.into(), source, built.octree))
     };
     Ok(vec![build("contours, colours, normals", 0, true)?, build("descriptors alone", 1, false)?])
@@ -103,8 +103,8 @@ mod tests {
 
     #[test]
     fn copies_are_valid_and_about_as_large_as_asked_for() {
-        let settings = Settings { levels: 4, block_slots: 64, ..Settings::default() };
-        let sources = octrees(&settings, &Progress::hidden()).unwrap();
+        let options = FormatBenchOptions { levels: 4, block_slots: 64, ..FormatBenchOptions::default() };
+        let sources = octrees(&options, &Progress::hidden()).unwrap();
         assert_eq!(sources.len(), 2);
         assert!(sources[0].row.contours > 0 && sources[1].row.contours == 0);
         assert_eq!(sources[1].row.levels, 5);

@@ -22,16 +22,6 @@ pub fn to_markdown(report: &FormatReport) -> String {
     out
 }
 
-/// The record as JSON, with every sample as it was taken.
-///
-/// # Panics
-/// Never: a record has text keys only.
-pub fn to_json(report: &FormatReport) -> String {
-    let mut json = serde_json::to_string_pretty(report).expect("a record has text keys only");
-    json.push('\n');
-    json
-}
-
 fn header(report: &FormatReport) -> Vec<String> {
     let m = &report.machine;
     vec![

@@ -1,13 +1,16 @@
 //! Which octrees of the next level a run can afford.
 
-use crate::paper_bench::report::BuildRow;
-use crate::system::clock::{Clock, predict};
-use crate::text::GB;
+use std::ops::RangeInclusive;
+
+use crate::growth::predict;
+use crate::paper_bench::report::Table1Row;
+use crate::system::clock::Clock;
+use crate::units::GB;
 
 /// Peak memory of a build over the size of its octree. Measured 4.7 for SIBENIK without contours at 12 levels.
 const PEAK: f64 = 5.0;
-/// Growth of time and bytes from one level to the next where only one level is known.
-const GROWTH: f64 = 4.2;
+/// Growth of time and bytes from one level to the next that is believed.
+const GROWTH: RangeInclusive<f64> = 1.5..=5.0;
 /// Share of a scene's time that building may take.
 const BUILD_SHARE: f64 = 0.6;
 
@@ -28,8 +31,8 @@ pub(crate) struct Limits<'a> {
 
 /// Why the next level of each kind in `wanted` is not built; `None`: it is. Expectations come from the rows so far; what
 /// has none yet is always built.
-pub(crate) fn refusals(builds: &[BuildRow], wanted: Both<bool>, limits: &Limits) -> Both<Option<String>> {
-    let expected = |contours: bool, of: fn(&BuildRow) -> f64| {
+pub(crate) fn refusals(builds: &[Table1Row], wanted: Both<bool>, limits: &Limits) -> Both<Option<String>> {
+    let expected = |contours: bool, of: fn(&Table1Row) -> f64| {
         let before: Vec<f64> = builds.iter().filter(|b| b.contours == contours).map(of).collect();
         predict(&before, GROWTH).unwrap_or(0.0)
     };
@@ -71,8 +74,8 @@ pub(crate) fn refusals(builds: &[BuildRow], wanted: Both<bool>, limits: &Limits)
 mod tests {
     use super::*;
 
-    fn row(levels: u32, contours: bool, seconds: f64, megabytes: u64) -> BuildRow {
-        BuildRow {
+    fn row(levels: u32, contours: bool, seconds: f64, megabytes: u64) -> Table1Row {
+        Table1Row {
             levels,
             contours,
             contour_error: 15.0,
@@ -89,7 +92,7 @@ mod tests {
         }
     }
 
-    fn refused(builds: &[BuildRow], wanted: Both<bool>, seconds: Option<f64>, megabytes: f64) -> Both<bool> {
+    fn refused(builds: &[Table1Row], wanted: Both<bool>, seconds: Option<f64>, megabytes: f64) -> Both<bool> {
         let clock = Clock::start(seconds);
         let mb = f64::from(1 << 20);
         let limits = Limits { clock: &clock, memory: megabytes * mb, held: 300.0 * mb, given_back: 200.0 * mb };

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
+use crate::matrix_parts::{LeftOut, SceneLevels, check_scenes, parse_toml, select_scenes};
 use crate::{Backend, BenchError};
 
 /// The matrix of a run.
@@ -32,30 +33,10 @@ pub struct Matrix {
     pub backends: Vec<Backend>,
     /// Rows.
     #[serde(rename = "scene")]
-    pub scenes: Vec<SceneEntry>,
+    pub scenes: Vec<SceneLevels>,
     /// What the paper has and this matrix has not.
     #[serde(default)]
     pub left_out: Vec<LeftOut>,
-}
-
-/// One scene of a [`Matrix`].
-#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct SceneEntry {
-    /// Name of the scene's manifest.
-    pub name: String,
-    /// Deepest levels to build, ascending, each 1..=23. Casting is timed on the last one that was built.
-    pub levels: Vec<u32>,
-}
-
-/// Something that was not measured.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct LeftOut {
-    /// What.
-    pub what: String,
-    /// Why, and where it makes sense how to get it.
-    pub reason: String,
 }
 
 /// A column of Table 2: what is cast, and how.
@@ -119,18 +100,14 @@ impl Matrix {
 
     fn parse(text: &str, name: &str) -> Result<Self, BenchError> {
         let bad = |what: String| BenchError::Matrix { file: name.into(), what };
-        let matrix: Self = toml::from_str(text).map_err(|e| {
-            let line =
-                e.span().map_or(String::new(), |s| format!("line {}: ", text[..s.start].matches('\n').count() + 1));
-            bad(format!("{line}{}", e.message()))
-        })?;
+        let matrix: Self = parse_toml(text).map_err(bad)?;
         matrix.validate().map_err(bad)?;
         Ok(matrix)
     }
 
     /// Keeps these scenes only, in this order. One that the matrix has not takes the levels of its first scene.
     pub fn select_scenes(&mut self, names: &[String]) {
-        self.scenes = selected(&self.scenes, names);
+        self.scenes = select_scenes(&self.scenes, names);
         self.left_out.clear();
     }
 
@@ -156,35 +133,6 @@ impl Matrix {
         }
         check_scenes(&self.scenes)
     }
-}
-
-/// These scenes, in this order. One that is not among `scenes` takes the levels of the first.
-pub(crate) fn selected(scenes: &[SceneEntry], names: &[String]) -> Vec<SceneEntry> {
-    let levels = scenes.first().map(|s| s.levels.clone()).unwrap_or_default();
-    let pick = |name: &String| {
-        let known = scenes.iter().find(|s| s.name.eq_ignore_ascii_case(name));
-        known.cloned().unwrap_or_else(|| SceneEntry { name: name.clone(), levels: levels.clone() })
-    };
-    names.iter().map(pick).collect()
-}
-
-/// Checks that there are scenes and that their levels ascend within 1 to 23; says in words what is wrong.
-pub(crate) fn check_scenes(scenes: &[SceneEntry]) -> Result<(), String> {
-    if scenes.is_empty() {
-        return Err("there is no scene".into());
-    }
-    for scene in scenes {
-        if scene.levels.is_empty() {
-            return Err(format!("scene {}: levels is empty", scene.name));
-        }
-        if let Some(levels) = scene.levels.iter().find(|l| !(1..=23).contains(*l)) {
-            return Err(format!("scene {}: levels are between 1 and 23, not {levels}", scene.name));
-        }
-        if scene.levels.windows(2).any(|w| w[0] >= w[1]) {
-            return Err(format!("scene {}: levels must ascend", scene.name));
-        }
-    }
-    Ok(())
 }
 
 #[cfg(test)]

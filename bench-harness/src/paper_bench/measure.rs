@@ -11,16 +11,16 @@ use esvo_cpu::CpuCaster;
 use esvo_cpu::triangles::TriangleScene;
 use esvo_format::Octree;
 
+use crate::build_summary::KindBytes;
 use crate::error::depth::{DepthError, voxel_edges};
 use crate::error::image::image_error;
 use crate::paper_bench::check::{self, Agreement};
-use crate::paper_bench::matrix::{Matrix, Variant};
-use crate::paper_bench::report::{BuildRow, CheckRow, ErrorRow, KindBytes, NamedView, TimeCell};
-use crate::paper_bench::run::{CHECK_SIZE, Engine, PICTURE_SIZE};
+use crate::paper_bench::matrix::Variant;
+use crate::paper_bench::pair::{CHECK_SIZE, PICTURE_SIZE};
+use crate::paper_bench::report::{CheckRow, ErrorRow, Table1Row};
 use crate::picture_bench::mesh_picture;
+use crate::scene::NamedView;
 use crate::scene::Scene;
-use crate::system::clock::Clock;
-use crate::timing::{Samples, Spread};
 use crate::{Backend, BenchError, Progress};
 
 /// Builds one octree of a scene.
@@ -29,7 +29,7 @@ pub(crate) fn build(
     levels: u32,
     contours: bool,
     progress: &Progress,
-) -> Result<(Octree, BuildRow), BenchError> {
+) -> Result<(Octree, Table1Row), BenchError> {
     let kind = if contours { "with contours" } else { "cubical" };
     let what = format!("{}: building {levels} levels {kind}", scene.name);
     let settings = BuildSettings { levels, contours, ..scene.settings };
@@ -40,7 +40,7 @@ pub(crate) fn build(
     .map_err(|e| BenchError::scene(&scene.name, e))?;
     let seconds = start.elapsed().as_secs_f64();
     let stats = esvo_format::stats(&built.octree);
-    let row = BuildRow {
+    let row = Table1Row {
         levels,
         contours,
         contour_error: settings.contour_error,
@@ -62,7 +62,7 @@ pub(crate) fn build(
 
 /// What the triangles say about the views of a scene. The rays of a view depend on where the root cube lies, which is the
 /// same for all octrees of a mesh: then nothing is cast twice.
-pub(crate) struct Truth<'a> {
+pub(crate) struct TriangleTruth<'a> {
     mesh: &'a Mesh,
     triangles: &'a TriangleScene,
     views: Vec<TrueView>,
@@ -74,7 +74,7 @@ struct TrueView {
     picture: Picture,
 }
 
-impl<'a> Truth<'a> {
+impl<'a> TriangleTruth<'a> {
     pub(crate) fn new(mesh: &'a Mesh, triangles: &'a TriangleScene) -> Self {
         Self { mesh, triangles, views: Vec::new() }
     }
@@ -97,7 +97,7 @@ pub(crate) fn error(
     views: &[View],
     variant: Variant,
     levels: u32,
-    truth: &mut Truth,
+    truth: &mut TriangleTruth,
 ) -> Result<ErrorRow, CastError> {
     let mut caster = CpuCaster::new(None)?;
     caster.load(octree)?;
@@ -165,107 +165,4 @@ pub(crate) fn check(
         Err(e) => (Agreement { allowed, ..Agreement::default() }, Some(e.to_string())),
     };
     CheckRow { backend, variant, levels, size: CHECK_SIZE, agreement, error }
-}
-
-/// One row of Table 2: a picture size, and everything that is cast at it.
-pub(crate) struct Row {
-    size: [u32; 2],
-    jobs: Vec<Job>,
-}
-
-struct Job {
-    /// Index of the engine; `None`: triangles.
-    engine: Option<usize>,
-    variant: Variant,
-    levels: u32,
-    rays: Vec<CameraRays>,
-    views: Vec<View>,
-    samples: Samples,
-}
-
-impl Row {
-    pub(crate) fn new(size: [u32; 2]) -> Self {
-        Self { size, jobs: Vec::new() }
-    }
-
-    /// Adds the triangle caster.
-    pub(crate) fn add_triangles(&mut self, rays: Vec<CameraRays>) {
-        let variant = Variant::Triangles;
-        self.jobs.push(Job { engine: None, variant, levels: 0, rays, views: Vec::new(), samples: Samples::default() });
-    }
-
-    /// Adds an engine, by its index, on a variant that it has loaded.
-    pub(crate) fn add(&mut self, engine: usize, variant: Variant, levels: u32, views: Vec<View>) {
-        let samples = Samples::default();
-        self.jobs.push(Job { engine: Some(engine), variant, levels, rays: Vec::new(), views, samples });
-    }
-
-    /// Times the row round by round: every job casts every view once a round, so that drift hits all alike; every second
-    /// round goes backwards. When the clock runs out, the round that has begun is the last.
-    pub(crate) fn time(
-        mut self,
-        engines: &mut [Engine],
-        triangles: &TriangleScene,
-        matrix: &Matrix,
-        clock: &Clock,
-        progress: &Progress,
-        what: &str,
-    ) -> Result<Vec<TimeCell>, BenchError> {
-        let rounds = matrix.warm_up + matrix.rounds;
-        for round in 0..rounds {
-            let late = clock.left() <= 0.0;
-            if late && self.jobs.iter().all(|job| !job.samples.seconds.is_empty()) {
-                break;
-            }
-            if late && round < matrix.warm_up {
-                continue;
-            }
-            progress.fraction(what, round as f64 / rounds as f64, "");
-            let order: Box<dyn Iterator<Item = &mut Job>> =
-                if round % 2 == 0 { Box::new(self.jobs.iter_mut()) } else { Box::new(self.jobs.iter_mut().rev()) };
-            for job in order {
-                job.round(engines, triangles, round >= matrix.warm_up)?;
-            }
-        }
-        let pixels = u64::from(self.size[0]) * u64::from(self.size[1]);
-        let size = self.size;
-        let cell = |job: Job| TimeCell {
-            backend: job.engine.map_or(Backend::Cpu, |e| engines[e].backend),
-            variant: job.variant,
-            levels: job.levels,
-            size,
-            resident_bytes: match job.engine {
-                Some(e) => engines[e].caster(job.variant).resident_bytes(),
-                None => triangles.resident_bytes(),
-            },
-            mrays: Spread::of(&job.samples.mrays(pixels)),
-            samples: job.samples,
-        };
-        Ok(self.jobs.into_iter().map(cell).collect())
-    }
-}
-
-impl Job {
-    fn round(&mut self, engines: &mut [Engine], triangles: &TriangleScene, keep: bool) -> Result<(), BenchError> {
-        let (mut total, mut coarse) = (Vec::new(), Vec::new());
-        match self.engine {
-            None => total.extend(self.rays.iter().map(|r| triangles.time(r).as_secs_f64())),
-            Some(engine) => {
-                let backend = engines[engine].backend.name();
-                let caster = engines[engine].caster(self.variant);
-                for view in &self.views {
-                    let time = caster.time(view).map_err(|source| BenchError::Cast { backend, source })?;
-                    total.push(time.total.as_secs_f64());
-                    coarse.push(time.coarse.as_secs_f64());
-                }
-            }
-        }
-        if keep {
-            self.samples.seconds.push(total);
-            if self.variant == Variant::Beam {
-                self.samples.coarse_seconds.push(coarse);
-            }
-        }
-        Ok(())
-    }
 }

@@ -33,12 +33,12 @@ pub struct PaperMachine {
 struct Table1 {
     levels: Vec<u32>,
     #[serde(flatten)]
-    scenes: BTreeMap<String, Table1Row>,
+    scenes: BTreeMap<String, Table1Figures>,
 }
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Table1Row {
+struct Table1Figures {
     triangles: u64,
     mb: Vec<f64>,
     seconds: Vec<f64>,
@@ -49,12 +49,12 @@ struct Table1Row {
 struct Table2 {
     resolutions: Vec<String>,
     #[serde(flatten)]
-    scenes: BTreeMap<String, Table2Row>,
+    scenes: BTreeMap<String, Table2Figures>,
 }
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Table2Row {
+struct Table2Figures {
     #[serde(default)]
     triangle: Vec<f64>,
     cubical: Vec<f64>,

@@ -1,15 +1,20 @@
 //! The record of a run: `report.json`. Everything that the tables say is computed from it.
 
-use esvo_core::{Camera, DeviceKind};
+use esvo_core::DeviceKind;
+use esvo_scenes::SceneVariant;
 use serde::{Deserialize, Serialize};
 
+use crate::build_summary::KindBytes;
 use crate::error::depth::DepthError;
 use crate::error::image::ImageError;
+use crate::matrix_parts::LeftOut;
+use crate::output::{NamedPicture, to_json};
 use crate::paper_bench::check::Agreement;
-use crate::paper_bench::matrix::{LeftOut, Matrix, Variant};
+use crate::paper_bench::matrix::{Matrix, Variant};
+use crate::scene::NamedView;
 use crate::system::machine::Machine;
-use crate::text::MIB;
 use crate::timing::{Samples, Spread};
+use crate::units::MIB;
 use crate::{Backend, BenchError};
 
 /// Version of the record's layout. Fields may be added without a new one.
@@ -17,7 +22,7 @@ pub const SCHEMA: u32 = 1;
 
 /// The record of a run.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
-pub struct Report {
+pub struct PaperReport {
     /// [`SCHEMA`].
     pub schema: u32,
     /// What it ran on.
@@ -34,6 +39,14 @@ pub struct Report {
     pub seconds: f64,
 }
 
+/// What a run gives.
+pub struct PaperOutcome {
+    /// The record.
+    pub report: PaperReport,
+    /// The pictures that the record names.
+    pub pictures: Vec<NamedPicture>,
+}
+
 /// What an engine ran on.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 pub struct DeviceRecord {
@@ -41,8 +54,8 @@ pub struct DeviceRecord {
     pub backend: Backend,
     /// Name as the driver or the processor gives it.
     pub name: String,
-    /// `cpu`, `gpu`, or `software-gpu`: a Vulkan driver that runs on the processor.
-    pub kind: String,
+    /// What kind of device it is.
+    pub kind: DeviceKind,
     /// Driver and version, or instruction set and threads.
     pub detail: String,
 }
@@ -50,17 +63,12 @@ pub struct DeviceRecord {
 impl DeviceRecord {
     /// The record of a device.
     pub fn new(backend: Backend, device: &esvo_core::Device) -> Self {
-        let kind = match device.kind {
-            DeviceKind::Cpu => "cpu",
-            DeviceKind::Gpu => "gpu",
-            DeviceKind::SoftwareGpu => "software-gpu",
-        };
-        Self { backend, name: device.name.clone(), kind: kind.into(), detail: device.detail.clone() }
+        Self { backend, name: device.name.clone(), kind: device.kind, detail: device.detail.clone() }
     }
 
     /// Whether it is a Vulkan driver that runs on the processor.
     pub fn is_software(&self) -> bool {
-        self.kind == "software-gpu"
+        self.kind == DeviceKind::SoftwareGpu
     }
 }
 
@@ -69,8 +77,8 @@ impl DeviceRecord {
 pub struct SceneReport {
     /// As in the manifest, and in the paper's tables if it is one of the paper's.
     pub name: String,
-    /// `real` or `stand-in`.
-    pub mesh: String,
+    /// Which of the scene's two meshes was measured.
+    pub mesh: SceneVariant,
     /// Triangles of that mesh.
     pub triangles: u64,
     /// Whether the file is the one that the manifest names, or which generator made the mesh.
@@ -86,7 +94,7 @@ pub struct SceneReport {
     /// Seconds to read or generate the mesh.
     pub mesh_seconds: f64,
     /// Rows of Table 1.
-    pub builds: Vec<BuildRow>,
+    pub builds: Vec<Table1Row>,
     /// Distance from the triangles.
     pub errors: Vec<ErrorRow>,
     /// Answers, checked before anything was timed.
@@ -97,18 +105,9 @@ pub struct SceneReport {
     pub pictures: Vec<String>,
 }
 
-/// A viewpoint.
-#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
-pub struct NamedView {
-    /// Name in the manifest.
-    pub name: String,
-    /// In mesh units.
-    pub camera: Camera,
-}
-
 /// One octree that was built.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
-pub struct BuildRow {
+pub struct Table1Row {
     /// Limit on the levels.
     pub levels: u32,
     /// Whether it was built with contours.
@@ -137,7 +136,7 @@ pub struct BuildRow {
     pub kinds: Vec<KindBytes>,
 }
 
-impl BuildRow {
+impl Table1Row {
     /// Bytes over all voxels.
     pub fn bytes_per_voxel(&self) -> f64 {
         self.bytes as f64 / self.voxels.max(1) as f64
@@ -147,15 +146,6 @@ impl BuildRow {
     pub fn mib(&self) -> f64 {
         self.bytes as f64 / MIB
     }
-}
-
-/// Bytes of one kind.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
-pub struct KindBytes {
-    /// Name of the kind.
-    pub kind: String,
-    /// How many.
-    pub bytes: u64,
 }
 
 /// How far from the triangles the hits of a variant lie.
@@ -224,7 +214,7 @@ pub struct TimeCell {
     pub mrays: Option<Spread>,
 }
 
-impl Report {
+impl PaperReport {
     /// Whether every check passed.
     pub fn passed(&self) -> bool {
         self.failures().next().is_none()
@@ -239,9 +229,7 @@ impl Report {
 
     /// The record as JSON, indented.
     pub fn to_json(&self) -> String {
-        let mut json = serde_json::to_string_pretty(self).expect("a report has text keys only");
-        json.push('\n');
-        json
+        to_json(self)
     }
 
     /// Reads a record.
@@ -270,12 +258,7 @@ impl SceneReport {
     }
 
     /// A row of Table 1.
-    pub fn build(&self, contours: bool, levels: u32) -> Option<&BuildRow> {
+    pub fn build(&self, contours: bool, levels: u32) -> Option<&Table1Row> {
         self.builds.iter().find(|b| b.contours == contours && b.levels == levels)
-    }
-
-    /// `real mesh` or `procedural stand-in`.
-    pub fn mesh_title(&self) -> &'static str {
-        if self.mesh == "real" { "real mesh" } else { "stand-in" }
     }
 }

@@ -4,26 +4,30 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use esvo_core::exact::CameraRays;
-use esvo_core::{CastError, Caster, View};
+use esvo_core::{CastError, View};
 use esvo_cpu::triangles::TriangleScene;
 use esvo_format::Octree;
 use esvo_scenes::SceneManifest;
 
+use crate::matrix_parts::{LeftOut, SceneLevels};
 use crate::output::NamedPicture;
 use crate::paper_bench::levels::{self, Both, Limits};
-use crate::paper_bench::matrix::{LeftOut, Matrix, SceneEntry, Variant};
+use crate::paper_bench::matrix::{Matrix, Variant};
 use crate::paper_bench::measure;
-use crate::paper_bench::measure::{Row, Truth};
-use crate::paper_bench::report::{BuildRow, DeviceRecord, Report, SCHEMA, SceneReport};
+use crate::paper_bench::measure::TriangleTruth;
+use crate::paper_bench::pair::{CHECK_SIZE, EnginePair, OctreePair};
+use crate::paper_bench::report::{DeviceRecord, PaperOutcome, PaperReport, SCHEMA, SceneReport, Table1Row};
+use crate::paper_bench::timed_row::TimedRow;
 use crate::scene::{self, Scene};
-use crate::system::clock::{Clock, resident_bytes};
+use crate::system::clock::Clock;
 use crate::system::machine::Machine;
-use crate::text::GB;
+use crate::system::proc::resident_bytes;
+use crate::units::GB;
 use crate::{Backend, BenchError, Progress};
 
 /// What a run is told.
 #[derive(Clone, Debug)]
-pub struct Options {
+pub struct PaperBenchOptions {
     /// What is measured.
     pub matrix: Matrix,
     /// Where real meshes are looked for first.
@@ -32,26 +36,14 @@ pub struct Options {
     pub threads: Option<usize>,
 }
 
-/// What a run gives.
-pub struct Outcome {
-    /// The record.
-    pub report: Report,
-    /// The pictures that the record names.
-    pub pictures: Vec<NamedPicture>,
-}
-
-/// Picture size of checks and errors.
-pub const CHECK_SIZE: [u32; 2] = [512, 384];
-/// Size of the pictures that are kept.
-pub const PICTURE_SIZE: [u32; 2] = [1024, 768];
 /// Runs a matrix.
 ///
 /// Engines without a device, levels beyond the memory or time limit and scenes without a mesh are left out, and the
-/// report says so. Answers that differ are in the report too: see [`Report::passed`].
+/// report says so. Answers that differ are in the report too: see [`PaperReport::passed`].
 ///
 /// # Errors
 /// A scene that does not exist, or a mesh that is there and cannot be used.
-pub fn run(options: &Options, progress: &Progress) -> Result<Outcome, BenchError> {
+pub fn run_paper_bench(options: &PaperBenchOptions, progress: &Progress) -> Result<PaperOutcome, BenchError> {
     options.matrix.validate().map_err(|what| BenchError::Matrix { file: options.matrix.name.clone(), what })?;
     let manifest = SceneManifest::builtin().map_err(|e| BenchError::scene("manifest", e))?;
     let wanted = (options.matrix.scenes.iter())
@@ -59,7 +51,7 @@ pub fn run(options: &Options, progress: &Progress) -> Result<Outcome, BenchError
         .collect::<Result<Vec<_>, BenchError>>()?;
 
     let clock = Clock::start(options.matrix.time_limit_seconds);
-    let mut runner = Runner {
+    let mut runner = PaperRun {
         options,
         progress,
         backends: Vec::new(),
@@ -75,8 +67,8 @@ pub fn run(options: &Options, progress: &Progress) -> Result<Outcome, BenchError
         let scene = Scene::load(entry, options.scenes_dir.as_deref(), options.matrix.views)?;
         scenes.push(runner.scene(wanted, &scene, &clock)?);
     }
-    let Runner { left_out, pictures, .. } = runner;
-    let report = Report {
+    let PaperRun { left_out, pictures, .. } = runner;
+    let report = PaperReport {
         schema: SCHEMA,
         machine,
         matrix: options.matrix.clone(),
@@ -85,45 +77,7 @@ pub fn run(options: &Options, progress: &Progress) -> Result<Outcome, BenchError
         left_out,
         seconds: clock.elapsed(),
     };
-    Ok(Outcome { report, pictures })
-}
-
-/// An engine twice over, so that two octrees can be timed in turn.
-pub(crate) struct Engine {
-    pub(crate) backend: Backend,
-    pub(crate) cubical: Box<dyn Caster>,
-    pub(crate) contours: Box<dyn Caster>,
-}
-
-impl Engine {
-    /// The caster that holds the octree of a variant.
-    pub(crate) fn caster(&mut self, variant: Variant) -> &mut dyn Caster {
-        if variant == Variant::Cubical { &mut *self.cubical } else { &mut *self.contours }
-    }
-}
-
-/// The octrees of a scene at one level.
-pub(crate) struct Pair {
-    pub(crate) levels: u32,
-    pub(crate) cubical: Option<Arc<Octree>>,
-    pub(crate) contours: Option<Arc<Octree>>,
-}
-
-impl Pair {
-    /// The octree of a variant.
-    pub(crate) fn of(&self, variant: Variant) -> Option<&Arc<Octree>> {
-        match variant {
-            Variant::Triangles => None,
-            Variant::Cubical => self.cubical.as_ref(),
-            Variant::Contours | Variant::Beam => self.contours.as_ref(),
-        }
-    }
-
-    /// Bytes of the images.
-    fn bytes(&self) -> u64 {
-        let octrees = [&self.cubical, &self.contours].into_iter().flatten();
-        octrees.map(|octree| size_of_val(octree.slots()) as u64).sum()
-    }
+    Ok(PaperOutcome { report, pictures })
 }
 
 /// The views of a scene for one of its octrees.
@@ -132,8 +86,8 @@ fn views(scene: &Scene, octree: &Octree, variant: Variant, size: [u32; 2]) -> Re
     views.collect::<Result<_, CastError>>().map_err(|e| BenchError::scene(&scene.name, e))
 }
 
-struct Runner<'a> {
-    options: &'a Options,
+struct PaperRun<'a> {
+    options: &'a PaperBenchOptions,
     progress: &'a Progress,
     /// Those that have a device.
     backends: Vec<Backend>,
@@ -141,7 +95,7 @@ struct Runner<'a> {
     pictures: Vec<NamedPicture>,
 }
 
-impl Runner<'_> {
+impl PaperRun<'_> {
     fn leave_out(&mut self, what: impl Into<String>, reason: impl Into<String>) {
         self.left_out.push(LeftOut { what: what.into(), reason: reason.into() });
     }
@@ -169,10 +123,10 @@ impl Runner<'_> {
         devices
     }
 
-    fn scene(&mut self, wanted: &SceneEntry, scene: &Scene, clock: &Clock) -> Result<SceneReport, BenchError> {
+    fn scene(&mut self, wanted: &SceneLevels, scene: &Scene, clock: &Clock) -> Result<SceneReport, BenchError> {
         let mut report = SceneReport {
             name: scene.name.clone(),
-            mesh: scene.variant.to_string(),
+            mesh: scene.variant,
             triangles: scene.mesh.triangle_count() as u64,
             identity: scene.identity.clone(),
             credit: scene.credit.clone(),
@@ -190,16 +144,16 @@ impl Runner<'_> {
         let mesh = &scene.mesh;
         let corners = mesh.triangles.iter().map(|t| t.map(|v| mesh.positions[v as usize])).collect();
         let triangles = TriangleScene::new(corners).map_err(|e| BenchError::scene(&scene.name, e))?;
-        let mut truth = Truth::new(mesh, &triangles);
+        let mut truth = TriangleTruth::new(mesh, &triangles);
 
         let variants = &self.options.matrix.variants;
         let wanted_kinds = [false, true]
             .map(|contours| variants.iter().any(|v| *v != Variant::Triangles && (*v != Variant::Cubical) == contours));
         let mut kinds = wanted_kinds;
         // The deepest level that has every kind: what is cast. Deeper octrees of one kind are built, looked at and dropped.
-        let mut last: Option<Pair> = None;
+        let mut last: Option<OctreePair> = None;
         for (index, &levels) in wanted.levels.iter().enumerate() {
-            let given_back = if kinds == wanted_kinds { last.as_ref().map_or(0, Pair::bytes) } else { 0 };
+            let given_back = if kinds == wanted_kinds { last.as_ref().map_or(0, OctreePair::bytes) } else { 0 };
             let limits = Limits {
                 clock,
                 memory: self.options.matrix.memory_gb * GB,
@@ -257,9 +211,9 @@ impl Runner<'_> {
         scene: &Scene,
         levels: u32,
         kinds: Both<bool>,
-        rows: &mut Vec<BuildRow>,
-    ) -> Result<Pair, BenchError> {
-        let mut pair = Pair { levels, cubical: None, contours: None };
+        rows: &mut Vec<Table1Row>,
+    ) -> Result<OctreePair, BenchError> {
+        let mut pair = OctreePair { levels, cubical: None, contours: None };
         for contours in [false, true].into_iter().filter(|&c| kinds[usize::from(c)]) {
             let (octree, row) = measure::build(scene, levels, contours, self.progress)?;
             rows.push(row);
@@ -268,7 +222,7 @@ impl Runner<'_> {
         Ok(pair)
     }
 
-    fn pictures(&mut self, scene: &Scene, pair: &Pair, report: &mut SceneReport) -> Result<(), BenchError> {
+    fn pictures(&mut self, scene: &Scene, pair: &OctreePair, report: &mut SceneReport) -> Result<(), BenchError> {
         if !scene.publish {
             self.leave_out(format!("pictures of {}", scene.name), "its terms do not allow to publish them");
             return Ok(());
@@ -291,7 +245,7 @@ impl Runner<'_> {
     fn cast(
         &mut self,
         scene: &Scene,
-        pair: &Pair,
+        pair: &OctreePair,
         triangles: &TriangleScene,
         clock: &Clock,
         report: &mut SceneReport,
@@ -301,7 +255,7 @@ impl Runner<'_> {
         let mut engines = Vec::new();
         for &backend in &self.backends {
             let open = || backend.open(self.options.threads);
-            engines.push(Engine { backend, cubical: open()?, contours: open()? });
+            engines.push(EnginePair { backend, cubical: open()?, contours: open()? });
         }
         // Answers first.
         let mut unloaded = Vec::new();
@@ -335,7 +289,7 @@ impl Runner<'_> {
         // Then times: for every picture size all variants and engines in turn.
         for (index, &size) in self.options.matrix.resolutions.iter().enumerate() {
             let clock = clock.share(self.options.matrix.resolutions.len() - index);
-            let mut row = Row::new(size);
+            let mut row = TimedRow::new(size);
             if variants.contains(&Variant::Triangles) {
                 let rays = (scene.views.iter())
                     .map(|v| CameraRays::new(&v.camera, size.into()))

@@ -2,4 +2,8 @@
 
 pub(crate) mod cutout;
 pub(crate) mod mesh_picture;
-pub mod pictures;
+mod pictures;
+mod tables;
+
+pub use pictures::{PictureBenchOptions, PicturePair, run_picture_bench};
+pub use tables::{to_markdown, write_picture_table};

@@ -17,12 +17,11 @@ use crate::output::NamedPicture;
 use crate::picture_bench::cutout::cast_solid;
 use crate::picture_bench::mesh_picture::shade_mesh;
 use crate::scene::{self, Scene};
-use crate::system::machine::{Machine, slug};
-use crate::text::{Document, TextTable};
+use crate::system::machine::slug;
 use crate::{BenchError, Progress};
 
 /// Rays along each side of a pixel.
-const RAYS: u32 = 2;
+pub(crate) const RAYS: u32 = 2;
 
 /// What is shown if nothing else is said: title, scene, viewpoint, levels, displaced.
 const SHOWN: [(&str, &str, &str, u32, bool); 4] = [
@@ -34,7 +33,7 @@ const SHOWN: [(&str, &str, &str, u32, bool); 4] = [
 
 /// What is wanted.
 #[derive(Clone, Debug)]
-pub struct Options {
+pub struct PictureBenchOptions {
     /// Titles; empty: all.
     pub scenes: Vec<String>,
     /// Deepest level, in place of each picture's own.
@@ -47,7 +46,7 @@ pub struct Options {
 
 /// One picture, its left half the octree, its right half the triangles.
 #[derive(Clone, Debug)]
-pub struct Pair {
+pub struct PicturePair {
     /// Scene, and `-D` where it is displaced.
     pub scene: String,
     /// Name of the viewpoint.
@@ -72,10 +71,10 @@ pub struct Pair {
 ///
 /// # Errors
 /// A scene that is not among them, whose mesh is not here or cannot be used, or whose terms do not allow pictures.
-pub fn run(
-    options: &Options,
+pub fn run_picture_bench(
+    options: &PictureBenchOptions,
     progress: &Progress,
-    mut done: impl FnMut(Pair) -> Result<(), BenchError>,
+    mut done: impl FnMut(PicturePair) -> Result<(), BenchError>,
 ) -> Result<(), BenchError> {
     let mut titles: Vec<_> = SHOWN.iter().map(|s| s.0).collect();
     titles.dedup();
@@ -101,40 +100,6 @@ pub fn run(
         last = Some((title, levels, shown));
     }
     Ok(())
-}
-
-/// The table of pictures that were made, as Markdown.
-pub fn to_markdown(pairs: &[Pair], machine: &Machine) -> String {
-    let head = ["picture", "scene", "viewpoint", "levels", "million voxels", "triangles", "FLIP"];
-    let mut table = TextTable::new("Pictures", 3, &head);
-    table.notes = vec![
-        format!(
-            "On the left the octree, on the right the triangles: the same view in the same light, {} rays a pixel.",
-            RAYS * RAYS
-        ),
-        "Built with the scene's settings and textures down to the texel (`--texture-test texels`). Triangles after \
-         displacement, where the scene is displaced (-D). FLIP: the mean over the picture, 0 to 1."
-            .into(),
-    ];
-    let mut credits: Vec<[&str; 3]> = Vec::new();
-    for pair in pairs {
-        let credit = [&*pair.scene, &*pair.credit, &*pair.identity];
-        if !credits.contains(&credit) {
-            credits.push(credit);
-        }
-        table.rows.push(vec![
-            format!("`{}`", pair.picture.name),
-            pair.scene.clone(),
-            pair.view.clone(),
-            pair.levels.to_string(),
-            format!("{:.1}", pair.voxels as f64 / 1e6),
-            pair.triangles.to_string(),
-            format!("{:.3}", pair.flip),
-        ]);
-    }
-    let header = vec![format!("commit {}, {}, {} build", machine.commit, machine.rustc, machine.profile)];
-    let title = format!("esvo bench pictures, {}", machine.date);
-    Document { title, header, tables: vec![table], left_out: &[], credits }.to_markdown()
 }
 
 /// A scene, ready to be shown.
@@ -178,7 +143,7 @@ impl Shown {
         levels: u32,
         [width, height]: [u32; 2],
         progress: &Progress,
-    ) -> Result<Pair, BenchError> {
+    ) -> Result<PicturePair, BenchError> {
         let failed = |what: String| BenchError::scene(title, what);
         let named = self.scene.views.iter().find(|v| v.name == view);
         let camera = named.ok_or_else(|| failed(format!("it has no viewpoint {view} here")))?.camera;
@@ -189,7 +154,7 @@ impl Shown {
         let [left, right] = [octree, shade_mesh(&self.scene.mesh, &rays, &hits)].map(|p| smaller(&p));
         let error = image_error(&right, &left).ok_or_else(|| failed("an empty picture".into()))?;
         let name = format!("{}-{}-{levels}.png", slug(title), slug(view));
-        Ok(Pair {
+        Ok(PicturePair {
             scene: title.into(),
             view: view.into(),
             levels,
@@ -257,27 +222,6 @@ mod tests {
         assert_eq!((small.width, small.height), (2, 1));
         // Half of the light of white.
         assert_eq!([small.pixel(0, 0), small.pixel(1, 0)], [[188; 3], [0; 3]]);
-    }
-
-    #[test]
-    fn the_table_has_a_row_for_every_picture_and_a_credit_for_every_mesh() {
-        let pair = |view: &str| Pair {
-            scene: "A-D".into(),
-            view: view.into(),
-            levels: 10,
-            voxels: 7_340_000,
-            triangles: 12,
-            flip: 0.0625,
-            credit: "Somebody".into(),
-            identity: "verified".into(),
-            picture: NamedPicture {
-                name: format!("a-{view}.png"),
-                picture: Picture { width: 0, height: 0, rgb8: Vec::new() },
-            },
-        };
-        let text = to_markdown(&[pair("front"), pair("back")], &Machine::detect());
-        assert!(text.contains("| `a-back.png` | A-D | back | 10 | 7.3 | 12 | 0.062 |"), "{text}");
-        assert_eq!(text.matches("Somebody (verified)").count(), 1, "{text}");
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! What a run ran on.
+//! The machine and the software that a run used.
 
 use std::path::Path;
 use std::process::Command;
@@ -6,7 +6,9 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 use serde::{Deserialize, Serialize};
 
-/// The machine and the software of a run. What cannot be found out is `unknown` or 0.
+use crate::system::proc;
+
+/// The machine and the software of a run. Unknown values are `unknown` or 0.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 pub struct Machine {
     /// Processor model.
@@ -28,22 +30,17 @@ pub struct Machine {
 }
 
 impl Machine {
-    /// Looks around.
+    /// Detects the machine and the software.
     pub fn detect() -> Self {
         let unknown = || "unknown".to_string();
-        let field = |path: &str, key: &str| {
-            let text = std::fs::read_to_string(path).ok()?;
-            let line = text.lines().find(|l| l.starts_with(key))?;
-            Some(line.split_once([':', '='])?.1.trim().trim_matches('"').to_string())
-        };
-        let memory = field("/proc/meminfo", "MemTotal").and_then(|s| s.split(' ').next()?.parse::<u64>().ok());
-        let os = field("/etc/os-release", "PRETTY_NAME").unwrap_or_else(|| std::env::consts::OS.into());
-        let kernel = std::fs::read_to_string("/proc/sys/kernel/osrelease").unwrap_or_default();
+        let memory = proc::field("/proc/meminfo", "MemTotal").and_then(|s| s.split(' ').next()?.parse::<u64>().ok());
+        let os = proc::field("/etc/os-release", "PRETTY_NAME").unwrap_or_else(|| std::env::consts::OS.into());
+        let kernel = proc::line("/proc/sys/kernel/osrelease");
         Self {
-            cpu: field("/proc/cpuinfo", "model name").unwrap_or_else(|| std::env::consts::ARCH.into()),
+            cpu: proc::field("/proc/cpuinfo", "model name").unwrap_or_else(|| std::env::consts::ARCH.into()),
             threads: std::thread::available_parallelism().map_or(1, Into::into),
             memory_mb: memory.unwrap_or(0) / 1024,
-            os: format!("{os} {}", kernel.trim()).trim().to_string(),
+            os: format!("{os} {}", kernel).trim().to_string(),
             rustc: option_env!("ESVO_RUSTC_VERSION").unwrap_or("unknown").into(),
             profile: if cfg!(debug_assertions) { "debug" } else { "release" }.into(),
             commit: commit().unwrap_or_else(unknown),
@@ -62,7 +59,7 @@ impl Machine {
     }
 }
 
-/// Lower-case letters and digits, everything else a single hyphen. Safe as the name of a folder.
+/// The text in lower-case letters and digits; every run of other characters becomes one hyphen. Safe as a folder name.
 pub fn slug(text: &str) -> String {
     let mut out = String::new();
     for c in text.chars() {
@@ -78,7 +75,7 @@ pub fn slug(text: &str) -> String {
     }
 }
 
-/// Commit of the checkout that this crate was built from, if it still is one.
+/// Commit of the checkout that this crate was built from; `None` if that folder is no git checkout any more.
 fn commit() -> Option<String> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR"));
     let git = |arguments: &[&str]| {

@@ -2,5 +2,8 @@
 
 pub(crate) mod clock;
 pub mod machine;
+pub(crate) mod proc;
 pub(crate) mod process;
 pub(crate) mod scratch;
+
+pub use proc::peak_bytes;

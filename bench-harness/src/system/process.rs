@@ -1,20 +1,20 @@
-//! Processes that do not outlive the program.
+//! Child processes that end with this program at the latest.
 
 use std::io;
 use std::process::{Child, Command, ExitStatus};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use crate::system::clock::status_bytes;
+use crate::system::proc::status_bytes;
 use crate::system::scratch::remove_temporaries;
 
-/// Those that are running.
+/// The child processes that are running.
 static RUNNING: Mutex<Vec<Child>> = Mutex::new(Vec::new());
 
 fn running() -> MutexGuard<'static, Vec<Child>> {
     RUNNING.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A process that is killed when this is dropped, or by [`interrupted`].
+/// A child process. It is killed when this is dropped, or by [`interrupted`].
 pub(crate) struct Process {
     id: u32,
 }
@@ -27,16 +27,17 @@ impl Process {
         Ok(Self { id })
     }
 
-    /// How it ended, if it has.
+    /// The exit status; `None` while the process runs.
     pub(crate) fn ended(&self) -> io::Result<Option<ExitStatus>> {
         match running().iter_mut().find(|child| child.id() == self.id) {
             Some(child) => child.try_wait(),
-            // The program is about to end, and this need not be told.
+            // `interrupted` has removed it: this program is about to end.
             None => Ok(None),
         }
     }
 
-    /// Bytes that it holds for itself: pages of files can be had back at any time. `None` where the system does not say.
+    /// Bytes of anonymous memory that the process holds; mapped pages of files are not counted, as the system can drop them at
+    /// any time. `None` if the system does not say.
     pub(crate) fn held_bytes(&self) -> Option<u64> {
         let id = self.id.to_string();
         status_bytes(&id, "RssAnon:").or_else(|| status_bytes(&id, "VmRSS:"))
@@ -53,12 +54,12 @@ impl Drop for Process {
 }
 
 fn end(mut child: Child) {
-    // One that has ended cannot be killed, and need not be.
+    // `kill` fails if the process has ended already, which is fine.
     let _ = child.kill();
     let _ = child.wait();
 }
 
-/// Ends the processes and removes the large files of all runs that are going on: for a program that is interrupted.
+/// Kills all child processes and removes the temporary folders of all runs. Call this when the program is interrupted.
 pub fn interrupted() {
     running().drain(..).for_each(end);
     remove_temporaries();

@@ -1,4 +1,4 @@
-//! A folder for large files that does not outlive the program.
+//! Temporary folders for large files.
 
 use std::path::PathBuf;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -7,14 +7,14 @@ use tempfile::TempDir;
 
 use crate::BenchError;
 
-/// Those that are there.
+/// The folders that exist.
 static FOLDERS: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 
 fn folders() -> MutexGuard<'static, Vec<PathBuf>> {
     FOLDERS.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A folder in the system's temporary one, which is removed when it is dropped or by [`remove_temporaries`].
+/// A folder in the system's temporary folder. It is removed when this is dropped, or by [`remove_temporaries`].
 pub(crate) struct Scratch(TempDir);
 
 impl Scratch {
@@ -25,7 +25,7 @@ impl Scratch {
         Ok(Self(folder))
     }
 
-    /// A path in it.
+    /// The path of a file in the folder.
     pub(crate) fn file(&self, name: &str) -> PathBuf {
         self.0.path().join(name)
     }
@@ -37,10 +37,10 @@ impl Drop for Scratch {
     }
 }
 
-/// Removes the large files of all runs that are going on.
+/// Removes the folders of all runs.
 pub(crate) fn remove_temporaries() {
     for folder in folders().drain(..) {
-        // What cannot be removed stays; there is nobody to tell.
+        // The program is about to end: an error cannot be reported any more.
         let _ = std::fs::remove_dir_all(folder);
     }
 }

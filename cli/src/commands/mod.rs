@@ -3,9 +3,11 @@
 pub(crate) mod ambient;
 pub(crate) mod bench;
 pub(crate) mod build;
+pub(crate) mod completions;
 pub(crate) mod convert;
 pub(crate) mod diff;
 pub(crate) mod dump;
 pub(crate) mod info;
+pub(crate) mod man;
 pub(crate) mod render;
 pub(crate) mod validate;

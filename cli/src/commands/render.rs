@@ -4,8 +4,9 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
-use esvo_bench::picture::write_png;
-use esvo_bench::{Backend, Progress, scene, viewpoint};
+use esvo_bench::{Backend, Progress, scene};
+use esvo_core::camera::viewpoint;
+use esvo_core::picture::write_png;
 use esvo_core::{Camera, CastOptions, View, shading};
 use esvo_format::Octree;
 use esvo_scenes::SceneVariant;

@@ -3,8 +3,9 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use esvo_bench::build_bench::{BuildMatrix, Contours, Options, run as run_builds, to_text, write};
-use esvo_bench::{Progress, output};
+use esvo_bench::Progress;
+use esvo_bench::build_bench::{BuildBenchOptions, BuildMatrix, Contours, run_build_bench, to_text, write_build_record};
+use esvo_bench::output::check_writable;
 
 use crate::commands::bench::selection::Selection;
 use crate::fail::{Failure, complain, print};
@@ -62,14 +63,15 @@ pub(crate) fn run_bench_build(arguments: &BenchBuildArguments) -> Result<(), Fai
     let matrix = matrix(arguments)?;
     let selection = &arguments.selection;
     selection.check()?;
-    output::check(&arguments.out)?;
+    check_writable(&arguments.out)?;
     let program = std::env::current_exe().map_err(|e| format!("this program cannot find itself: {e}"))?;
-    let options = Options { matrix, scenes_dir: selection.scenes_dir.clone(), program };
+    let options = BuildBenchOptions { matrix, scenes_dir: selection.scenes_dir.clone(), program };
     let progress = Progress::terminal();
-    let report = run_builds(&options, &progress, &mut |report| write(report, &arguments.out).map(drop));
+    let report =
+        run_build_bench(&options, &progress, &mut |report| write_build_record(report, &arguments.out).map(drop));
     progress.finish();
     let report = report?;
-    let written = write(&report, &arguments.out)?;
+    let written = write_build_record(&report, &arguments.out)?;
     let printed = print(&if selection.json { report.to_json() } else { to_text(&report) });
     for path in written {
         complain("written", &path.display().to_string());

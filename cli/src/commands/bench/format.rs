@@ -3,7 +3,9 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use esvo_bench::{Progress, format_bench, output};
+use esvo_bench::Progress;
+use esvo_bench::format_bench::{FormatBenchOptions, run_format_bench, to_text, write_format_record};
+use esvo_bench::output::check_writable;
 
 use crate::fail::{Failure, complain, print};
 
@@ -42,22 +44,22 @@ pub(crate) struct BenchFormatArguments {
 }
 
 pub(crate) fn run_bench_format(arguments: &BenchFormatArguments) -> Result<(), Failure> {
-    output::check(&arguments.out)?;
-    let settings = format_bench::Settings {
+    check_writable(&arguments.out)?;
+    let options = FormatBenchOptions {
         large_bytes: arguments.size * 1_000_000,
         levels: arguments.levels,
         seconds: arguments.seconds,
         files: arguments.files.clone(),
-        ..format_bench::Settings::default()
+        ..FormatBenchOptions::default()
     };
     let progress = Progress::terminal();
-    let report = format_bench::run(&settings, &progress);
+    let report = run_format_bench(&options, &progress);
     progress.finish();
     let report = report?;
-    let folder = output::write_format(&report, &arguments.out, arguments.machine.as_deref())?;
+    let folder = write_format_record(&report, &arguments.out, arguments.machine.as_deref())?;
     if arguments.json {
         complain("written", &folder.display().to_string());
-        return print(&format_bench::to_json(&report));
+        return print(&report.to_json());
     }
-    print(&format!("{}\nWritten to {}\n", format_bench::to_text(&report), folder.display()))
+    print(&format!("{}\nWritten to {}\n", to_text(&report), folder.display()))
 }

@@ -4,7 +4,8 @@ use std::path::PathBuf;
 
 use clap::Args;
 use esvo_bench::Progress;
-use esvo_bench::import_bench::{Options, run as try_files};
+use esvo_bench::import_bench::{ImportBenchOptions, run_import_bench};
+use esvo_bench::output::write_text;
 
 use crate::fail::{Failure, complain, print};
 
@@ -44,7 +45,7 @@ pub(crate) fn run_bench_import(arguments: &BenchImportArguments) -> Result<(), F
         crate::files::check_output(output)?;
     }
     let program = std::env::current_exe().map_err(|e| format!("this program cannot find itself: {e}"))?;
-    let options = Options {
+    let options = ImportBenchOptions {
         folders: arguments.folders.clone(),
         program,
         levels: arguments.levels,
@@ -52,13 +53,13 @@ pub(crate) fn run_bench_import(arguments: &BenchImportArguments) -> Result<(), F
         memory: (arguments.memory * 1e9) as u64,
     };
     let progress = Progress::terminal();
-    let report = try_files(&options, &progress);
+    let report = run_import_bench(&options, &progress);
     progress.finish();
     let report = report?;
     let text = report.to_markdown();
     match &arguments.output {
         Some(output) => {
-            std::fs::write(output, text).map_err(|e| format!("{}: {e}", output.display()))?;
+            write_text(output, &text)?;
             complain("written", &output.display().to_string());
         }
         None => print(&text)?,

@@ -3,12 +3,13 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use esvo_bench::picture_bench::pictures::{Options, run as make, to_markdown};
+use esvo_bench::output::check_writable;
+use esvo_bench::picture_bench::{PictureBenchOptions, run_picture_bench, write_picture_table};
 use esvo_bench::system::machine::Machine;
-use esvo_bench::{BenchError, Progress, output, picture};
+use esvo_bench::{BenchError, Progress};
 
-use crate::args::parse_size;
 use crate::fail::{Failure, print};
+use crate::values::parse_size;
 
 /// Make pictures of octrees beside the triangles they were built from.
 #[derive(Debug, Args)]
@@ -41,10 +42,9 @@ pub(crate) fn run_bench_pictures(arguments: &BenchPicturesArguments) -> Result<(
     if arguments.size.iter().any(|&n| n > 8192) {
         return Err("--size: at most 8192x8192, as four rays are cast for each pixel".into());
     }
-    output::check(&arguments.out)?;
+    check_writable(&arguments.out)?;
     let machine = Machine::detect();
-    let table = arguments.out.join("pictures.md");
-    let options = Options {
+    let options = PictureBenchOptions {
         scenes: arguments.scenes.clone(),
         levels: arguments.levels,
         size: arguments.size,
@@ -53,11 +53,10 @@ pub(crate) fn run_bench_pictures(arguments: &BenchPicturesArguments) -> Result<(
     let progress = Progress::terminal();
     let mut lines = String::new();
     let mut pairs = Vec::new();
-    let made = make(&options, &progress, |pair| {
+    let made = run_picture_bench(&options, &progress, |pair| {
         // Only now: what cannot be made leaves no folder behind.
         std::fs::create_dir_all(&arguments.out).map_err(|e| BenchError::io(&arguments.out, e))?;
-        let path = arguments.out.join(&pair.picture.name);
-        write_png(&path, &pair.picture.picture).map_err(|e| BenchError::io(&path, e))?;
+        let path = pair.picture.write(&arguments.out)?;
         lines += &format!(
             "{}: {} from {}, {} levels, {:.1} M voxels beside {} triangles, FLIP {:.3}. {}\n",
             path.display(),
@@ -71,7 +70,7 @@ pub(crate) fn run_bench_pictures(arguments: &BenchPicturesArguments) -> Result<(
         );
         pairs.push(pair);
         // After each picture, so that the table tells what is there if the run is stopped.
-        std::fs::write(&table, to_markdown(&pairs, &machine)).map_err(|e| BenchError::io(&table, e))
+        write_picture_table(&pairs, &machine, &arguments.out).map(drop)
     });
     progress.finish();
     print(&lines)?;

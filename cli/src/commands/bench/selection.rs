@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use esvo_bench::paper_bench::matrix::SceneEntry;
+use esvo_bench::matrix_parts::SceneLevels;
 
 use crate::fail::Failure;
 
@@ -43,7 +43,7 @@ impl Selection {
     }
 
     /// Puts levels and limits, where they are given, in place of those of a matrix.
-    pub(crate) fn apply(&self, scenes: &mut [SceneEntry], memory_gb: &mut f64, time_limit: &mut Option<f64>) {
+    pub(crate) fn apply(&self, scenes: &mut [SceneLevels], memory_gb: &mut f64, time_limit: &mut Option<f64>) {
         if !self.levels.is_empty() {
             let mut levels = self.levels.clone();
             levels.sort_unstable();

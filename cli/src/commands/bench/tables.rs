@@ -3,8 +3,9 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use esvo_bench::paper_bench::{run, tables};
-use esvo_bench::{Backend, Matrix, Progress, output};
+use esvo_bench::output::check_writable;
+use esvo_bench::paper_bench::{PaperBenchOptions, run_paper_bench, tables, write_paper_record};
+use esvo_bench::{Backend, Matrix, Progress};
 
 use crate::args::Engine;
 use crate::commands::bench::selection::Selection;
@@ -46,14 +47,17 @@ pub(crate) fn run_bench_tables(arguments: &TablesArguments) -> Result<(), Failur
     let matrix = matrix(arguments)?;
     let selection = &arguments.selection;
     selection.check()?;
-    output::check(&arguments.out)?;
-    let options =
-        run::Options { matrix, scenes_dir: selection.scenes_dir.clone(), threads: arguments.threads.map(Into::into) };
+    check_writable(&arguments.out)?;
+    let options = PaperBenchOptions {
+        matrix,
+        scenes_dir: selection.scenes_dir.clone(),
+        threads: arguments.threads.map(Into::into),
+    };
     let progress = Progress::terminal();
-    let outcome = run::run(&options, &progress);
+    let outcome = run_paper_bench(&options, &progress);
     progress.finish();
     let outcome = outcome?;
-    let folder = output::write(&outcome, &arguments.out, arguments.machine.as_deref())?;
+    let folder = write_paper_record(&outcome, &arguments.out, arguments.machine.as_deref())?;
     let report = &outcome.report;
     let text = if selection.json {
         report.to_json()

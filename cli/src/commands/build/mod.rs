@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::{Args, ValueEnum};
-use esvo_bench::build_summary::{BuildSeconds, BuildSummary, peak_bytes};
+use esvo_bench::build_summary::{BuildSeconds, BuildSummary};
+use esvo_bench::system::peak_bytes;
 use esvo_bench::{Progress, scene};
 use esvo_builder::import::{ImportError, load_mesh};
 use esvo_builder::{BuildError, BuildSettings, FileOptions, Mesh};
@@ -156,7 +157,8 @@ pub(crate) fn run_build(arguments: &BuildArguments) -> Result<(), Failure> {
     let progress = Progress::terminal();
     let start = Instant::now();
     let (mesh, source) = mesh(arguments, scene, &progress)?;
-    let mesh = arguments.displacement.apply(mesh, &source, settings.levels, scene.is_some_and(scene::is_displaced))?;
+    let mesh =
+        arguments.displacement.apply(mesh, &source, settings.levels, scene.is_some_and(|scene| scene.displaced))?;
     let import = start.elapsed().as_secs_f64();
     let import_peak_bytes = peak_bytes();
     let start = Instant::now();

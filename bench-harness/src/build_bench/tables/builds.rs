@@ -1,0 +1,67 @@
+//! Every build: seconds, memory, counts, bytes.
+
+use super::{millions, rows};
+use crate::build_bench::record::BuildReport;
+use crate::build_summary::BuildSeconds;
+use crate::text::{TextTable, short};
+use crate::units::MIB;
+
+/// Every build.
+pub(super) fn builds(report: &BuildReport) -> TextTable {
+    let head = [
+        "scene",
+        "octree",
+        "levels",
+        "triangles",
+        "seconds",
+        "builds",
+        "import",
+        "prepare",
+        "voxelize",
+        "write",
+        "peak MiB",
+        "of import",
+        "descriptors",
+        "leaves",
+        "contours",
+        "MiB",
+        "B/voxel",
+    ];
+    let mut table = TextTable::new("Builds", 2, &head);
+    table.notes = vec![
+        "Seconds from the mesh in memory to the octree in its file, median ± half the distance of the quartiles, and how they \
+         divide into preparing the mesh, voxelizing, and placing and writing blocks; import apart."
+            .into(),
+        "Triangles in millions, after displacement (SIBENIK-D, displaced in cells of two finest voxels): displacing counts as \
+         import."
+            .into(),
+        "Peak MiB: most memory that the process ever held, and had held when the mesh was read. Descriptors, \
+         leaf voxels and contours in millions."
+            .into(),
+        "MiB (2^20 bytes): the image, what a caster needs in memory; bytes per voxel, all voxels counted.".into(),
+    ];
+    for (scene, row) in rows(report) {
+        let seconds = row.spread(|s| s.seconds.build);
+        let phase = |of: fn(&BuildSeconds) -> f64| short(row.spread(|s| of(&s.seconds)).median);
+        table.rows.push(vec![
+            scene.name.clone(),
+            format!("{}, {}", row.contours.title(), scene.mesh.title()),
+            row.levels.to_string(),
+            millions(row.build.triangles),
+            format!("{} ±{:.0}%", short(seconds.median), seconds.percent()),
+            row.samples.len().to_string(),
+            phase(|s| s.import),
+            phase(|s| s.prepare),
+            phase(|s| s.voxelize),
+            phase(|s| s.write),
+            format!("{:.0}", row.peak_mib()),
+            format!("{:.0}", row.build.import_peak_bytes as f64 / MIB),
+            millions(row.build.descriptors),
+            millions(row.build.leaves),
+            millions(row.build.contours),
+            short(row.mib()),
+            format!("{:.2}", row.bytes_per_voxel()),
+        ]);
+    }
+    table
+}

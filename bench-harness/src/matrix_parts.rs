@@ -1,0 +1,62 @@
+//! What the matrices of `esvo bench` and `esvo bench build` have in common: scenes with their levels, what is left out, and
+//! how they are read.
+
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+
+/// A scene and the levels that its octrees are built to.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SceneLevels {
+    /// Name of the scene's manifest.
+    pub name: String,
+    /// Deepest levels to build, ascending, each 1..=23. Casting is timed on the last one that was built.
+    pub levels: Vec<u32>,
+}
+
+/// Something that was not measured.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LeftOut {
+    /// What.
+    pub what: String,
+    /// Why, and where it makes sense how to get it.
+    pub reason: String,
+}
+
+/// Reads a matrix from TOML; `Err` says the line and what is wrong with it.
+pub(crate) fn parse_toml<T: DeserializeOwned>(text: &str) -> Result<T, String> {
+    toml::from_str(text).map_err(|e| {
+        let line = e.span().map_or(String::new(), |s| format!("line {}: ", text[..s.start].matches('\n').count() + 1));
+        format!("{line}{}", e.message())
+    })
+}
+
+/// These scenes, in this order. One that is not among `scenes` takes the levels of the first.
+pub(crate) fn select_scenes(scenes: &[SceneLevels], names: &[String]) -> Vec<SceneLevels> {
+    let levels = scenes.first().map(|s| s.levels.clone()).unwrap_or_default();
+    let pick = |name: &String| {
+        let known = scenes.iter().find(|s| s.name.eq_ignore_ascii_case(name));
+        known.cloned().unwrap_or_else(|| SceneLevels { name: name.clone(), levels: levels.clone() })
+    };
+    names.iter().map(pick).collect()
+}
+
+/// Checks that there are scenes and that their levels ascend within 1 to 23; says in words what is wrong.
+pub(crate) fn check_scenes(scenes: &[SceneLevels]) -> Result<(), String> {
+    if scenes.is_empty() {
+        return Err("there is no scene".into());
+    }
+    for scene in scenes {
+        if scene.levels.is_empty() {
+            return Err(format!("scene {}: levels is empty", scene.name));
+        }
+        if let Some(levels) = scene.levels.iter().find(|l| !(1..=23).contains(*l)) {
+            return Err(format!("scene {}: levels are between 1 and 23, not {levels}", scene.name));
+        }
+        if scene.levels.windows(2).any(|w| w[0] >= w[1]) {
+            return Err(format!("scene {}: levels must ascend", scene.name));
+        }
+    }
+    Ok(())
+}

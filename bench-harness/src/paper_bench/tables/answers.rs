@@ -1,0 +1,59 @@
+//! How right the answers are: their distance from the triangles, and their agreement with the reference caster.
+
+use super::cell;
+use crate::paper_bench::report::PaperReport;
+use crate::text::{TextTable, short};
+
+/// Distance of the hits from the triangles.
+pub(super) fn errors(report: &PaperReport) -> TextTable {
+    let head =
+        ["scene", "cast", "levels", "median px", "90th", "99th", "median voxels", "holes", "hit/miss differ", "FLIP"];
+    let mut table = TextTable::new("Error against the triangles", 2, &head);
+    table.notes = vec![
+        "Difference of depth along the ray where both hit, in pixels (the footprint of a pixel at the hit), at 512x384, rays \
+         ending at voxels of one pixel: mean over the views of the median and the percentiles."
+            .into(),
+        "Median in edges of the finest voxel; holes: rays that meet a triangle but no voxel; hit/miss: those and the opposite."
+            .into(),
+        "FLIP: how different the shaded picture looks from that of the triangles, 0 to 1, mean over pixels and views.".into(),
+    ];
+    for scene in &report.scenes {
+        for e in &scene.errors {
+            table.rows.push(vec![
+                scene.name.clone(),
+                format!("{}, {}", e.variant.title(), scene.mesh.title()),
+                e.levels.to_string(),
+                short(e.mean(|v| v.pixels.median)),
+                short(e.mean(|v| v.pixels.p90)),
+                short(e.mean(|v| v.pixels.p99)),
+                short(e.mean(|v| v.voxels.median)),
+                format!("{:.4}%", 100.0 * e.mean(|v| v.only_exact as f64 / v.rays.max(1) as f64)),
+                format!("{:.4}%", 100.0 * e.mean(|v| v.disagreement)),
+                cell(e.flip().map(|f| format!("{f:.3}"))),
+            ]);
+        }
+    }
+    table
+}
+
+/// What the checks found.
+pub(super) fn checks(report: &PaperReport) -> TextTable {
+    let head = ["scene", "caster", "cast", "levels", "pixels", "other voxel", "allowed", ""];
+    let mut table = TextTable::new("Answers against the reference caster, checked before timing", 3, &head);
+    for scene in &report.scenes {
+        for check in &scene.checks {
+            let a = &check.agreement;
+            table.rows.push(vec![
+                scene.name.clone(),
+                check.backend.name().into(),
+                check.variant.title().into(),
+                check.levels.to_string(),
+                a.pixels.to_string(),
+                a.different_voxel.to_string(),
+                format!("{:.0}", (a.allowed.share * a.pixels as f64).floor()),
+                if a.passed() { "ok" } else { "FAILED" }.into(),
+            ]);
+        }
+    }
+    table
+}

@@ -1,0 +1,76 @@
+//! The paper's two tables, and what stands beside them, from a [`PaperReport`].
+
+mod answers;
+mod table1;
+mod table2;
+
+use crate::paper_bench::paper::Paper;
+use crate::paper_bench::report::PaperReport;
+use crate::text::{Document, TextTable};
+use answers::{checks, errors};
+use table1::{bytes_by_kind, table1};
+use table2::{device_title, table2};
+
+/// Every table of a report, in the order of printing.
+pub fn tables(report: &PaperReport) -> Vec<TextTable> {
+    let paper = Paper::figures();
+    let mut tables = vec![table1(report, &paper), bytes_by_kind(report)];
+    tables.extend(report.devices.iter().map(|device| table2(report, &paper, device)));
+    tables.push(errors(report));
+    tables.push(checks(report));
+    tables.retain(|t| !t.rows.is_empty());
+    tables
+}
+
+/// All tables as aligned text for a terminal.
+pub fn to_text(report: &PaperReport) -> String {
+    document(report).to_text()
+}
+
+/// All tables as Markdown.
+pub fn to_markdown(report: &PaperReport) -> String {
+    let mut out = document(report).to_markdown();
+    for (scene, picture) in report.scenes.iter().flat_map(|s| s.pictures.iter().map(move |p| (s, p))) {
+        out += &format!("\n![{}, {}]({picture})\n", scene.name, scene.mesh.title());
+    }
+    out
+}
+
+fn document(report: &PaperReport) -> Document<'_> {
+    Document {
+        title: format!("esvo bench, {}", report.machine.date),
+        header: header(report),
+        tables: tables(report),
+        left_out: report.left_out.iter().map(|l| [&*l.what, &*l.reason]).collect(),
+        credits: report.scenes.iter().map(|s| [&*s.name, &*s.credit, &*s.identity]).collect(),
+    }
+}
+
+fn header(report: &PaperReport) -> Vec<String> {
+    let m = &report.machine;
+    let mut lines = vec![
+        format!("{}, {} threads, {} MiB, {}", m.cpu, m.threads, m.memory_mb, m.os),
+        format!(
+            "commit {}, {}, {} build, matrix `{}`, {:.0} s",
+            m.commit, m.rustc, m.profile, report.matrix.name, report.seconds
+        ),
+    ];
+    for device in &report.devices {
+        lines.push(format!("{}: {}", device.backend.name(), device_title(device)));
+    }
+    lines.extend(report.failures().map(|(scene, check)| {
+        let a = &check.agreement;
+        format!(
+            "FAILED: {scene}, {}, {}: {} of {} pixels show another voxel than the reference caster's",
+            check.backend.name(),
+            check.variant.title(),
+            a.different_voxel,
+            a.pixels
+        )
+    }));
+    lines
+}
+
+pub(super) fn cell(value: Option<String>) -> String {
+    value.unwrap_or_else(|| "-".into())
+}

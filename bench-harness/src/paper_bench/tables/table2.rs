@@ -1,0 +1,84 @@
+//! Table 2: millions of rays per second.
+
+use esvo_core::DeviceKind;
+
+use super::cell;
+use crate::paper_bench::matrix::Variant;
+use crate::paper_bench::paper::Paper;
+use crate::paper_bench::report::{DeviceRecord, PaperReport, SceneReport};
+use crate::text::{TextTable, short};
+
+/// Table 2 for one device: millions of rays per second.
+pub(super) fn table2(report: &PaperReport, paper: &Paper, device: &DeviceRecord) -> TextTable {
+    let cells = |v: Variant| {
+        report.scenes.iter().any(|s| s.times.iter().any(|t| t.backend == device.backend && t.variant == v))
+    };
+    let failed = |v: Variant| report.scenes.iter().any(|s| s.check(device.backend, v).is_some());
+    let variants: Vec<Variant> = Variant::ALL.into_iter().filter(|&v| cells(v) || failed(v)).collect();
+    // A software driver's times must not be read as a GPU's: the paper's are not put beside them.
+    let beside = !device.is_software();
+    let mut head: Vec<String> = ["scene", "mesh", "picture"].map(Into::into).into();
+    head.extend(variants.iter().map(|v| v.title().to_string()));
+    if beside {
+        head.extend(variants.iter().map(|v| format!("paper {}", v.short_title())));
+    }
+    let title = format!("Table 2, {}: primary rays, millions per second", device.backend.name());
+    let mut table = TextTable { head, left: 3, ..TextTable::new(title, 3, &[]) };
+    table.notes = vec![
+        device_title(device),
+        "Median over the rounds, ± half the distance of the quartiles; octrees at the deepest level of their row in the last line.".into(),
+        "Depth error against the triangles in pixels, at 512x384: median / 99th percentile.".into(),
+    ];
+    table.notes.push(match (beside, device.kind) {
+        (true, DeviceKind::Gpu) => format!("Paper: {}, CUDA {}.", paper.machine.gpu, paper.machine.cuda),
+        (true, _) => format!(
+            "Paper: {}, CUDA {}, a GPU; this device is not: compare columns, not devices.",
+            paper.machine.gpu, paper.machine.cuda
+        ),
+        _ => "A software driver shares the processor's cores; its times say nothing about a GPU's, and the paper's are not put beside them.".into(),
+    });
+    for scene in &report.scenes {
+        let mut any = false;
+        for &size in &report.matrix.resolutions {
+            let own: Vec<String> = variants.iter().map(|&v| time_cell(scene, device, v, size)).collect();
+            if own.iter().all(|c| c == "-") {
+                continue;
+            }
+            let first = if any { String::new() } else { scene.name.clone() };
+            let mut row = vec![first, scene.mesh.title().into(), format!("{}x{}", size[0], size[1])];
+            any = true;
+            row.extend(own);
+            if beside {
+                row.extend(variants.iter().map(|&v| cell(paper.mrays(&scene.name, size, v).map(short))));
+            }
+            table.rows.push(row);
+        }
+        if any {
+            let levels = scene.times.iter().map(|t| t.levels).max().unwrap_or(0);
+            let mut row = vec![String::new(), format!("{levels} levels"), "error, px".into()];
+            row.extend(variants.iter().map(|&v| {
+                match (v, scene.errors.iter().find(|e| e.variant == v && e.levels == levels)) {
+                    (Variant::Triangles, _) => "exact".into(),
+                    (_, Some(e)) => format!("{:.2} / {}", e.mean(|v| v.pixels.median), short(e.mean(|v| v.pixels.p99))),
+                    (_, None) => "-".into(),
+                }
+            }));
+            row.resize(table.head.len(), String::new());
+            table.rows.push(row);
+        }
+    }
+    table
+}
+
+fn time_cell(scene: &SceneReport, device: &DeviceRecord, variant: Variant, size: [u32; 2]) -> String {
+    if scene.check(device.backend, variant).is_some_and(|c| !c.agreement.passed()) {
+        return "FAILED".into();
+    }
+    let spread = scene.time(device.backend, variant, size).and_then(|t| t.mrays);
+    cell(spread.map(|s| format!("{} ±{:.0}%", short(s.median), s.percent())))
+}
+
+pub(super) fn device_title(device: &DeviceRecord) -> String {
+    let software = if device.is_software() { "software Vulkan, not a GPU: " } else { "" };
+    format!("{software}{} ({})", device.name, device.detail)
+}

@@ -1,0 +1,122 @@
+//! One row of Table 2: timing everything that is cast at one picture size.
+
+use esvo_core::View;
+use esvo_core::exact::CameraRays;
+use esvo_cpu::triangles::TriangleScene;
+
+use crate::paper_bench::matrix::{Matrix, Variant};
+use crate::paper_bench::pair::EnginePair;
+use crate::paper_bench::report::TimeCell;
+use crate::system::clock::Clock;
+use crate::timing::{Samples, Spread};
+use crate::{Backend, BenchError, Progress};
+
+/// One row of Table 2: a picture size, and everything that is cast at it.
+pub(crate) struct TimedRow {
+    size: [u32; 2],
+    cells: Vec<TimedCell>,
+}
+
+struct TimedCell {
+    /// Index of the engine; `None`: triangles.
+    engine: Option<usize>,
+    variant: Variant,
+    levels: u32,
+    rays: Vec<CameraRays>,
+    views: Vec<View>,
+    samples: Samples,
+}
+
+impl TimedRow {
+    pub(crate) fn new(size: [u32; 2]) -> Self {
+        Self { size, cells: Vec::new() }
+    }
+
+    /// Adds the triangle caster.
+    pub(crate) fn add_triangles(&mut self, rays: Vec<CameraRays>) {
+        let variant = Variant::Triangles;
+        self.cells.push(TimedCell {
+            engine: None,
+            variant,
+            levels: 0,
+            rays,
+            views: Vec::new(),
+            samples: Samples::default(),
+        });
+    }
+
+    /// Adds an engine, by its index, on a variant that it has loaded.
+    pub(crate) fn add(&mut self, engine: usize, variant: Variant, levels: u32, views: Vec<View>) {
+        let samples = Samples::default();
+        self.cells.push(TimedCell { engine: Some(engine), variant, levels, rays: Vec::new(), views, samples });
+    }
+
+    /// Times the row round by round: every cell casts every view once a round, so that drift hits all alike; every second
+    /// round goes backwards. When the clock runs out, the round that has begun is the last.
+    pub(crate) fn time(
+        mut self,
+        engines: &mut [EnginePair],
+        triangles: &TriangleScene,
+        matrix: &Matrix,
+        clock: &Clock,
+        progress: &Progress,
+        what: &str,
+    ) -> Result<Vec<TimeCell>, BenchError> {
+        let rounds = matrix.warm_up + matrix.rounds;
+        for round in 0..rounds {
+            let late = clock.left() <= 0.0;
+            if late && self.cells.iter().all(|cell| !cell.samples.seconds.is_empty()) {
+                break;
+            }
+            if late && round < matrix.warm_up {
+                continue;
+            }
+            progress.fraction(what, round as f64 / rounds as f64, "");
+            let order: Box<dyn Iterator<Item = &mut TimedCell>> =
+                if round % 2 == 0 { Box::new(self.cells.iter_mut()) } else { Box::new(self.cells.iter_mut().rev()) };
+            for cell in order {
+                cell.round(engines, triangles, round >= matrix.warm_up)?;
+            }
+        }
+        let pixels = u64::from(self.size[0]) * u64::from(self.size[1]);
+        let size = self.size;
+        let finish = |cell: TimedCell| TimeCell {
+            backend: cell.engine.map_or(Backend::Cpu, |e| engines[e].backend),
+            variant: cell.variant,
+            levels: cell.levels,
+            size,
+            resident_bytes: match cell.engine {
+                Some(e) => engines[e].caster(cell.variant).resident_bytes(),
+                None => triangles.resident_bytes(),
+            },
+            mrays: Spread::of(&cell.samples.mrays(pixels)),
+            samples: cell.samples,
+        };
+        Ok(self.cells.into_iter().map(finish).collect())
+    }
+}
+
+impl TimedCell {
+    fn round(&mut self, engines: &mut [EnginePair], triangles: &TriangleScene, keep: bool) -> Result<(), BenchError> {
+        let (mut total, mut coarse) = (Vec::new(), Vec::new());
+        match self.engine {
+            None => total.extend(self.rays.iter().map(|r| triangles.time(r).as_secs_f64())),
+            Some(engine) => {
+                let backend = engines[engine].backend.name();
+                let caster = engines[engine].caster(self.variant);
+                for view in &self.views {
+                    let time = caster.time(view).map_err(|source| BenchError::Cast { backend, source })?;
+                    total.push(time.total.as_secs_f64());
+                    coarse.push(time.coarse.as_secs_f64());
+                }
+            }
+        }
+        if keep {
+            self.samples.seconds.push(total);
+            if self.variant == Variant::Beam {
+                self.samples.coarse_seconds.push(coarse);
+            }
+        }
+        Ok(())
+    }
+}
