@@ -16,27 +16,19 @@
 //! # Ok::<(), esvo_builder::BuildError>(())
 //! ```
 
-mod attributes;
 mod build;
 mod clip;
 mod displace;
 mod error;
 pub mod import;
-mod journal;
-pub mod maps;
 pub mod mesh;
-mod plane;
-mod polyhedron;
-mod range;
-mod recursion;
 mod settings;
-mod shaper;
-mod slab;
+mod shape;
 mod surface;
 
 pub use build::{BuildStats, Built, BuiltFile, FileOptions, Progress, build, build_file};
 pub use displace::{DisplaceOptions, displace};
 pub use error::BuildError;
-pub use maps::{HeightMap, LinearMip, LinearTexture, NormalMap, UvTransform, mapped_normal};
+pub use mesh::maps::{HeightMap, LinearMip, LinearTexture, NormalMap, UvTransform, mapped_normal};
 pub use mesh::{Material, Mesh, MipLevel, Texture};
 pub use settings::{BuildSettings, Preset, TextureTest};

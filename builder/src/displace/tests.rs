@@ -4,8 +4,8 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use super::*;
-use crate::maps::{LinearTexture, UvTransform};
 use crate::mesh::Material;
+use crate::mesh::maps::{LinearTexture, UvTransform};
 
 const OPTIONS: DisplaceOptions = DisplaceOptions { scale: 1.0, cell: 0.07, max_triangles: 1 << 20 };
 

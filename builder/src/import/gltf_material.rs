@@ -16,7 +16,7 @@ use super::gltf_data::{Resource, Source};
 use super::image::{TextureStore, normals_of, texture_of};
 use super::mtl::has_holes;
 use super::{ImportError, one_line};
-use crate::maps::{LinearTexture, NormalMap, UvTransform};
+use crate::mesh::maps::{LinearTexture, NormalMap, UvTransform};
 use crate::mesh::{Material, Texture};
 
 /// How a material reads its texture coordinates.

@@ -8,8 +8,8 @@ use std::sync::Arc;
 use image::{DynamicImage, ImageFormat, ImageReader, Limits, RgbaImage};
 
 use super::{ImportError, MAX_TEXTURE_SIDE, MAX_TEXTURE_TEXELS, one_line, read_file};
-use crate::maps::LinearTexture;
 use crate::mesh::Texture;
+use crate::mesh::maps::LinearTexture;
 
 /// What of an image is a height (`-imfchan` of MTL).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]

@@ -12,19 +12,18 @@ mod mtl;
 mod obj;
 mod ply;
 mod stl;
-pub(crate) mod texture;
 
 use std::borrow::Cow;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use crate::maps::{HeightMap, UvTransform};
+use crate::mesh::maps::{HeightMap, UvTransform};
 use crate::mesh::{Mesh, MeshError};
 use image::{Channel, TextureStore};
 
+pub use crate::mesh::texture::TextureError;
 pub(crate) use assembly::fill_missing_normals;
-pub use texture::TextureError;
 
 /// Most triangles, and most vertices, that one mesh may have. Instances in a glTF scene can multiply a small file into
 /// more than any machine holds; this is where that stops.

@@ -9,9 +9,9 @@ use std::sync::Arc;
 use super::ImportError;
 use super::assembly::Assembly;
 use super::image::{Channel, TextureStore, texture_of};
-use super::texture::srgb_to_linear;
-use crate::maps::{HeightMap, NormalMap, UvTransform};
+use crate::mesh::maps::{HeightMap, NormalMap, UvTransform};
 use crate::mesh::{Material, Texture};
+use esvo_format::srgb::decode_f64 as srgb_to_linear;
 
 /// One `newmtl` block.
 #[derive(Clone, Debug, Default, PartialEq)]

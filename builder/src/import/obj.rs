@@ -10,9 +10,9 @@ use std::path::{Path, PathBuf};
 
 use super::assembly::{Assembly, Part};
 use super::image::TextureStore;
-use super::texture::srgb_to_linear;
 use super::{ImportError, mtl, one_line, read_file, text_of};
 use crate::mesh::{Material, Mesh};
+use esvo_format::srgb::decode_f64 as srgb_to_linear;
 
 /// Reads an OBJ file; materials and textures are looked up beside it.
 pub(super) fn load(path: &Path, bytes: &[u8]) -> Result<Mesh, ImportError> {

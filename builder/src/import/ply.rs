@@ -7,9 +7,9 @@ use ply_rs_bw::ply::{ElementDef, Encoding, Header, Property, PropertyAccess, Pro
 
 use super::assembly::{Assembly, Part};
 use super::image::TextureStore;
-use super::texture::srgb_to_linear;
 use super::{ImportError, mtl, one_line};
 use crate::mesh::{Material, Mesh};
+use esvo_format::srgb::decode_f64 as srgb_to_linear;
 
 /// Reads a PLY file. A texture is looked up beside it if a comment `TextureFile` names one.
 pub(super) fn load(path: &Path, bytes: &[u8]) -> Result<Mesh, ImportError> {

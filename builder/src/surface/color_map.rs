@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::{Vec2, Vec3A};
 
-use crate::range::linear_of_srgb;
+use crate::surface::range::linear_of_srgb;
 use crate::{MipLevel, Texture};
 
 /// A colour texture, with a short way for those that are opaque: there alpha weights nothing.

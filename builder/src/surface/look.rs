@@ -6,7 +6,7 @@ use std::sync::Arc;
 use glam::{Vec2, Vec3};
 
 use super::color_map::ColorMap;
-use crate::range::{AlphaMap, RangeMap, encode_srgb};
+use crate::surface::range::{AlphaMap, RangeMap, encode_srgb};
 use crate::{Material, Mesh, NormalMap, Texture, TextureTest};
 
 /// A material.

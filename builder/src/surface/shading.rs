@@ -10,8 +10,8 @@ use rayon::prelude::*;
 use super::Surface;
 use super::look::{Cutout, Look};
 use crate::clip::{Arena, Piece};
-use crate::maps::mapped_normal;
-use crate::range::encode_srgb;
+use crate::mesh::maps::mapped_normal;
+use crate::surface::range::encode_srgb;
 use crate::{Mesh, NormalMap};
 
 /// "None" for indices.
@@ -329,8 +329,8 @@ impl Surface<'_> {
             if let Some(range) = &look.color_range {
                 let (uv_lo, uv_hi) = self.uv_bounds(frame, triangle, vertices);
                 let bounds = range.in_box(uv_lo, uv_hi, self.shading.finest_voxel * frame.texel_density);
-                lo *= crate::range::decode_srgb(bounds.min);
-                hi *= crate::range::decode_srgb(bounds.max);
+                lo *= crate::surface::range::decode_srgb(bounds.min);
+                hi *= crate::surface::range::decode_srgb(bounds.max);
             }
         }
         (encode_srgb(lo), encode_srgb(hi))
@@ -373,7 +373,7 @@ impl Surface<'_> {
         &self,
         frame: &Frame,
         map: &NormalMap,
-        range: &crate::range::RangeMap<3>,
+        range: &crate::surface::range::RangeMap<3>,
         lo: Vec2,
         hi: Vec2,
     ) -> ([f32; 3], [f32; 3]) {

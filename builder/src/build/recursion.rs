@@ -7,14 +7,14 @@ use esvo_format::{AssembleOptions, BlockStore, RawNormal, Tree, Voxel as TreeVox
 use glam::DVec3;
 use rayon::prelude::*;
 
-use crate::attributes::{AttributeBounds, Mean, attributes};
-use crate::build::Progress;
+use super::Progress;
+use super::journal::Journal;
 use crate::clip::{Arena, Piece};
-use crate::journal::Journal;
-use crate::plane::Through;
-use crate::shaper::{Shape, Shaper, Voxel};
-use crate::slab::Slabs;
+use crate::shape::plane::Through;
+use crate::shape::shaper::{Shape, Shaper, Voxel};
+use crate::shape::slab::Slabs;
 use crate::surface::Surface;
+use crate::surface::attributes::{AttributeBounds, Mean, attributes};
 use crate::{BuildError, BuildSettings};
 
 /// Voxels down to this level are built as tasks of their own.

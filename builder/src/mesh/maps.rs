@@ -14,8 +14,7 @@ use std::sync::Arc;
 
 use glam::{Vec2, Vec3};
 
-use crate::import::TextureError;
-use crate::import::texture::{check_size, halve, mip_level, neighbours, wrap};
+use super::texture::{TextureError, check_size, halve, mip_level, neighbours, wrap};
 
 /// An image of `N` linear channels with all its mip levels, 16 bits each: 0 stands for 0, 65535 for 1.
 #[derive(Clone, Debug)]

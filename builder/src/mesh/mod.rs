@@ -1,10 +1,13 @@
 //! Triangle meshes as the builder takes them: indexed triangles, one material each, attributes per vertex.
 
+pub mod maps;
+pub(crate) mod texture;
+
 use std::sync::Arc;
 
 use glam::{DMat3, DMat4, DVec3};
 
-use crate::maps::{HeightMap, NormalMap, derived_tangent};
+use maps::{HeightMap, NormalMap, derived_tangent};
 
 /// An indexed triangle mesh in its own units.
 ///
@@ -20,7 +23,7 @@ pub struct Mesh {
     /// Vertex colours in linear RGB, 0..=1, or empty. They multiply the material's colour.
     pub colors: Vec<[f32; 3]>,
     /// Unit tangents per vertex with their handedness (1 or -1) as fourth component, as in glTF (see
-    /// [`maps`](crate::maps)), or empty. Zero where a vertex has none; use them through [`Mesh::corner_tangents`].
+    /// [`maps`]), or empty. Zero where a vertex has none; use them through [`Mesh::corner_tangents`].
     pub tangents: Vec<[f32; 4]>,
     /// Vertex indices of each triangle, counter-clockwise from outside.
     pub triangles: Vec<[u32; 3]>,
@@ -275,7 +278,8 @@ impl Material {
     fn non_finite(&self) -> Option<&'static str> {
         let normal = self.normal_map.as_ref();
         let height = self.height_map.as_ref();
-        let finite = |transform: &crate::maps::UvTransform| transform.rows.as_flattened().iter().all(|x| x.is_finite());
+        let finite =
+            |transform: &crate::mesh::maps::UvTransform| transform.rows.as_flattened().iter().all(|x| x.is_finite());
         [
             ("base colour", self.base_color.iter().all(|x| x.is_finite())),
             ("alpha cutoff", self.alpha_cutoff.is_none_or(f32::is_finite)),
@@ -386,16 +390,16 @@ mod tests {
     fn tangents_follow_transforms_and_texture_coordinates() {
         let texels = vec![[32768, 32768, 65535]];
         let map = NormalMap {
-            texture: Arc::new(crate::maps::LinearTexture::new(1, 1, texels).unwrap()),
+            texture: Arc::new(crate::mesh::maps::LinearTexture::new(1, 1, texels).unwrap()),
             scale: 1.0,
-            uv_transform: crate::maps::UvTransform::IDENTITY,
+            uv_transform: crate::mesh::maps::UvTransform::IDENTITY,
         };
         let mut mesh = triangle();
         assert_eq!(mesh.corner_tangents(0, &map), None);
         mesh.uvs = vec![[0.0, 1.0], [1.0, 1.0], [0.0, 0.0]];
         assert_eq!(mesh.corner_tangents(0, &map), Some([[1.0, 0.0, 0.0, 1.0]; 3]));
         // A map that is turned by a quarter: its u grows where v of the mesh does, downwards.
-        let turned = crate::maps::UvTransform { rows: [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]] };
+        let turned = crate::mesh::maps::UvTransform { rows: [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]] };
         let turned = NormalMap { uv_transform: turned, ..map.clone() };
         assert_eq!(mesh.corner_tangents(0, &turned), Some([[0.0, -1.0, 0.0, 1.0]; 3]));
         // One tangent missing: all are derived. Given ones are taken as they are, and move with the mesh.

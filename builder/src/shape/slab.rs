@@ -3,7 +3,7 @@
 use esvo_format::Contour;
 use glam::{Vec3, Vec4};
 
-use crate::polyhedron::MAX_SLABS;
+use crate::shape::polyhedron::MAX_SLABS;
 
 /// A contour's slab `lo <= n·p <= hi` in the units of one voxel, `p` from its centre.
 #[derive(Clone, Copy, Debug)]
@@ -141,7 +141,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::polyhedron::Polyhedron;
+    use crate::shape::polyhedron::Polyhedron;
 
     proptest! {
         #[test]

@@ -7,10 +7,10 @@
 use esvo_format::{Contour, RawNormal};
 use glam::{DVec3, Vec3};
 
-use crate::attributes::{Attributes, Mean, at_least};
 use crate::clip::{MARGIN, Piece};
-use crate::shaper::{MIN_GAIN, Shape, Voxel, enclosing, segment_meets_cube};
-use crate::slab::{Range, Slab, Slabs, greater};
+use crate::shape::shaper::{MIN_GAIN, Shape, Voxel, enclosing, segment_meets_cube};
+use crate::shape::slab::{Range, Slab, Slabs, greater};
+use crate::surface::attributes::{Attributes, Mean, at_least};
 use crate::surface::{Sample, Surface};
 
 /// How much larger than a voxel the cube is that edges are kept out of.

@@ -22,9 +22,9 @@ use esvo_format::{ColorBlock, RawNormal};
 use glam::{DVec3, Vec3A};
 
 use crate::clip::Piece;
-use crate::range::encode_srgb;
-use crate::shaper::Voxel;
+use crate::shape::shaper::Voxel;
 use crate::surface::Sample;
+use crate::surface::range::encode_srgb;
 
 /// How far attributes may be from what they stand for.
 #[derive(Clone, Copy)]

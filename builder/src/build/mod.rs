@@ -1,5 +1,8 @@
 //! A build from start to end: in memory, or straight into a file.
 
+mod journal;
+mod recursion;
+
 use std::path::Path;
 use std::time::{Duration, Instant};
 
@@ -7,8 +10,8 @@ use esvo_format::file::ObjectEntry;
 use esvo_format::{BlockStore, Octree, WriteOptions};
 use serde::Serialize;
 
-use crate::journal::Journal;
-use crate::recursion::Recursion;
+use self::journal::Journal;
+use self::recursion::Recursion;
 use crate::surface::Surface;
 use crate::{BuildError, BuildSettings, Mesh};
 

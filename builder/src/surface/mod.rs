@@ -1,8 +1,10 @@
 //! The mesh as the recursion reads it: corners in the root cube, normals, boundary edges, and what it looks like.
 
+pub mod attributes;
 mod color_map;
 mod edges;
 mod look;
+pub mod range;
 mod shading;
 
 use glam::{DMat4, DVec3, Vec3};

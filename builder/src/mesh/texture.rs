@@ -2,11 +2,11 @@
 
 use std::sync::LazyLock;
 
-pub(super) use esvo_format::srgb::decode_f64 as srgb_to_linear;
+use esvo_format::srgb::decode_f64 as srgb_to_linear;
 use rayon::prelude::*;
 
-use super::MAX_TEXTURE_SIDE;
-use crate::mesh::{MipLevel, Texture};
+use super::{MipLevel, Texture};
+use crate::import::MAX_TEXTURE_SIDE;
 
 /// Why bytes are not a texture.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

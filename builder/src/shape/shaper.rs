@@ -8,9 +8,9 @@ use esvo_format::Contour;
 use glam::{DVec3, Vec3};
 
 use crate::clip::{Arena, Piece};
-use crate::plane::{is_plane, shape_plane};
-use crate::polyhedron::Polyhedron;
-use crate::slab::{Range, Slab, Slabs, greater};
+use crate::shape::plane::{is_plane, shape_plane};
+use crate::shape::polyhedron::Polyhedron;
+use crate::shape::slab::{Range, Slab, Slabs, greater};
 use crate::surface::Surface;
 
 /// What was decided for one voxel.

@@ -18,7 +18,7 @@ use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
 use crate::import::{MAX_ELEMENTS, fill_missing_normals};
-use crate::maps::HeightMap;
+use crate::mesh::maps::HeightMap;
 use crate::{BuildError, Mesh};
 
 use dice::{Borders, Diced, Dicer, segments};
