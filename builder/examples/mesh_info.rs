@@ -1,4 +1,4 @@
-//! Prints what the importer makes of mesh files: `cargo run --release -p esvo-builder --example mesh_info -- FILE...`
+//! Prints what the importer reads from mesh files: `cargo run --release -p esvo-builder --example mesh_info -- FILE...`
 //!
 //! The exit code is the number of files that could not be read (at most 100).
 

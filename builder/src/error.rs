@@ -1,38 +1,38 @@
-//! What can go wrong in a build.
+//! Errors of a build.
 
 use std::path::{Path, PathBuf};
 
-/// Why no octree was built.
+/// Why a build failed.
 #[derive(Debug, thiserror::Error)]
 pub enum BuildError {
-    /// A setting out of its range.
+    /// A setting is out of its range.
     #[error("{name} is {value}: it must be {range}")]
     Setting {
-        /// The setting.
+        /// Name of the setting.
         name: &'static str,
-        /// What it was.
+        /// Its value.
         value: String,
-        /// What it may be.
+        /// The range it must be in.
         range: &'static str,
     },
-    /// The mesh has nothing to build from, or numbers that are not finite, or indices that lead nowhere.
+    /// The mesh has no surface, numbers that are not finite, or indices out of range.
     #[error("mesh: {0}")]
     Mesh(String),
-    /// The format cannot hold the result.
+    /// The format cannot hold the result, or the file cannot be written.
     #[error(transparent)]
     Format(#[from] esvo_format::FormatError),
-    /// A file or folder of the build.
+    /// A file or folder of the build cannot be read or written.
     #[error("{}: {error}", path.display())]
     Io {
-        /// Which.
+        /// The file or folder.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the operating system.
         error: std::io::Error,
     },
     /// Another process is building the same file.
     #[error("{}: another process is building there; wait for it or choose another output", .0.display())]
     Busy(PathBuf),
-    /// One thread alone would need more memory than it may have.
+    /// The memory limit is too small for a build on one thread.
     #[error("a memory limit of {} MB is too small for this mesh: it needs at least {} MB", limit / 1_000_000, least.div_ceil(1_000_000))]
     Memory {
         /// The limit in bytes.
@@ -40,8 +40,8 @@ pub enum BuildError {
         /// What is needed, in bytes.
         least: u64,
     },
-    /// No threads to build with.
-    #[error("no threads: {0}")]
+    /// The threads of the build cannot be started.
+    #[error("cannot start the threads of the build: {0}")]
     Threads(String),
 }
 

@@ -1,25 +1,25 @@
-//! What a build can be told.
+//! Settings of a build, and named presets.
 
 use esvo_format::AssembleOptions;
 use serde::{Deserialize, Serialize};
 
 use crate::BuildError;
 
-/// What the attributes of a voxel are compared with to tell whether finer voxels are needed for their sake.
+/// What the attributes of a voxel are compared with to decide whether they require finer voxels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum TextureTest {
-    /// One colour and one normal for each triangle's part of the voxel, taken in its middle and filtered to the voxel's
-    /// size: what `color-error` and `normal-error` mean in the authors' builder. Detail within a single triangle does not
-    /// count, so a large flat wall may show its texture no finer than its shape asks for.
+    /// One colour and one normal for each triangle's part of the voxel, taken at its centroid and filtered to the voxel's
+    /// size. This is what `color-error` and `normal-error` mean in the authors' builder. Detail within a single triangle
+    /// does not count, so a large flat wall may show its texture no finer than its shape requires.
     #[default]
     Samples,
-    /// Bounds of every texel, vertex colour and normal on the surface in the voxel, as fine as the finest voxels can show
-    /// them. Nothing the finest level would show gets lost, at the price of more voxels on textured surfaces.
+    /// Bounds of all texels, vertex colours and normals on the surface in the voxel, at the resolution of the finest voxels.
+    /// No detail that the finest level could show is lost; textured surfaces get more voxels.
     Texels,
 }
 
-/// Settings that go together, by name.
+/// Named combinations of settings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Preset {
@@ -27,25 +27,26 @@ pub enum Preset {
     Fast,
     /// The authors' defaults: 15, 16 steps, 0.01.
     Balanced,
-    /// Little memory at a fair shape: attributes are as coarse as the shape lets them be.
+    /// Small files with a moderate shape error: attributes hardly ever require finer voxels.
     Small,
-    /// Textures as fine as the deepest level can show them, at the price of more voxels.
+    /// Textures as fine as the deepest level can show them, with more voxels.
     Fine,
 }
 
-/// Settings of a build. The error bounds mean what they mean in the authors' builder, so that builds can be compared.
+/// Settings of a build. The error bounds have the same meaning as in the authors' builder, so that builds can be compared.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct BuildSettings {
-    /// Deepest level, 1..=23: voxels are at least `2^-levels` of the root cube.
+    /// Deepest level, 1..=23. The edge of the smallest voxels is `2^-levels` of the root cube's.
     pub levels: u32,
     /// Whether voxels get contours. Without them all geometry is refined to the deepest level.
     pub contours: bool,
-    /// Largest distance of a voxel's shape from the surface, given as a level: the diagonal of a voxel of that level.
+    /// Largest distance of a voxel's shape from the surface, given as a level, 0 to 23: the diagonal of a voxel of that level.
     pub contour_error: f64,
-    /// Largest deviation of a colour channel from what it stands for, in steps of 1/256.
+    /// Largest deviation of a colour channel from the samples that it represents, in steps of 1/256, 0 to 256.
     pub color_error: f64,
-    /// Largest deviation of a normal's component from what it stands for; the components of a unit normal span 2.
+    /// Largest deviation of a normal's component from the samples that it represents, 0 to 2 (components of a unit normal are
+    /// -1 to 1).
     pub normal_error: f64,
     /// What `color_error` and `normal_error` are compared with.
     pub texture_test: TextureTest,
@@ -53,7 +54,7 @@ pub struct BuildSettings {
     pub colors: bool,
     /// Whether normals are stored.
     pub normals: bool,
-    /// Whether colours and normals are stored as they are, 4 bytes each, instead of compressed in blocks: for reference.
+    /// Whether colours and normals are stored uncompressed, 4 bytes each, instead of in compressed blocks: for reference.
     pub plain_attributes: bool,
     /// How the octree is cut into blocks.
     #[serde(skip)]
@@ -82,7 +83,7 @@ impl BuildSettings {
     /// Checks the ranges.
     ///
     /// # Errors
-    /// The first setting out of its range.
+    /// The first setting that is out of its range.
     pub fn check(&self) -> Result<(), BuildError> {
         let bad = |name, value: String, range| Err(BuildError::Setting { name, value, range });
         if !(1..=23).contains(&self.levels) {
@@ -100,7 +101,7 @@ impl BuildSettings {
         Ok(())
     }
 
-    /// The settings of a preset, ten levels deep.
+    /// The settings of a preset, with ten levels.
     pub fn preset(preset: Preset) -> Self {
         let (contour_error, color_error, normal_error) = match preset {
             Preset::Fast => (12.0, 32.0, 0.1),

@@ -1,5 +1,5 @@
-//! Colours, normals and holes of voxels: within their bounds wherever they are tested, filtered, and the same on both sides
-//! of thin sheets.
+//! Colours, normals and holes of voxels: within their bounds wherever they are tested, filtered, and equal on both sides of
+//! thin sheets.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -91,7 +91,7 @@ fn srgb(linear: f32) -> f32 {
     if linear <= 0.0031308 { linear * 12.92 } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
 }
 
-/// A point of the surface and what it looks like.
+/// A point of the surface with its colour and normal.
 struct Point {
     position: DVec3,
     color: [f32; 3],
@@ -126,11 +126,11 @@ fn points(mesh: &Mesh, octree: &Octree, count: usize) -> Vec<Point> {
         .collect()
 }
 
-/// Checks that what is decoded from every leaf above the deepest level is within the error bounds, plus those of the
-/// encoders, of the surface in it. Returns how many points were looked at.
+/// Checks that what every leaf above the deepest level decodes to is within the error bounds, plus those of the encoders, of
+/// the surface in it. Returns the number of points that were checked.
 ///
-/// A block holds the children of two sibling nodes, all in one cube two levels above the leaf. Bound of the encoders:
-/// half the spread of the values in that cube, and for colours one step of five bits.
+/// A block holds the children of two sibling nodes, all in one cube two levels above the leaf. Bounds of the encoders: half
+/// the spread of the values in that cube, and for colours one step of five bits.
 fn check_bounds(mesh: &Mesh, settings: BuildSettings) -> usize {
     let octree = run(mesh, settings);
     let leaves: HashMap<(u32, [u32; 3]), Leaf> =
@@ -212,7 +212,7 @@ fn one_look_everywhere_is_never_refined_for_its_attributes() {
 
 #[test]
 fn textures_are_tested_by_sample_or_texel_for_texel() {
-    // Two triangles, a chequered texture of 8 x 8: a voxel of the finest level sees one square of it or two.
+    // Two triangles with a chequered texture of 8 x 8: a voxel of the finest level contains one or two of its squares.
     let texels: Vec<u8> =
         (0..64).flat_map(|i| if (i + i / 8) % 2 == 0 { [200, 200, 200, 255] } else { [90, 90, 90, 255] }).collect();
     let mut mesh = square();
@@ -234,7 +234,7 @@ fn textures_are_tested_by_sample_or_texel_for_texel() {
 #[test]
 fn both_sides_of_a_thin_sheet_have_one_normal() {
     for (thickness, both_windings) in [(0.0, true), (1e-4, true), (0.004, true), (0.0, false)] {
-        // The second side lies below the first and faces down; or, in the last case, every other triangle is turned.
+        // The second side lies below the first and faces down. In the last case, every other triangle is turned instead.
         let mut mesh = sheet(8, |x, y| 0.3 * x + 0.1 * y);
         let axis = Vec3::from(mesh.normals[0]);
         mesh.normals.clear();
@@ -255,7 +255,7 @@ fn both_sides_of_a_thin_sheet_have_one_normal() {
         if both_windings {
             let up = found.iter().filter(|leaf| leaf.normal.dot(axis) > 0.99).count();
             assert!(up * 10 > found.len() * 9, "thickness {thickness}: {up} of {} look up", found.len());
-            // What no voxel can part is not refined; what some can part is.
+            // Sides that no voxel can separate are not refined; sides that some voxel can separate are.
             let coarse = found.iter().filter(|leaf| leaf.level < 7).count();
             assert!(coarse * 2 > found.len(), "thickness {thickness}: {coarse} of {} are coarse", found.len());
         }
@@ -280,12 +280,12 @@ fn normal_maps_turn_normals_and_are_filtered() {
             assert!(leaf.normal.dot(expected) > 0.9995, "{} for {expected} at {:?}", leaf.normal, leaf.at);
         }
     };
-    // u is x, and v, which grows downwards in the image, is y: the bitangent is -y.
+    // u is x. v, which grows downwards in the image, is y, so the bitangent is -y.
     mesh.materials[0].normal_map = Some(normal_map(8, |_, _| [0.6, 0.0, 0.8]));
     check(&mesh, Vec3::new(0.6, 0.0, 0.8));
     mesh.materials[0].normal_map = Some(normal_map(8, |_, _| [0.0, 0.6, 0.8]));
     check(&mesh, Vec3::new(0.0, -0.6, 0.8));
-    // Tangents of the mesh count more than its texture coordinates.
+    // Tangents of the mesh take precedence over its texture coordinates.
     mesh.tangents = vec![[0.0, 1.0, 0.0, 1.0]; 4];
     check(&mesh, Vec3::new(-0.6, 0.0, 0.8));
     // Bumps far smaller than the voxels average out.
@@ -298,7 +298,7 @@ fn normal_maps_turn_normals_and_are_filtered() {
 #[test]
 fn normal_maps_are_refined_texel_for_texel_if_wanted() {
     let mut mesh = square();
-    // The left half leans one way, the right half the other.
+    // The left half leans to one side, the right half to the other.
     mesh.materials[0].normal_map = Some(normal_map(16, |x, _| [if x < 8 { 0.6 } else { -0.6 }, 0.0, 0.8]));
     let settings = BuildSettings { levels: 6, contour_error: 4.0, ..BuildSettings::default() };
     let samples = leaves(&run(&mesh, settings)).len();
@@ -310,7 +310,7 @@ fn normal_maps_are_refined_texel_for_texel_if_wanted() {
     }
 }
 
-/// A square cut out by a texture of `size` x `size` texels.
+/// A square with holes cut by a texture of `size` x `size` texels.
 fn cut_out(size: u32, solid: impl FnMut(u32, u32) -> bool) -> Mesh {
     let mut mesh = square();
     let mut solid = solid;
@@ -324,7 +324,7 @@ fn cut_out(size: u32, solid: impl FnMut(u32, u32) -> bool) -> Mesh {
     mesh
 }
 
-/// The area of the square in which there are leaves, as the part of all columns of voxels of this level.
+/// The area of the square covered by leaves, as a share of all columns of voxels of this level.
 fn covered(octree: &Octree, level: u32) -> f64 {
     let mut columns = std::collections::HashSet::new();
     for leaf in leaves(octree) {
@@ -353,7 +353,7 @@ fn cut_outs_keep_their_coverage_at_every_resolution() {
 
 #[test]
 fn coarse_leaves_do_not_fill_holes() {
-    // Stripes four voxels wide on a flat square, whose shape alone asks for no more than a few voxels.
+    // Stripes four voxels wide on a flat square, whose shape alone requires only a few voxels.
     let mesh = cut_out(64, |x, _| x / 4 % 2 == 0);
     let octree = run(&mesh, BuildSettings { levels: 6, contour_error: 3.0, ..BuildSettings::default() });
     let covered = covered(&octree, 6);
@@ -372,7 +372,7 @@ fn plain_attributes_are_stored_as_they_are() {
     let differ = (0..8u8).filter(|child| plain.descriptor(slot).valid_mask() >> child & 1 != 0).filter(|&child| {
         let color = plain.color(slot, child);
         let [r, g, b] = color.expect("a colour").map(|c| c * 255.0);
-        // Whole steps of 255: nothing has been quantized since.
+        // Whole steps of 1/255: the value has not been quantized further.
         assert!([r, g, b].iter().all(|c| (c - c.round()).abs() < 1e-3), "{r} {g} {b}");
         Some([r, g, b]) != blocks.color(slot, child).map(|c| c.map(|c| c * 255.0))
     });

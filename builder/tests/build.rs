@@ -1,5 +1,5 @@
-//! What must hold of every build: no voxel missed, no surface outside its contours, the same bytes on any number of
-//! threads, the right colours and normals.
+//! Properties of every build: no voxel is missing, no surface is outside its contours, the bytes do not depend on the number
+//! of threads, and colours and normals are right.
 
 use std::collections::HashSet;
 use std::sync::Arc;
@@ -47,7 +47,7 @@ fn run(mesh: &Mesh, settings: BuildSettings) -> Built {
     built
 }
 
-/// Settings under which every voxel that meets the surface is there, down to this level.
+/// Settings under which every voxel that meets the surface exists down to this level.
 fn every_voxel(levels: u32) -> BuildSettings {
     BuildSettings { levels, contours: false, ..BuildSettings::default() }
 }
@@ -67,7 +67,7 @@ fn walk(octree: &Octree, visit: &mut dyn FnMut(u32, [u32; 3], u32, u8)) {
     node(octree, octree.objects()[0].root_slot as u32, 0, [0; 3], visit);
 }
 
-/// The separating axis test in its textbook form: thirteen axes, projections of all corners. An independent answer.
+/// The separating axis test in its textbook form: thirteen axes, projections of all corners. Independent of the builder.
 fn overlaps(triangle: &[DVec3; 3], centre: DVec3, half: f64) -> bool {
     let v = triangle.map(|p| p - centre);
     let edges = [v[1] - v[0], v[2] - v[1], v[0] - v[2]];
@@ -95,7 +95,7 @@ fn check_exact(triangles: &[[DVec3; 3]], levels: u32) {
     });
     let n = 1u32 << levels;
     let half = 0.5 / f64::from(n);
-    // Rounding in the test itself and in the transform: far below a voxel, above the builder's tolerance.
+    // Allows for rounding in this test and in the transform: far below a voxel, above the builder's tolerance.
     let slack = 1e-12;
     let (mut missed, mut extra) = (0, 0);
     for z in 0..n {
@@ -166,7 +166,7 @@ fn far_from_the_origin_nothing_changes() {
     check_exact(&triangles, 5);
 }
 
-/// A bumpy closed surface with sharp features: a subdivided cube pushed about.
+/// A bumpy closed surface with sharp features: a subdivided cube with displaced vertices.
 fn lump(cells: usize) -> Vec<[DVec3; 3]> {
     let bump = |p: DVec3| {
         let p = p.normalize();
@@ -192,10 +192,10 @@ fn lump(cells: usize) -> Vec<[DVec3; 3]> {
     triangles
 }
 
-/// Whether a point of the surface is inside the shape of some leaf: in all cubes and contours on the way down.
+/// Whether a point of the surface is inside the shape of some leaf: inside all cubes and contours on the way down.
 fn is_covered(octree: &Octree, slot: u32, p: DVec3) -> bool {
-    // `p` is in units of this voxel, from its centre. Halving leaves rounding of the last bit: it is no error to be
-    // outside by that much.
+    // `p` is in units of this voxel, from its centre. Halving leaves a rounding error in the last bit; a point outside by
+    // that much counts as inside.
     let slack = 1e-9;
     let descriptor = octree.descriptor(slot);
     (0..8u8).filter(|c| descriptor.valid_mask() >> c & 1 != 0).any(|child| {
@@ -252,7 +252,7 @@ fn contours_never_cut_the_surface() {
 
 #[test]
 fn a_shifted_surface_is_noticed() {
-    // The negative control of the test above: the same octree, and a surface that is not the one it was built from.
+    // The negative control of the test above: the same octree, with a surface that it was not built from.
     let triangles = lump(12);
     let built = run(&mesh_of(&triangles), BuildSettings { levels: 8, ..BuildSettings::default() });
     let shifted: Vec<_> = triangles.iter().map(|t| t.map(|p| p + DVec3::splat(0.02))).collect();
@@ -293,7 +293,7 @@ fn bytes_do_not_depend_on_threads_and_survive_a_file() {
 
 #[test]
 fn colours_and_normals_are_those_of_the_surface() {
-    // The left half of a square is red and faces up; the right half is green and stands upright.
+    // The left half of a square is red and faces up. The right half is green and stands upright.
     let triangles = [
         [DVec3::ZERO, DVec3::new(1.0, 0.0, 0.0), DVec3::new(0.0, 0.0, 1.0)],
         [DVec3::new(1.0, 0.0, 0.0), DVec3::new(1.0, 1.0, 0.0), DVec3::new(1.0, 0.0, 1.0)],
@@ -307,10 +307,10 @@ fn colours_and_normals_are_those_of_the_surface() {
     walk(&octree, &mut |level, at, slot, child| {
         let n = 1u32 << level;
         let (color, normal) = (octree.color(slot, child).unwrap(), octree.normal(slot, child).unwrap());
-        // Away from the edge where they meet.
+        // Only voxels away from the edge between the halves.
         if level == 6 && at[0] + 2 < n {
             assert!(color[0] > 0.95 && color[1] < 0.05, "{color:?}");
-            // Some share a compression block with voxels of the other surface.
+            // Some voxels share a compression block with voxels of the other half.
             assert!(normal.dot(Vec3::NEG_Y) > 0.99, "{normal}");
             floor += 1;
         } else if level == 6 && at[1] > 33 {
@@ -324,7 +324,7 @@ fn colours_and_normals_are_those_of_the_surface() {
 
 #[test]
 fn textures_are_refined_where_they_vary_and_averaged_above() {
-    // Left half black, right half white, 64 texels wide: with contours the flat square would otherwise end at once.
+    // Left half black, right half white, 64 texels wide. With contours the flat square would otherwise not be refined.
     let texels: Vec<u8> = (0..64 * 64).flat_map(|i| if i % 64 < 32 { [0, 0, 0, 255] } else { [255; 4] }).collect();
     let texture = Arc::new(Texture::from_rgba8(64, 64, &texels).unwrap());
     let mut mesh = mesh_of(&[
@@ -372,7 +372,7 @@ fn cut_outs_are_holes() {
     walk(&octree, &mut |level, at, _, _| {
         if level == 6 {
             voxels += 1;
-            // Texture filtering and wrapping reach a texel over the edges.
+            // Filtering and wrapping read one texel beyond the edges.
             assert!(at[0] >= 32 - 8 || at[0] < 8, "{at:?}");
         }
     });
@@ -407,7 +407,7 @@ fn one_level_and_twenty_three_levels_work() {
     let tiny = mesh_of(&[[DVec3::ZERO, DVec3::X, DVec3::Y]]);
     let one = run(&tiny, every_voxel(1)).octree;
     assert_eq!((one.objects()[0].levels, one.objects()[0].descriptors), (1, 1));
-    // A triangle of one finest voxel in size, and one far away that makes the root cube large.
+    // A triangle of the size of a finest voxel, and one far away that makes the root cube large.
     let e = 1.0 / f64::from(1 << 23);
     let speck = |p: DVec3| [p, p + DVec3::X * e * 0.4, p + DVec3::Y * e * 0.4];
     let deep = run(&mesh_of(&[speck(DVec3::ZERO), speck(DVec3::ONE - e)]), every_voxel(23)).octree;
@@ -415,7 +415,7 @@ fn one_level_and_twenty_three_levels_work() {
 }
 
 mod files {
-    //! Building straight into a file.
+    //! Building directly into a file.
 
     use super::*;
     use esvo_builder::{FileOptions, build_file};
@@ -433,7 +433,7 @@ mod files {
         mesh_of(&soup)
     }
 
-    /// Small blocks, so that there are many.
+    /// Settings with small blocks, so that there are many.
     fn settings(levels: u32) -> BuildSettings {
         let assemble = AssembleOptions { block_slots: 1 << 10, ..AssembleOptions::default() };
         BuildSettings { levels, assemble, ..BuildSettings::default() }
@@ -475,7 +475,7 @@ mod files {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.esvo");
         let options = FileOptions { resume: true, ..FileOptions::default() };
-        // The progress is the only thing that a caller can stop a build by: as a process that is killed would.
+        // A panic in the progress callback is the only way for a caller to stop a build, as if its process were killed.
         let calls = AtomicU32::new(0);
         let stop = |_| {
             assert!(calls.fetch_add(1, Ordering::Relaxed) < 3_500, "stopped here");
@@ -486,7 +486,7 @@ mod files {
         }));
         assert!(stopped.is_err(), "it was over too soon");
         assert_eq!(names(folder.path()), ["a.esvo.part"]);
-        // A record that was cut short, as by a full disk.
+        // A record that was truncated, for example by a full disk.
         let journal = folder.path().join("a.esvo.part/journal");
         let bytes = std::fs::read(&journal).unwrap();
         std::fs::write(&journal, &bytes[..bytes.len() - 5]).unwrap();

@@ -1,4 +1,4 @@
-//! Every contour of a build encloses all of the surface in its voxel: checked in integers, contour by contour, against the
+//! Every contour of a build encloses all of the surface in its voxel. Checked in integers, contour by contour, against the
 //! triangles themselves.
 
 #[path = "exact/enclosure.rs"]
@@ -23,15 +23,15 @@ use random::Random;
 
 type Triangle = [DVec3; 3];
 
-/// What a check found.
+/// Counts of a check.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Found {
     contours: u64,
-    /// Contours that leave out some of the surface.
+    /// Contours that exclude some of the surface.
     wrong: u64,
-    /// Contours that would be found wrong if their position were one step more or one step less.
+    /// Contours that would exclude some of it if their position were one step more or one step less.
     sharp: u64,
-    /// Triangles that were looked at in integers, and those that were found inside in doubles.
+    /// Triangles that were tested in integers; `quick`: those that a test in doubles found inside.
     exact: u64,
     quick: u64,
 }
@@ -48,16 +48,16 @@ impl Found {
     }
 }
 
-/// How contours are looked at.
+/// How contours are checked.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Care {
-    /// All triangles in integers, and each contour with its position changed as well.
+    /// All triangles in integers, and each contour also with its position changed.
     Everything,
-    /// Triangles that are inside by far are found so in doubles.
+    /// Triangles that a test in doubles finds clearly inside are not tested in integers.
     Quick,
 }
 
-/// A triangle in octree space, rounded, and in the mesh's units as integers.
+/// A triangle in octree space (rounded), and in integers in the mesh's units.
 struct Both {
     rounded: Triangle,
     exact: [Vector<BigInt>; 3],
@@ -71,7 +71,7 @@ struct Check<'a> {
     care: Care,
 }
 
-/// A voxel: lower corner in voxels, level, and the triangles that may be in it.
+/// A voxel: lower corner in voxels of its level, level, and the triangles that may be in it.
 struct Voxel {
     at: [u32; 3],
     level: u32,
@@ -99,7 +99,7 @@ impl<'a> Check<'a> {
         self.children(root, &Voxel { at: [0; 3], level: 0, near })
     }
 
-    /// Looks at the contours of the children of the descriptor at `slot`, and below.
+    /// Checks the contours of the children of the descriptor at `slot`, and of their descendants.
     fn children(&self, slot: u32, parent: &Voxel) -> Found {
         let descriptor = self.octree.descriptor(slot);
         let child = |child: u8| {
@@ -118,7 +118,7 @@ impl<'a> Check<'a> {
         }
     }
 
-    /// A child voxel, and the triangles near it: whose box meets its cube, a little enlarged, and whose plane does.
+    /// A child voxel with the triangles near it: those whose box meets its cube, slightly enlarged, and whose plane does.
     fn part(&self, parent: &Voxel, child: u8) -> Voxel {
         let at: [u32; 3] = std::array::from_fn(|axis| 2 * parent.at[axis] + u32::from(child >> axis & 1));
         let level = parent.level + 1;
@@ -172,16 +172,16 @@ fn centre_and_half(at: [u32; 3], level: u32) -> (DVec3, f64) {
     ((DVec3::from(at.map(f64::from)) + 0.5) * edge, 0.5 * edge)
 }
 
-/// The contour with its position changed by one step, or `None` if it is at the end of its range.
+/// The contour with its position changed by one step; `None` if the position is at the end of its range.
 fn moved(contour: Contour, by: i32) -> Option<u32> {
     let position = ((contour.0 << 7) as i32 >> 25) + by;
     (-64..64).contains(&position).then_some(contour.0 & !(0x7f << 18) | (position as u32 & 0x7f) << 18)
 }
 
-/// Whether what is in the voxel of a triangle, and a little beyond, is inside the slab by more than all rounding.
+/// Whether the part of a triangle in the voxel, and slightly beyond, is inside the slab by more than all rounding errors.
 ///
-/// The triangle is cut by planes a little outside the cube. By the argument of the builder's `clip.rs` that leaves every
-/// point inside, up to an error in the last digits.
+/// The triangle is cut by planes slightly outside the cube. By the argument in the builder's `clip` module, this keeps every
+/// point inside the cube, up to an error in the last digits.
 fn is_clearly_inside(contour: Contour, voxel: &Voxel, triangle: &Triangle) -> bool {
     const BEYOND: f64 = 1e-9;
     let (centre, half) = centre_and_half(voxel.at, voxel.level);
@@ -204,7 +204,7 @@ fn is_clearly_inside(contour: Contour, voxel: &Voxel, triangle: &Triangle) -> bo
             return true;
         }
     }
-    // A corner of a triangle that is 2^level voxels large has an error of so many times 2^-52 here.
+    // A corner of a triangle that is 2^level voxels large has an error of up to 2^level units of 2^-52 here.
     let error = 1e-6;
     let slab = contour.decode();
     let normal = DVec3::from(slab.normal);
@@ -228,7 +228,7 @@ fn mesh_of(triangles: &[Triangle]) -> Mesh {
     }
 }
 
-/// Builds and checks; every contour must enclose its surface.
+/// Builds and checks. Every contour must enclose its surface.
 fn check(name: &str, mesh: &Mesh, settings: BuildSettings, care: Care) -> Found {
     let octree = build(mesh, &settings, &|_| ()).unwrap().octree;
     octree.sound().unwrap();
@@ -238,7 +238,7 @@ fn check(name: &str, mesh: &Mesh, settings: BuildSettings, care: Care) -> Found 
     found
 }
 
-/// Geometry only, and to the last level.
+/// Settings for geometry only, refined to the last level.
 fn settings(levels: u32, contour_error: f64) -> BuildSettings {
     BuildSettings { levels, contour_error, color_error: 256.0, normal_error: 2.0, ..BuildSettings::default() }
 }
@@ -262,7 +262,7 @@ fn contours_of_random_triangles_enclose_them() {
             let found =
                 check("soup", &soup(&mut random, count, size), settings(levels, contour_error), Care::Everything);
             assert!(found.contours > 200, "{found:?}");
-            // Rounding leaves up to half a step of thickness and of position on either side, not both on both.
+            // Rounding adds up to half a step of thickness and of position on either side, but not both on both sides.
             assert_eq!(found.sharp, found.contours, "a contour moved by a step must be noticed");
         }
     }
@@ -309,7 +309,7 @@ fn deep_contours_enclose_the_surface() {
     }
 }
 
-/// The real mesh of a scene where it is found, else its stand-in.
+/// The real mesh of a scene if it is found, else its procedural stand-in.
 fn scene(name: &str) -> (String, Mesh) {
     let manifest = SceneManifest::builtin().unwrap();
     let entry = manifest.scene(name).unwrap();

@@ -1,5 +1,5 @@
-//! The encoders of colour and normal blocks beside the method of the paper's authors, on the voxels of real scenes, where
-//! those are at hand: `$ESVO_SCENES`, or beside the repository. The table of made-up blocks and of scenes at nine levels:
+//! Compares the encoders of colour and normal blocks with the method of the paper's authors, on the voxels of real scenes if
+//! they are found: in `$ESVO_SCENES`, or next to the repository. The table of synthetic blocks and of scenes at nine levels:
 //!
 //! `cargo test --release -p esvo-builder --test encoders -- --ignored --nocapture`
 
@@ -28,7 +28,7 @@ fn scenes_dir() -> PathBuf {
     }
 }
 
-/// The blocks of a scene, or none if it is not at hand.
+/// The blocks of a scene; none if it is not found.
 fn scene(file: &str, levels: u32) -> Option<(Vec<blocks::Colors>, Vec<blocks::Normals>)> {
     let path = scenes_dir().join(file);
     if !path.exists() {

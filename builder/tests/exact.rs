@@ -1,5 +1,5 @@
-//! The voxels of a build are those whose closed cubes meet a closed triangle: all of them, and no others but such as come
-//! within [`TOLERANCE`] of one. Compared, on every level, with a test in integers that shares nothing with the builder.
+//! The voxels of a build are those whose closed cubes meet a closed triangle: all of them, and no others except some that
+//! come within [`TOLERANCE`] of one. Compared on every level with a test in integers that shares no code with the builder.
 
 #[path = "exact/integers.rs"]
 mod integers;
@@ -19,7 +19,7 @@ use integers::{Integer, cross, sub};
 use overlap::{Cube, Projected, Space, Voxel, voxels};
 use random::Random;
 
-/// How far from its cube the surface of an extra voxel may be, in units of the root cube: `2^-TOLERANCE`. As the builder
+/// How far from its cube the surface of an extra voxel may be, in edges of the root cube: `2^-TOLERANCE`, as the builder
 /// documents.
 const TOLERANCE: u32 = 45;
 
@@ -50,7 +50,7 @@ fn voxels_of(octree: &Octree) -> HashSet<Voxel> {
     found
 }
 
-/// What a comparison found.
+/// Result of a comparison.
 #[derive(Debug, PartialEq, Eq)]
 struct Found {
     voxels: usize,
@@ -58,7 +58,7 @@ struct Found {
     extra: Vec<Voxel>,
 }
 
-/// The triangles as the definition sees them: those with an area, in the octree's own placement of the mesh.
+/// The triangles that count by the definition: those with an area, in the octree's own placement of the mesh.
 struct Truth<T> {
     space: Space<T>,
     triangles: Vec<Projected<T>>,
@@ -96,7 +96,7 @@ fn is_near(truth: &Truth<BigInt>, (level, at): Voxel) -> bool {
     truth.triangles.iter().any(|t| t.meets(&corner, &edge, Cube::Closed))
 }
 
-/// Builds, and compares all levels. `T` says what the test computes in.
+/// Builds, and compares all levels. `T` is the type of integers that the test computes in.
 fn check<T: Integer>(name: &str, triangles: &[Triangle], levels: u32) -> Found {
     let settings = BuildSettings { levels, contours: false, ..BuildSettings::default() };
     let octree = build(&mesh_of(triangles), &settings, &|_| ()).unwrap().octree;
@@ -135,7 +135,7 @@ fn on_corners(random: &mut Random, bits: u32, count: usize) -> Vec<Triangle> {
     (0..count).map(|_| [0; 3].map(|_| random.point(bits))).collect()
 }
 
-/// Triangles in planes of voxel faces of this level, with corners anywhere in them or on corners of voxels.
+/// Triangles in planes of voxel faces of this level, with corners anywhere in the planes or on corners of voxels.
 fn walls(random: &mut Random, bits: u32, count: usize) -> Vec<Triangle> {
     (0..count)
         .map(|i| {
@@ -150,7 +150,7 @@ fn walls(random: &mut Random, bits: u32, count: usize) -> Vec<Triangle> {
         .collect()
 }
 
-/// Long thin triangles of this width, and such whose third corner is all but on the line between the others.
+/// Long thin triangles of this width, and triangles whose third corner is almost on the line between the others.
 fn slivers(random: &mut Random, bits: u32, width: f64, count: usize) -> Vec<Triangle> {
     (0..count)
         .map(|i| {
@@ -169,7 +169,7 @@ fn crumbs(random: &mut Random, level: u32, count: usize) -> Vec<Triangle> {
             let corner = random.point(level.min(10)).max(DVec3::splat(voxel));
             [0; 3].map(|_| {
                 let mut off = (random.point(8) - 0.5) * voxel;
-                // Some touch the corner or a plane through it with a corner of their own or an edge.
+                // Some touch the voxels' corner, or a plane through it, with one of their corners or edges.
                 if i % 3 == 0 {
                     off[i / 3 % 3] = off[i / 3 % 3].max(0.0);
                 }
@@ -179,7 +179,7 @@ fn crumbs(random: &mut Random, level: u32, count: usize) -> Vec<Triangle> {
         .collect()
 }
 
-/// Triangles that are all but parallel to a plane between voxels and pass through it at a slope of some `2^-44`.
+/// Triangles almost parallel to a plane between voxels that cross it at a slope of about `2^-44`.
 fn grazing(random: &mut Random, level: u32, count: usize) -> Vec<Triangle> {
     (0..count)
         .map(|i| {
@@ -290,7 +290,7 @@ fn far_from_the_origin() {
 
 #[test]
 fn placements_that_round() {
-    // Nothing is dyadic here: the transform to octree space rounds, and the truth is taken in the mesh's own units.
+    // Nothing is dyadic here: the transform to octree space rounds. The integers are in the mesh's own units.
     let mut random = Random(10);
     for (scale, offset) in [(1.0, 0.0), (0.1, 3.0), (1234.5, -99.9), (1e-7, 0.1), (3e9, 1e9)] {
         let triangles: Vec<Triangle> = (0..12)
@@ -314,7 +314,7 @@ fn all_but_parallel_to_faces() {
 
 #[test]
 fn half_open_cubes_would_be_noticed() {
-    // Had the builder tested half-open cubes, these scenes would tell.
+    // A builder that tested half-open cubes would fail on these scenes.
     let mut random = Random(12);
     for triangles in [pinned(walls(&mut random, 3, 6)), pinned(on_corners(&mut random, 2, 6))] {
         let settings = BuildSettings { levels: 5, contours: false, ..BuildSettings::default() };
@@ -335,7 +335,7 @@ fn extra_voxels_would_be_noticed() {
     let truth = Truth::<BigInt>::new(&triangles, &octree, 4, TOLERANCE as i32);
     assert!(is_near(&truth, (4, [8, 8, 8])) && is_near(&truth, (4, [7, 7, 7])));
     assert!(!is_near(&truth, (4, [8, 8, 9])));
-    // Less than the tolerance away, and more.
+    // Less than the tolerance away, and more than it.
     let lifted = |by: f64| {
         let moved: Vec<Triangle> =
             triangles.iter().map(|t| if t[0].x == 0.5 { t.map(|p| p + DVec3::Z * by) } else { *t }).collect();
@@ -359,8 +359,8 @@ fn a_vertex_that_is_not_finite_is_named() {
 
 #[test]
 fn areas_that_round_to_nothing() {
-    // Edges that are neighbours in Fibonacci's sequence: their cross product is one unit of 2^-104, far below the
-    // rounding of its terms.
+    // Edges that are neighbours in the Fibonacci sequence: their cross product is one unit of 2^-104, far below the rounding
+    // errors of its terms.
     let mut fibonacci = vec![1u64, 1];
     while fibonacci.last().unwrap() < &(1 << 51) {
         fibonacci.push(fibonacci[fibonacci.len() - 1] + fibonacci[fibonacci.len() - 2]);

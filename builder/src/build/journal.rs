@@ -1,7 +1,8 @@
-//! What a build has finished, kept beside its output so that it can go on after an interruption.
+//! The finished parts of a build, kept next to its output so that the build can continue after an interruption.
 //!
-//! A folder with two files: `blocks`, the packed blocks one after the other, and `journal`, a list of records, each with
-//! its length and CRC-32 before it. A record that was not written whole ends the list; what it spoke of is built again.
+//! A folder with two files: `blocks` holds the packed blocks one after the other, and `journal` a list of records, each
+//! preceded by its length and CRC-32. A record that was not written completely ends the list; the part it describes is
+//! built again.
 
 use std::collections::HashMap;
 use std::fs::{File, OpenOptions};
@@ -15,39 +16,39 @@ use sha2::{Digest, Sha256};
 
 use crate::{BuildError, BuildSettings, Mesh};
 
-/// The files in the folder.
+/// The files in the folder: first the journal, second the blocks.
 const FILES: [&str; 2] = ["journal", "blocks"];
 
-/// What a journal says, in this order: once the first, then any number of the others.
+/// A record of the journal. The first is `Build`; any number of the others follow.
 #[derive(Serialize, Deserialize)]
 enum Record {
-    /// Mesh, settings and version of the builder.
+    /// Hash of the mesh, the settings and the version of the builder.
     Build([u8; 32]),
-    /// The blocks that were put into the store since the last such record.
+    /// The blocks that were added to the store since the previous such record.
     Blocks(Vec<BlockSummary>),
-    /// A finished cube: its path from the root, what is left of its subtree, and how many voxels it has.
+    /// A finished cube: its path from the root, the part of its subtree that is not in blocks, and its number of voxels.
     Cube(u32, Box<Option<Tree>>, u64),
 }
 
-/// What is left of a finished cube's subtree, and its voxels.
+/// The part of a finished cube's subtree that is not in blocks, and the cube's number of voxels.
 type Finished = (Option<Tree>, u64);
 
 pub(crate) struct Journal {
     folder: PathBuf,
     resumed: bool,
-    /// Cubes that an earlier build had finished, until they are asked for.
+    /// Cubes that an earlier build had finished and that have not been taken yet.
     finished: Mutex<HashMap<u32, Finished>>,
     writer: Mutex<Writer>,
 }
 
 struct Writer {
     file: File,
-    /// Blocks that the journal knows.
+    /// Number of blocks that the journal lists.
     blocks: usize,
 }
 
 impl Journal {
-    /// Opens or makes the folder of the build whose output is `path`, and the store of its blocks.
+    /// Opens or creates the folder of the build whose output is `path`, and the store of its blocks.
     pub(crate) fn open(path: &Path, mesh: &Mesh, settings: &BuildSettings) -> Result<(Self, BlockStore), BuildError> {
         let mut name = path.file_name().unwrap_or_default().to_owned();
         name.push(".part");
@@ -92,17 +93,17 @@ impl Journal {
         Ok((Self { folder, resumed, finished: Mutex::new(finished), writer: Mutex::new(writer) }, store))
     }
 
-    /// Whether anything was taken over from an earlier build.
+    /// Whether finished parts of an earlier build were found.
     pub(crate) fn resumed(&self) -> bool {
         self.resumed
     }
 
-    /// The cube with this path, if an earlier build had finished it. Answers once.
+    /// Takes the cube with this path if an earlier build had finished it. Returns it only once.
     pub(crate) fn finished(&self, path: u32) -> Option<Finished> {
         self.finished.lock().unwrap_or_else(PoisonError::into_inner).remove(&path)
     }
 
-    /// Notes that a cube is finished; its blocks are in the store.
+    /// Records that a cube is finished. Its blocks must be in the store already.
     pub(crate) fn finish(
         &self,
         path: u32,
@@ -118,14 +119,14 @@ impl Journal {
         writer.put(&blocks).and_then(|()| writer.put(&record)).map_err(|e| BuildError::io(&self.folder, e))
     }
 
-    /// Removes the two files, the output being complete, and the folder unless there is something of others in it.
+    /// Removes the two files when the output is complete, and the folder if it contains nothing else.
     pub(crate) fn remove(self) -> Result<(), BuildError> {
         let Self { folder, writer, .. } = self;
         drop(writer);
         for name in FILES {
             std::fs::remove_file(folder.join(name)).map_err(|e| BuildError::io(&folder, e))?;
         }
-        // Only an empty folder can be removed like this.
+        // Fails if the folder is not empty: it then contains files that are not ours.
         let _ = std::fs::remove_dir(&folder);
         Ok(())
     }
@@ -142,7 +143,7 @@ impl Writer {
     }
 }
 
-/// The whole records of a journal, each with where it ends.
+/// The complete records of a journal, each with the offset of its end.
 struct Records<'a> {
     bytes: &'a [u8],
     at: usize,
@@ -164,7 +165,7 @@ impl Iterator for Records<'_> {
     }
 }
 
-/// What a build depends on.
+/// Hash of everything that the result of a build depends on.
 fn fingerprint(mesh: &Mesh, settings: &BuildSettings) -> [u8; 32] {
     let mut hash = Sha256::new();
     let mut part = |bytes: &[u8]| {

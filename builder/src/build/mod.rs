@@ -1,6 +1,7 @@
-//! A build from start to end: in memory, or straight into a file.
+//! A build from start to end: in memory, or directly into a file.
 
 mod journal;
+mod progress;
 mod recursion;
 
 use std::path::Path;
@@ -11,36 +12,28 @@ use esvo_format::{BlockStore, Octree, WriteOptions};
 use serde::Serialize;
 
 use self::journal::Journal;
+pub use self::progress::Progress;
 use self::recursion::Recursion;
 use crate::surface::Surface;
 use crate::{BuildError, BuildSettings, Mesh};
 
-/// How far a build has come.
-#[derive(Clone, Copy, Debug)]
-pub struct Progress {
-    /// 0 to 1.
-    pub done: f64,
-    /// Voxels so far.
-    pub voxels: u64,
-}
-
-/// What a build took.
+/// What a build processed, and how long each phase took.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct BuildStats {
     /// Triangles in the mesh.
     pub triangles: usize,
     /// Triangles left out because they have no area.
     pub dropped_triangles: usize,
-    /// Preparing the mesh.
+    /// Time to prepare the mesh.
     pub prepare: Duration,
-    /// Finding voxels, contours and attributes, and encoding them.
+    /// Time to find voxels, contours and attributes, and to encode them.
     pub voxelize: Duration,
-    /// Ordering the blocks and setting the pointers between them; with a file, writing it too.
+    /// Time to order the blocks and set the pointers between them; with a file, also to write it.
     pub assemble: Duration,
 }
 
 impl BuildStats {
-    /// All of it.
+    /// Total time.
     pub fn total(&self) -> Duration {
         self.prepare + self.voxelize + self.assemble
     }
@@ -50,7 +43,7 @@ impl BuildStats {
 pub struct Built {
     /// The octree.
     pub octree: Octree,
-    /// What it took.
+    /// Counts and times.
     pub stats: BuildStats,
 }
 
@@ -58,32 +51,33 @@ pub struct Built {
 pub struct BuiltFile {
     /// Counts and levels.
     pub object: ObjectEntry,
-    /// What it took.
+    /// Counts and times.
     pub stats: BuildStats,
-    /// Voxels that an interrupted build had finished.
+    /// Whether an earlier, interrupted build had finished some of the voxels.
     pub resumed: bool,
 }
 
-/// How a file is built.
+/// How a file is built and written.
 #[derive(Clone, Debug, Default)]
 pub struct FileOptions {
     /// How the file is written.
     pub write: WriteOptions,
-    /// The metadata section, a JSON object; empty: the builder's own.
+    /// The metadata section, a JSON object. If empty, the builder writes its own.
     pub meta: String,
-    /// Keep what is finished in a folder beside the file, its name with `.part` behind it, and go on from there if it
-    /// exists already and is of the same mesh and settings. It is removed when the file is complete.
+    /// Keep finished parts in a folder next to the file, named like the file plus `.part`. If the folder exists already and
+    /// belongs to the same mesh and settings, the build continues from there. The folder is removed when the file is
+    /// complete.
     pub resume: bool,
-    /// Bytes of memory that the build may use, the mesh included. Where it is short fewer threads are used.
+    /// Bytes of memory that the build may use, including the mesh. If that is not enough for all threads, fewer are used.
     pub memory_limit: Option<u64>,
 }
 
 /// Builds an octree from a mesh on all threads of the current rayon pool. The result does not depend on their number.
 ///
-/// `progress` is called now and then, from any thread.
+/// `progress` is called from time to time, from any thread.
 ///
 /// # Errors
-/// Settings out of range, a mesh without surface or with broken data.
+/// A setting out of its range, a mesh that is not valid or has no surface, or an octree that the format cannot hold.
 pub fn build(mesh: &Mesh, settings: &BuildSettings, progress: &(dyn Fn(Progress) + Sync)) -> Result<Built, BuildError> {
     settings.check()?;
     let mut watch = Watch::start();
@@ -97,15 +91,15 @@ pub fn build(mesh: &Mesh, settings: &BuildSettings, progress: &(dyn Fn(Progress)
     Ok(Built { octree, stats: stats(mesh, &surface, prepare, voxelize, watch.lap()) })
 }
 
-/// Builds an octree from a mesh straight into a file: blocks go to a temporary beside it as soon as they are finished, so
-/// that memory is needed for the mesh and for what is being worked on, not for the octree. The bytes are those of
-/// [`build`] and [`Octree::write_with`].
+/// Builds an octree from a mesh directly into a file. Finished blocks go to a temporary file in the same folder at once, so
+/// memory is needed for the mesh and the blocks in work, not for the whole octree. The bytes are those of [`build`] followed
+/// by [`Octree::write_with`].
 ///
-/// The file is written whole or not at all; a process that is told to stop can call
+/// Either the complete file appears or none. A process that is about to end can call
 /// [`remove_temporaries`](esvo_format::remove_temporaries).
 ///
 /// # Errors
-/// Those of [`build`] and of writing; a memory limit that one thread cannot keep.
+/// Those of [`build`]; an error of reading or writing files; a memory limit too small for one thread.
 pub fn build_file(
     mesh: &Mesh,
     settings: &BuildSettings,
@@ -155,10 +149,10 @@ fn build_file_here(
     Ok(BuiltFile { object, stats: stats(mesh, &surface, prepare, voxelize, watch.lap()), resumed })
 }
 
-/// Bytes that one thread may need for what it is working on, as measured on meshes of a million triangles.
+/// Bytes that one thread may need for the blocks in work, as measured on meshes of a million triangles.
 const BYTES_PER_THREAD: u64 = 96 << 20;
 
-/// How many threads keep within a limit.
+/// The number of threads that fit into a memory limit in bytes.
 fn threads_within(mesh: &Mesh, limit: u64) -> Result<usize, BuildError> {
     let fixed = memory_of(mesh);
     let threads = limit.saturating_sub(fixed) / BYTES_PER_THREAD;
@@ -181,7 +175,7 @@ fn no_surface() -> BuildError {
     BuildError::Mesh("all of its surface is cut out by alpha".into())
 }
 
-/// Times the phases.
+/// Measures the phases of a build.
 struct Watch(Instant);
 
 impl Watch {

@@ -1,4 +1,4 @@
-//! The recursion from the root cube to the leaves. Subtrees that have become large enough leave as packed blocks.
+//! The recursion from the root cube to the leaves. Subtrees that have become large enough are packed into blocks and stored.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -7,19 +7,21 @@ use esvo_format::{AssembleOptions, BlockStore, RawNormal, Tree, Voxel as TreeVox
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::Progress;
 use super::journal::Journal;
+use super::progress::Progress;
 use crate::clip::{Arena, Piece};
 use crate::shape::plane::Through;
-use crate::shape::shaper::{Shape, Shaper, Voxel};
+use crate::shape::shaper::Shaper;
 use crate::shape::slab::Slabs;
+use crate::shape::voxel::Shape;
 use crate::surface::Surface;
 use crate::surface::attributes::{AttributeBounds, Mean, attributes};
+use crate::surface::voxel::VoxelSurface;
 use crate::{BuildError, BuildSettings};
 
-/// Voxels down to this level are built as tasks of their own.
+/// Voxels down to this level are built as separate parallel tasks.
 const PARALLEL_LEVELS: u32 = 5;
-/// Finished cubes of this level are noted in the journal.
+/// Level of the cubes that are recorded in the journal when they are finished.
 const JOURNAL_LEVEL: u32 = 4;
 
 /// A cube of the octree.
@@ -49,59 +51,59 @@ impl Cube {
 pub(crate) struct Recursion<'a> {
     pub(crate) surface: &'a Surface<'a>,
     pub(crate) settings: &'a BuildSettings,
-    /// Contour error in octree units.
+    /// Largest distance of a voxel's shape from the surface, in octree units.
     deviation: f64,
     limits: AttributeBounds,
     store: &'a BlockStore,
     journal: Option<&'a Journal>,
-    /// Subtrees of at least so many nodes become blocks.
+    /// Subtrees with more nodes than this become blocks.
     block_nodes: usize,
     progress: &'a (dyn Fn(Progress) + Sync),
-    /// Parts of 8^PARALLEL_LEVELS of the root cube.
+    /// Finished parts of the root cube, in units of `1 / 8^PARALLEL_LEVELS`.
     done: AtomicU64,
     voxels: AtomicU64,
     failed: AtomicBool,
     error: Mutex<Option<BuildError>>,
 }
 
-/// What was found in a child slot.
+/// The result for one child slot.
 #[derive(Clone, Default)]
 struct Child {
-    /// `None`: no surface.
+    /// `None` if there is no surface in the slot.
     voxel: Option<TreeVoxel>,
-    /// If it is not a leaf.
+    /// What bounds the child's shape; only used if it is not a leaf.
     bounds: Bounds,
-    /// What its attributes are made from.
+    /// The mean that its attributes are encoded from.
     mean: Mean,
 }
 
-/// What a voxel and its ancestors say about its shape.
+/// What is known about the shape of a voxel from the voxel and its ancestors.
 #[derive(Clone, Default)]
 struct Bounds {
-    /// It is within the error bound, so it is in every part of it: only attributes ask for finer voxels.
+    /// The shape is within the error bound, and so in every part of the voxel: only attributes can require finer voxels.
     fits: bool,
-    /// Else: these bound it.
+    /// If not `fits`: the slabs that bound the shape.
     slabs: Slabs,
 }
 
-/// Moved as a pointer.
+/// Boxed, so that only a pointer is moved.
 type ChildrenBox = Box<[Child; 8]>;
 
-/// What one thread needs on the way down.
+/// What one thread needs on its way down the octree.
 #[derive(Default)]
 struct Worker {
     arena: Arena,
     shaper: Shaper,
-    /// Stack of the pieces in the voxels on the current path and beside it.
+    /// Stack of the pieces in the voxels on the current path and in their siblings.
     pieces: Vec<Piece>,
     sorted: Vec<(u8, Piece)>,
-    /// Children of the cubes of each level on the current path; lent to them while they are worked on.
+    /// Unused storage for the children of a cube. Taken while the cube is processed, and put back after.
     children: Vec<ChildrenBox>,
     tree: Tree,
     voxels: u64,
 }
 
-/// Appends pieces to a list in the order of their slots. Returns where those of each slot begin, and where the last end.
+/// Appends pieces to a list in the order of their slots. Returns where the pieces of each slot begin, and the end of the last.
 fn append_by_slot(of_slots: &[(u8, Piece)], list: &mut Vec<Piece>) -> [usize; 9] {
     let mut counts = [0; 8];
     for (slot, _) in of_slots {
@@ -121,10 +123,11 @@ fn append_by_slot(of_slots: &[(u8, Piece)], list: &mut Vec<Piece>) -> [usize; 9]
     ends
 }
 
-/// The number of nodes from which on a subtree becomes a block.
+/// The number of nodes above which a subtree becomes a block.
 ///
-/// A node is not cut if none of its children's subtrees has so many, so a block has less than eight times as many and
-/// their siblings' group: even with every group of odd size and all far pointers it has room in `block_slots`.
+/// Larger subtrees of a node's children have become blocks before the node is considered. So a block has at most eight times
+/// as many nodes, plus the group of siblings at its root: even if every group has an odd size and every pointer is far, it
+/// fits into `block_slots`.
 fn block_nodes(options: &AssembleOptions) -> usize {
     (options.block_slots / 64).max(1) as usize
 }
@@ -153,7 +156,7 @@ impl<'a> Recursion<'a> {
         }
     }
 
-    /// Builds everything and returns the number of the root block in the store; `None` if there is no surface.
+    /// Builds the octree and returns the number of the root block in the store; `None` if there is no surface.
     pub(crate) fn run(&self) -> Result<Option<u32>, BuildError> {
         let pieces: Vec<Piece> = (0..self.surface.len() as u32).map(Piece::whole).collect();
         let tree = self.split(Cube::ROOT, 0, &Arena::default(), pieces, &Bounds::default());
@@ -164,9 +167,9 @@ impl<'a> Recursion<'a> {
         Ok(Some(self.store.put(pack(&tree, None, &self.settings.assemble)?)?))
     }
 
-    /// Builds the subtree of a cube that is split, its children in parallel. `None` if nothing is in it.
+    /// Builds the subtree of a cube that is split, its children in parallel. `None` if there is no surface in it.
     ///
-    /// `path` is the slots that lead to the cube from the root, three bits each, the last lowest.
+    /// `path` holds the slots that lead from the root to the cube, three bits each, the last slot lowest.
     fn split(&self, cube: Cube, path: u32, arena: &Arena, pieces: Vec<Piece>, ancestors: &Bounds) -> Option<Tree> {
         if self.failed.load(Ordering::Relaxed) {
             return None;
@@ -182,7 +185,8 @@ impl<'a> Recursion<'a> {
         let before = self.voxels.load(Ordering::Relaxed);
         let tree = self.split_now(cube, path, arena, pieces, ancestors);
         if !self.failed.load(Ordering::Relaxed) {
-            // With several threads some of these are another cube's; they only show in the progress of a resumed build.
+            // With several threads some of these voxels belong to other cubes. They only affect the progress that a resumed
+            // build shows.
             let voxels = self.voxels.load(Ordering::Relaxed) - before;
             if let Err(e) = journal.finish(path, tree.as_ref(), voxels, self.store) {
                 self.fail(e);
@@ -224,7 +228,7 @@ impl<'a> Recursion<'a> {
                     return Some((voxel, None));
                 }
                 let tree = self.split(child_cube, path << 3 | slot as u32, arena, pieces, &child.bounds);
-                // Nothing left: all that was in it is cut out by alpha.
+                // `None`: alpha cuts out all of the surface in the child.
                 let tree = tree?;
                 self.voxels.fetch_add(1, Ordering::Relaxed);
                 Some((voxel, Some(tree)))
@@ -247,7 +251,8 @@ impl<'a> Recursion<'a> {
         Some(tree)
     }
 
-    /// The same on one thread. If anything is in the cube its node has been pushed; returns the mean of what it looks like.
+    /// As `split`, on one thread. If there is surface in the cube, its node is pushed to the worker's tree, and the mean of
+    /// its attributes returned.
     fn descend(
         &self,
         worker: &mut Worker,
@@ -283,7 +288,7 @@ impl<'a> Recursion<'a> {
         mean
     }
 
-    /// The same in a cube that one triangle goes all the way through.
+    /// As `descend`, in a cube that one triangle cuts completely.
     fn descend_through(&self, worker: &mut Worker, cube: Cube, through: &Through, ancestors: &Bounds) -> Option<Mean> {
         let settings = self.settings;
         let (size, deepest) = (cube.size * 0.5, cube.level + 1 == settings.levels);
@@ -302,7 +307,7 @@ impl<'a> Recursion<'a> {
                 shape = through.shape(height, size, &mut bounds.slabs, self.deviation, deepest);
             }
             bounds.fits = shape.fits;
-            // One sample is uniform.
+            // The attributes come from a single sample, so they are uniform.
             let leaf = deepest || shape.fits;
             let mut voxel = TreeVoxel { contour: shape.contour, leaf, ..self.without_attributes() };
             if leaf {
@@ -319,8 +324,8 @@ impl<'a> Recursion<'a> {
         mean
     }
 
-    /// Pushes the node of a cube and, through `descend`, the subtrees of those children that are not leaves; gives these
-    /// their attributes. Returns the mean of all.
+    /// Pushes the node of a cube and, by calling `descend`, the subtrees of the children that are not leaves. Sets the
+    /// attributes of these children. Returns the mean of all children.
     fn push_children(
         &self,
         worker: &mut Worker,
@@ -345,7 +350,7 @@ impl<'a> Recursion<'a> {
                     worker.tree.set_attributes(node, slot, color, normal);
                     child.mean = mean;
                 }
-                // All that was in it is cut out by alpha, or its surface passes by within the margin.
+                // Alpha cuts out all of the surface in the child, or the surface passes it within the margin.
                 None => {
                     worker.tree.remove_voxel(node, slot);
                     child.voxel = None;
@@ -362,25 +367,25 @@ impl<'a> Recursion<'a> {
         Some(Mean::of_parts(children.iter().filter(|c| c.voxel.is_some()).map(|c| &c.mean)))
     }
 
-    /// Those of the attributes that are asked for.
+    /// The attributes that the settings ask for.
     fn wanted(&self, color: [u8; 3], normal: RawNormal) -> (Option<[u8; 3]>, Option<RawNormal>) {
         (self.settings.colors.then_some(color), self.settings.normals.then_some(normal))
     }
 
-    /// A voxel whose attributes come later.
+    /// A voxel whose attributes are set later.
     fn without_attributes(&self) -> TreeVoxel {
         let (color, normal) = self.wanted([0; 3], RawNormal::default());
         TreeVoxel { color, normal, contour: None, leaf: false }
     }
 
-    /// Makes what is below a node, which has just been closed, a block of its own if it is large enough for one.
+    /// Turns the subtree of a node that has just been closed into a block if it is large enough.
     fn cut(&self, tree: &mut Tree, node: usize, cube: &Cube) {
         if tree.nodes.len() - node <= self.block_nodes || cube.level == 0 || self.failed.load(Ordering::Relaxed) {
             return;
         }
         let detached = tree.detach(node);
         let packed = pack(&detached, Some(cube.address()), &self.settings.assemble);
-        // A tree with a node that is nowhere is never looked at again: the build fails.
+        // If this fails, the detached node is missing from the tree. The build fails, so nobody reads the tree.
         match packed.and_then(|block| self.store.put(block)) {
             Ok(block) => tree.attach(block),
             Err(e) => self.fail(e.into()),
@@ -392,7 +397,7 @@ impl<'a> Recursion<'a> {
         self.error.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
     }
 
-    /// Decides what shape a child voxel has and whether it is a leaf, and what a leaf looks like.
+    /// Decides the shape of a child voxel and whether it is a leaf, and computes the attributes of a leaf.
     #[expect(clippy::too_many_arguments, reason = "borrowed apart from each other")]
     fn evaluate(
         &self,
@@ -409,7 +414,7 @@ impl<'a> Recursion<'a> {
             return;
         }
         let (cube, settings) = (parent.child(slot), self.settings);
-        let voxel = Voxel { surface: self.surface, arena, pieces, centre: cube.centre, size: cube.size };
+        let voxel = VoxelSurface { surface: self.surface, arena, pieces, centre: cube.centre, size: cube.size };
         let deepest = cube.level == settings.levels;
         let bounds = &mut child.bounds;
         let mut shape = Shape { contour: None, fits: ancestors.fits };
@@ -419,8 +424,8 @@ impl<'a> Recursion<'a> {
         }
         bounds.fits = shape.fits;
         let mut found = TreeVoxel { contour: shape.contour, ..self.without_attributes() };
-        // Where the shape asks for finer voxels anyway, whether the attributes do is of no interest, and what they are
-        // will be known from the finer ones.
+        // If the shape already forces a split, skip the attribute test; this voxel's attributes are averaged from its
+        // children later.
         if deepest || shape.fits || cube.level <= PARALLEL_LEVELS {
             let limits = (shape.fits && !deepest).then_some(self.limits);
             let attributes = attributes(&voxel, limits);
@@ -431,7 +436,7 @@ impl<'a> Recursion<'a> {
         child.voxel = Some(found);
     }
 
-    /// Takes out the pieces of cut-out materials that are all hole.
+    /// Removes pieces of cut-out materials that consist of holes only.
     fn remove_holes<T>(&self, arena: &Arena, list: &mut Vec<T>, piece: impl Fn(&T) -> &Piece) {
         if self.surface.has_holes {
             let corners = &self.surface.corners;
@@ -442,7 +447,7 @@ impl<'a> Recursion<'a> {
         }
     }
 
-    /// Reports that a cube on this level, at most [`PARALLEL_LEVELS`], is done.
+    /// Reports that a cube on this level, at most [`PARALLEL_LEVELS`], is finished.
     fn count(&self, level: u32, voxels: u64) {
         let parts = 1u64 << (3 * (PARALLEL_LEVELS - level));
         let done = self.done.fetch_add(parts, Ordering::Relaxed) + parts;

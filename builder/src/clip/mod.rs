@@ -1,15 +1,16 @@
-//! Triangles cut to cubes: which child cubes a piece of surface meets, and what of it lies in each.
+//! Clips triangles to cubes: which child cubes a piece of surface meets, and which part of it lies in each.
 //!
-//! A triangle meets a closed cube exactly if clipping it to the cube leaves something, be it a point. The pieces are cut
-//! from the parent's pieces by the three middle planes, so the cost follows what is there. Each cut leaves both sides
-//! [`MARGIN`] too much: more than rounding can take away, so that no voxel is ever lost; an extra voxel holds surface at
-//! most twice that far outside of it, 2^-45 of the root cube.
+//! A triangle meets a closed cube exactly if clipping it to the cube leaves something, even a single point. The pieces in
+//! the child cubes are cut from the piece in the parent by the three planes through the parent's centre, so the cost is
+//! proportional to the surface that is present. Each cut keeps [`MARGIN`] more than it should on both sides. The margin
+//! exceeds the sum of all rounding errors, so that no voxel is ever lost. An extra voxel can result; the surface is then
+//! at most twice the margin outside of it, 2^-45 of the root cube.
 //!
 //! # Why no voxel is lost
 //!
-//! Let `u = 2^-53`, the unit be the root cube's edge, and distances be the largest difference of a coordinate. Beside each
-//! computed piece, with vertices `v_i`, think of a convex polygon `P` with vertices `V_i` in the true triangle, such that
-//! (1) each `v_i` is within `e` of `V_i`, and (2) `P` contains all of the triangle that is in the closed cube.
+//! Let `u = 2^-53`. The unit of length is the root cube's edge, and distances are the largest difference of a coordinate.
+//! Compare each computed piece, with vertices `v_i`, to a convex polygon `P` with vertices `V_i` in the true triangle,
+//! such that (1) each `v_i` is within `e` of `V_i`, and (2) `P` contains all of the triangle that is in the closed cube.
 //!
 //! * At first `P` is the triangle and `v_i = (V_i - origin) * scale`: three roundings of numbers of at most 1, so
 //!   `e = 3 u`. `origin` and `1 / scale` are the octree's stored transform, hence exact by definition.
@@ -18,8 +19,8 @@
 //!   exact, so `d0` and `d1` are off by factors within `1 ± u`; their signs differ, so nothing cancels and `t` is off by a
 //!   factor within `1 ± 4 u`. With the roundings of the difference and of the product the step along the edge is off
 //!   by at most `6 u |v_j - v_i|`, and the sum by `u` more: by `r = (6 * 2^-k + 1) u` in a cube of level `k`.
-//! * The new `P` has the `V_i` of what was kept and `W = V_i + (V_j - V_i) * t` on the edges. It is convex again, its
-//!   vertices being points in order around the old one; and (1) holds with `e + r` for `e`.
+//! * The new `P` has the `V_i` of the vertices that were kept and `W = V_i + (V_j - V_i) * t` on the edges. It is convex
+//!   again, because its vertices are points in order around the old one; and (1) holds with `e + r` instead of `e`.
 //! * What `P` lost is the hull of some `V_i` whose `v_i` have `x > c + m`, and of the `W` next to them, whose `w` have
 //!   `x = c + m`. So it has `x >= c + m - e - r`, which is above `c`: (2) holds as well.
 //! * A piece that goes to one side whole has all its `v_i` more than `m` from the other, and `P` more than `m - e`.
@@ -28,15 +29,18 @@
 //! the `v_i` are within `m` of the cube and within `e` of the triangle: the cube of an extra voxel is at most
 //! `2 m = 2^-45` from the triangle.
 //!
-//! Cutting at the planes themselves would not do, however far vertices near a plane count as on it: where a triangle is
-//! all but parallel to the plane, an error of `e` in one coordinate moves the cut by `e / slope` in another.
+//! Cutting at the planes themselves and counting vertices near a plane as on it is not enough, however large the tolerance:
+//! where a triangle is almost parallel to the plane, an error of `e` in one coordinate moves the cut by `e / slope` in
+//! another.
+
+pub(crate) mod polygon;
 
 use glam::DVec3;
 
-/// How far beyond a cube its pieces are cut off, in units of the root cube: more than the sum of all rounding errors.
+/// How far beyond a cube its pieces are cut off, in edges of the root cube. Larger than the sum of all rounding errors.
 pub const MARGIN: f64 = 1.0 / (1u64 << 46) as f64;
 
-/// A piece of one triangle: a convex polygon in `Pieces::vertices`, or the whole triangle where it was never cut.
+/// A piece of one triangle: a convex polygon in `Arena::vertices`, or the whole triangle if it was never cut.
 #[derive(Clone, Copy, Debug)]
 pub struct Piece {
     /// Index of the triangle.
@@ -61,7 +65,7 @@ pub struct Arena {
     scratch: Scratch,
 }
 
-/// The polygon that is being split, and its halves by each axis.
+/// The polygon that is being split, and its halves along each axis.
 #[derive(Default)]
 struct Scratch {
     whole: Polygon,
@@ -70,11 +74,12 @@ struct Scratch {
     x: [Polygon; 2],
 }
 
-/// A triangle cut by the six planes of a cube has at most nine vertices, and each of three middle planes adds at most one.
-/// Where rounding dents an outline it may need more; what finds no room is not cut.
+/// Most vertices of a polygon. A triangle cut by the six planes of a cube has at most nine vertices, and each of the three
+/// planes through the centre adds at most one. Rounding can make an outline slightly concave, and it may then need more;
+/// a polygon that would not fit is not cut.
 const MAX_VERTICES: usize = 16;
 
-/// A polygon on the stack.
+/// A polygon of bounded size, kept on the call stack.
 #[derive(Clone, Copy)]
 struct Polygon {
     v: [DVec3; MAX_VERTICES],
@@ -88,7 +93,7 @@ impl Default for Polygon {
 }
 
 impl Polygon {
-    /// Counts on when it is full.
+    /// Adds a vertex. When the polygon is full, only the count grows.
     fn push(&mut self, p: DVec3) {
         if let Some(v) = self.v.get_mut(self.n) {
             *v = p;
@@ -96,7 +101,7 @@ impl Polygon {
         self.n += 1;
     }
 
-    /// Becomes a copy of this. A loop: so few are copied one by one before a call has been made.
+    /// Copies `vertices` into this polygon. A loop, because a call to `memcpy` takes longer for this few elements.
     fn set(&mut self, vertices: &[DVec3]) {
         self.n = vertices.len().min(MAX_VERTICES);
         for (to, from) in self.v.iter_mut().zip(vertices) {
@@ -110,7 +115,7 @@ impl Polygon {
 }
 
 impl Arena {
-    /// How much is in use; give it to [`truncate`](Self::truncate) to free what came after.
+    /// The number of vertices in use. Pass it to [`truncate`](Self::truncate) to free what was added later.
     pub fn mark(&self) -> usize {
         self.vertices.len()
     }
@@ -120,12 +125,12 @@ impl Arena {
         self.vertices.truncate(mark);
     }
 
-    /// The vertices of a piece, in order around it; `triangle` gives the corners of a whole one.
+    /// The vertices of a piece, in order around it. `corners` holds the corners of all triangles, for uncut pieces.
     pub fn vertices<'a>(&'a self, piece: &Piece, corners: &'a [[DVec3; 3]]) -> &'a [DVec3] {
         vertices_of(&self.vertices, piece, corners)
     }
 
-    /// A copy that holds only these pieces, for another thread.
+    /// A copy that holds only the vertices of these pieces, for another thread, and the pieces in it.
     pub fn extract(&self, pieces: &[Piece]) -> (Self, Vec<Piece>) {
         let mut arena = Self::default();
         let pieces = (pieces.iter())
@@ -138,8 +143,8 @@ impl Arena {
         (arena, pieces)
     }
 
-    /// Distributes a piece to the children of the cube with this centre: calls `found` with each child slot that it
-    /// meets and the part of it there.
+    /// Distributes a piece to the children of the cube with this centre: calls `found` with each child slot that the piece
+    /// meets and the part of the piece there.
     pub fn split(&mut self, piece: &Piece, corners: &[[DVec3; 3]], centre: DVec3, mut found: impl FnMut(usize, Piece)) {
         let vertices = vertices_of(&self.vertices, piece, corners);
         self.scratch.whole.set(vertices);
@@ -176,20 +181,20 @@ fn vertices_of<'a>(stack: &'a [DVec3], piece: &Piece, corners: &'a [[DVec3; 3]])
     }
 }
 
-/// On which sides of a plane there are vertices: 1 the lower, 2 the upper, 3 both.
+/// On which sides of the plane at `at` there are vertices, [`MARGIN`] included: 1 the lower, 2 the upper, 3 both.
 #[inline(always)]
 fn vertices_meet(vertices: &[DVec3], at: f64, coordinate: impl Fn(&DVec3) -> f64) -> u8 {
     let (mut lo, mut hi) = (f64::MAX, f64::MIN);
     for x in vertices.iter().map(coordinate) {
-        // Not `min` and `max`, to which what is not a number takes several instructions.
+        // Not `f64::min` and `f64::max`: their NaN handling costs several instructions.
         lo = if x < lo { x } else { lo };
         hi = if x > hi { x } else { hi };
     }
     u8::from(lo <= at + MARGIN) | u8::from(hi >= at - MARGIN) << 1
 }
 
-/// The parts of a polygon on the lower (0) and upper (1) side of the plane where there are any. `sides` says on which the
-/// whole could be.
+/// The parts of a polygon on the lower (0) and the upper (1) side of a plane, without empty ones. `sides` is the result of
+/// [`vertices_meet`].
 fn halves<'a>(
     polygon: &'a Polygon,
     axis: usize,
@@ -208,7 +213,7 @@ fn halves<'a>(
     found.into_iter().enumerate().filter_map(|(side, part)| Some((side, part.filter(|p| p.n > 0)?)))
 }
 
-/// Cuts by one plane; each side gets [`MARGIN`] of the other.
+/// Cuts a polygon by one plane. Each part reaches [`MARGIN`] beyond the plane.
 fn cut(polygon: &Polygon, axis: usize, at: f64, parts: &mut [Polygon; 2]) {
     match axis {
         0 => cut_along(polygon, at, parts, |v| v.x, |v, x| v.x = x),
@@ -235,7 +240,7 @@ fn cut_along(
     };
     let vertices = polygon.vertices();
     let mut previous = vertices[vertices.len() - 1];
-    // Distances into what is cut off.
+    // Distances beyond the ends of the two parts; positive: the vertex is cut off.
     let (mut low0, mut high0) = (coordinate(&previous) - end_of_low, end_of_high - coordinate(&previous));
     for &current in vertices {
         let (low1, high1) = (coordinate(&current) - end_of_low, end_of_high - coordinate(&current));

@@ -1,27 +1,27 @@
-//! Cuts a triangle into small ones, given into how many segments each of its edges is cut.
+//! Dices a triangle: cuts it into small ones, for given numbers of segments on its edges.
 
 use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};
 
 use glam::DVec3;
 
-/// A triangle in pieces. Vertices are numbered locally: the corners 0, 1, 2; then the points on edge 0 (from corner 0 to 1),
-/// on edge 1 and on edge 2, each counted from the beginning of that edge, which is the end it has in common with its
-/// neighbours' idea of it; then `interior`.
+/// A diced triangle. Its vertices are numbered locally: the corners 0, 1, 2; then the points on edge 0 (from corner 0 to 1),
+/// on edge 1 and on edge 2; then `interior`. The points on an edge are counted from the end at which the neighbouring
+/// triangles start, too (see [`Borders::reversed`]).
 #[derive(Debug, Default)]
 pub(super) struct Diced {
     /// Barycentric coordinates of the vertices inside.
     pub(super) interior: Vec<[f64; 3]>,
-    /// Triples of local vertices, wound as the triangle is.
+    /// Triples of local vertices, with the winding of the triangle.
     pub(super) triangles: Vec<[u32; 3]>,
 }
 
-/// The edges of a triangle as they are cut.
+/// How the edges of a triangle are cut.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Borders {
     /// Segments per edge, at least 1.
     pub(super) segments: [u32; 3],
-    /// Whether the points of edge `i` are counted from corner `i + 1`.
+    /// Whether the points of edge `i` are counted from corner `i + 1` instead of corner `i`.
     pub(super) reversed: [bool; 3],
 }
 
@@ -42,7 +42,7 @@ impl Borders {
         weights
     }
 
-    /// Barycentric coordinates of all local vertices that are not inside.
+    /// Barycentric coordinates of the local vertices at the corners and on the edges.
     pub(super) fn all_weights(self) -> impl Iterator<Item = [f64; 3]> {
         let corners = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
         let points = (0..3).flat_map(move |edge| (1..self.segments[edge]).map(move |j| self.weights(edge, j)));
@@ -50,12 +50,12 @@ impl Borders {
     }
 }
 
-/// A side of a piece.
+/// A side of a piece of the triangle.
 #[derive(Clone, Copy, Debug)]
 enum Side {
-    /// From one point of an edge of the triangle to another (0 and the number of segments are its ends).
+    /// Part of an edge of the triangle, from one of its points to another (0 and the number of segments are its ends).
     Border { edge: u8, from: u32, to: u32 },
-    /// Inside.
+    /// Between two pieces.
     Inner { segments: u32 },
 }
 
@@ -74,22 +74,22 @@ struct Piece {
     sides: [Side; 3],
 }
 
-/// Dices triangles one after the other; holds memory that each of them needs.
+/// Dices triangles one after the other; holds scratch memory.
 #[derive(Debug, Default)]
 pub(super) struct Dicer {
     positions: Vec<DVec3>,
     weights: Vec<[f64; 3]>,
     stack: Vec<Piece>,
-    /// Vertices on inner sides of which one of the two pieces is cut already.
+    /// Vertices on inner sides of which only one of the two adjacent pieces has been cut. The key holds the side's ends.
     open: HashMap<u64, u32, BuildHasherDefault<PairHasher>>,
 }
 
 impl Dicer {
     /// Cuts a triangle until no side is longer than `step` and all points of `borders` are used. For every edge,
-    /// `borders.segments` must be at least its length by `step`.
+    /// `borders.segments` must be at least the edge's length divided by `step`.
     ///
-    /// Each piece is cut across its longest sides, counted in segments. A side inside is never longer than the longest side
-    /// around it, so that the largest count of a piece shrinks with every second cut at the latest.
+    /// Each piece is cut across its longest sides, counted in segments. A new inner side is never longer than the longest
+    /// side of the piece, so the largest count of segments decreases at least with every second cut.
     pub(super) fn dice(&mut self, corners: [DVec3; 3], borders: &Borders, step: f64) -> Diced {
         let mut diced = Diced::default();
         if borders.segments == [1; 3] {
@@ -127,7 +127,7 @@ impl Dicer {
 
     /// Cuts a piece across its `long` sides.
     fn cut(&mut self, piece: Piece, long: [bool; 3], first: &[u32; 4], step: f64) {
-        // Turned so that the first side is cut, and the last is not if there is one that is not.
+        // Rotate so that side 0 is cut and, unless all three are, side 2 is not.
         let turn = match long {
             [true, true, true] | [true, true, false] | [true, false, false] => 0,
             [false, true, _] => 1,
@@ -183,7 +183,7 @@ impl Dicer {
                 let (low, high) = (a.min(b), a.max(b));
                 let near_low = segments / 2;
                 let key = u64::from(low) << 32 | u64::from(high);
-                // The piece on the other side comes to the same place: it is there already, or will find it.
+                // The piece beyond this side needs the same vertex: take it if that piece was cut first, else keep it.
                 let vertex = match self.open.remove(&key) {
                     Some(vertex) => vertex,
                     None => {
@@ -205,18 +205,18 @@ impl Dicer {
     }
 }
 
-/// A new side inside.
+/// A new inner side between vertices `u` and `v`.
 fn inner(positions: &[DVec3], u: u32, v: u32, step: f64) -> Side {
     Side::Inner { segments: segments(positions[u as usize].distance(positions[v as usize]), step) }
 }
 
-/// How many segments of at most `step` a length has, at least 1.
+/// The number of segments of at most `step` that a length is divided into, at least 1.
 pub(super) fn segments(length: f64, step: f64) -> u32 {
-    // A length that is a multiple of the step but for rounding gets no segment more.
+    // A length that exceeds a multiple of the step only by rounding gets no extra segment.
     (length / step * (1.0 - 1e-9)).ceil().max(1.0) as u32
 }
 
-/// Hashes pairs of small numbers (the standard hasher takes most of the time otherwise).
+/// Hashes pairs of small numbers. The standard hasher would take most of the time.
 #[derive(Debug, Default)]
 struct PairHasher(u64);
 
@@ -232,7 +232,7 @@ impl Hasher for PairHasher {
     }
 
     fn write_u64(&mut self, value: u64) {
-        // The odd number is 2^64 by the golden ratio; the map reads high and low bits.
+        // The odd number is 2^64 divided by the golden ratio. The map uses the high and the low bits of the hash.
         let mixed = (self.0 ^ value).wrapping_mul(0x9e37_79b9_7f4a_7c15);
         self.0 = mixed ^ (mixed >> 32);
     }
@@ -244,7 +244,7 @@ mod tests {
 
     use super::*;
 
-    /// Dices, and checks that the pieces cover the triangle once and use every point of its edges.
+    /// Dices, and checks that the pieces cover the triangle exactly once and use every point on its edges.
     fn check(corners: [DVec3; 3], borders: Borders, step: f64) -> usize {
         let mut dicer = Dicer::default();
         let diced = dicer.dice(corners, &borders, step);
@@ -266,7 +266,7 @@ mod tests {
         }
         assert!((area - 1.0).abs() < 1e-9, "{area}");
         assert!(used.iter().all(|&u| u));
-        // What is left over are the segments of the three edges.
+        // The unmatched sides are the segments of the three edges.
         let border = sides.values().filter(|&&n| n != 0).count();
         assert_eq!(border as u32, borders.segments.iter().sum::<u32>());
         assert!(dicer.open.is_empty(), "both pieces at an inner side were cut");

@@ -1,42 +1,43 @@
-//! Where vertices go that several triangles share: at places of the mesh, and at points on its edges.
+//! Where vertices move that several triangles share: the places of the mesh, and the points on its edges.
 //!
-//! Each triangle with a height map asks that its surface be moved by a height along its normal there, and each without one
-//! that it stay in its plane. Both are demands on the component along a normal only, so that most can be met together: the
-//! corner of two walls goes to where the moved walls meet, and the foot of a wall slides along a floor that does not move.
-//! Demands that contradict each other, as at the border of a height map within a plane, are settled by least squares, in
-//! favour of what is not to move.
+//! At such a vertex, each triangle with a height map demands that its surface move by a height along its normal, and each
+//! triangle without one that its surface stay in its plane. A demand only concerns the component along one normal, so most
+//! demands can be satisfied together: the corner of two walls moves to where the moved walls meet, and the foot of a wall
+//! slides along a floor that does not move. Contradicting demands, as at the border of a height map within a plane, are
+//! resolved by least squares, in favour of the surfaces that do not move.
 
 use glam::{DMat3, DVec3};
 
-use super::{Normals, Piece, Plan};
+use super::patch::{Normals, Patch};
+use super::plan::Plan;
 
-/// How much more a surface that does not move counts.
+/// Weight of a surface that does not move, relative to one that does.
 const AT_REST: f64 = 50.0;
-/// Weight of the common direction of all demands against each on its own. Demands along nearly the same direction that
-/// differ in height, as where a texture's edges meet, could else only be met far away.
+/// Weight of the common direction of all demands relative to each single demand. Without it, demands along nearly the same
+/// direction with different heights (as where a texture's edges meet) would be satisfied only far away.
 const DAMPING: f64 = 0.03;
-/// How far a vertex may go, by the greatest height that is asked for: sharp edges do not grow spikes.
+/// Largest displacement of a vertex, relative to the largest demanded height: prevents spikes at sharp edges.
 const LONGEST: f64 = 2.0;
 
-/// What is asked of one vertex.
+/// The demands on one vertex.
 #[derive(Clone, Copy, Debug, Default)]
 struct Demands {
-    /// Sum of `weight n nᵀ`, its upper half row by row: xx, xy, xz, yy, yz, zz.
+    /// Sum of `weight n nᵀ`, upper half row by row: xx, xy, xz, yy, yz, zz.
     squares: [f64; 6],
     /// Sum of `weight height n`.
     heights: DVec3,
-    /// Sum of `weight n` of what moves.
+    /// Sum of `weight n` of the surfaces that move.
     normals: DVec3,
-    /// Sum of the weights of what moves.
+    /// Sum of the weights of the surfaces that move.
     weight: f64,
-    /// Greatest height.
+    /// Largest absolute height.
     greatest: f64,
-    /// Whether something is not to move.
+    /// Whether some surface must not move.
     at_rest: bool,
 }
 
 impl Demands {
-    /// A surface with this unit normal is to move along it by `height`; `None`: it is to stay.
+    /// Adds a demand: the surface with this unit normal must move along it by `height`, or, for `None`, stay in its plane.
     fn add(&mut self, normal: DVec3, height: Option<f64>, weight: f64) {
         let square = weight * if height.is_some() { 1.0 } else { AT_REST };
         let DVec3 { x, y, z } = normal;
@@ -54,7 +55,7 @@ impl Demands {
         }
     }
 
-    /// How far the vertex goes.
+    /// The displacement of the vertex.
     fn settle(&self) -> DVec3 {
         if self.greatest == 0.0 {
             return DVec3::ZERO;
@@ -64,7 +65,7 @@ impl Demands {
         let damping = DAMPING * self.weight;
         let along = self.normals.normalize_or_zero();
         let common = along.dot(squares * along);
-        // The best along the mean normal. Where all normals agree it is the answer, and it is where equal walls meet.
+        // The best displacement along the mean normal. If all normals agree, or for equal walls, it is already the result.
         let start = if self.at_rest || common <= 1e-6 * self.weight {
             DVec3::ZERO
         } else {
@@ -76,34 +77,35 @@ impl Demands {
     }
 }
 
-/// How far places, and points on edges between places, move.
+/// Displacements of places, and of the points on edges between places.
 pub(super) struct Moved {
     pub(super) places: Vec<DVec3>,
     pub(super) points: Vec<DVec3>,
 }
 
 impl Moved {
-    /// As all triangles around ask together: around a place by their angles there, at an edge all alike.
-    pub(super) fn together(plan: &Plan<'_>, pieces: &[Piece]) -> Self {
+    /// Computes them from the demands of all triangles around: weighted at a place by the angles of the triangles there, at
+    /// an edge equally.
+    pub(super) fn together(plan: &Plan<'_>, patches: &[Patch]) -> Self {
         let mut places = vec![Demands::default(); plan.vertices.positions.len()];
         let mut points = vec![Demands::default(); plan.places.points()];
-        for (i, piece) in pieces.iter().enumerate() {
+        for (i, patch) in patches.iter().enumerate() {
             let positions = plan.positions_of(i);
             let flat = Normals::of(plan, i).flat;
-            let ask = |to: &mut Demands, local: usize, weight: f64| match piece.wishes.get(local) {
+            let ask = |to: &mut Demands, local: usize, weight: f64| match patch.wishes.get(local) {
                 Some(&(normal, height)) => to.add(normal, Some(height), weight),
                 None => to.add(flat, None, weight),
             };
             for (k, place) in plan.places_of(i).into_iter().enumerate() {
                 let (to_next, to_last) = (positions[(k + 1) % 3] - positions[k], positions[(k + 2) % 3] - positions[k]);
-                // Triangles without area count only where there are no others.
+                // Triangles without area get a tiny weight: they matter only if there are no others.
                 let angle = to_next.cross(to_last).length().atan2(to_next.dot(to_last)).max(1e-9);
                 ask(&mut places[place as usize], k, angle);
             }
             let weight_here = if flat == DVec3::ZERO { 1e-9 } else { 1.0 };
             for (e, &edge) in plan.places.of[i].iter().enumerate() {
-                let (first, local) = (plan.places.first[edge as usize], piece.borders.first()[e] as usize);
-                for j in 0..piece.borders.segments[e] as usize - 1 {
+                let (first, local) = (plan.places.first[edge as usize], patch.borders.first()[e] as usize);
+                for j in 0..patch.borders.segments[e] as usize - 1 {
                     ask(&mut points[first + j], local + j, weight_here);
                 }
             }
@@ -112,12 +114,12 @@ impl Moved {
         Self { places: settled(&places), points: settled(&points) }
     }
 
-    /// How far a local vertex of a piece that is not inside it moves.
-    pub(super) fn of(&self, plan: &Plan<'_>, i: usize, piece: &Piece, local: usize) -> DVec3 {
+    /// The displacement of a local vertex of a patch, at a corner or on an edge.
+    pub(super) fn of(&self, plan: &Plan<'_>, i: usize, patch: &Patch, local: usize) -> DVec3 {
         if local < 3 {
             return self.places[plan.places_of(i)[local] as usize];
         }
-        let first = piece.borders.first();
+        let first = patch.borders.first();
         let e = (1..3).rev().find(|&e| local >= first[e] as usize).unwrap_or(0);
         self.points[plan.places.first[plan.places.of[i][e] as usize] + local - first[e] as usize]
     }

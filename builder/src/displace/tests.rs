@@ -3,13 +3,15 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
+use glam::DVec3;
+
 use super::*;
 use crate::mesh::Material;
 use crate::mesh::maps::{LinearTexture, UvTransform};
 
 const OPTIONS: DisplaceOptions = DisplaceOptions { scale: 1.0, cell: 0.07, max_triangles: 1 << 20 };
 
-/// Heights without pattern, from a fixed seed.
+/// A pseudo-random height texture from a fixed seed.
 fn bumpy(side: u32) -> LinearTexture<1> {
     let mut state = 7u32;
     let texels = (0..side * side).map(|_| {
@@ -25,7 +27,7 @@ fn material(texture: LinearTexture<1>, amplitude: f32, bias: f32) -> Material {
     Material { height_map, ..Material::default() }
 }
 
-/// A cube whose faces have vertices, normals and texture coordinates of their own. Face `f` has material `f % materials`.
+/// A cube whose faces have their own vertices, normals and texture coordinates. Face `f` has material `f % materials`.
 fn cube(materials: Vec<Material>) -> Mesh {
     let mut mesh = Mesh::default();
     for face in 0..6u32 {
@@ -53,7 +55,7 @@ fn cube(materials: Vec<Material>) -> Mesh {
     mesh
 }
 
-/// An octahedron whose corners share smooth normals; texture coordinates by longitude, with a seam.
+/// An octahedron with smooth normals at its corners; texture coordinates by longitude, with a seam.
 fn ball(materials: Vec<Material>) -> Mesh {
     let mut mesh = Mesh::default();
     for octant in 0..8u32 {
@@ -75,7 +77,7 @@ fn ball(materials: Vec<Material>) -> Mesh {
     mesh
 }
 
-/// Sides of triangles, by place, that are not matched by one side of another triangle the other way.
+/// The number of sides of triangles, by place, without exactly one opposite side of another triangle.
 fn open_sides(mesh: &Mesh) -> usize {
     let place = |v: u32| mesh.positions[v as usize].map(|x| (x + 0.0).to_bits());
     let mut sides: HashMap<_, i32> = HashMap::new();
@@ -83,7 +85,7 @@ fn open_sides(mesh: &Mesh) -> usize {
         for k in 0..3 {
             let (a, b) = (place(t[k]), place(t[(k + 1) % 3]));
             let entry = sides.entry(if a < b { (a, b) } else { (b, a) }).or_default();
-            // More than one pair at a side would hide in a plain sum.
+            // A plain sum would hide a side with more than one pair.
             *entry += if a < b { 1 } else { 1 << 16 };
         }
     }
@@ -120,7 +122,7 @@ fn closed_meshes_stay_closed() {
         assert!(displaced.triangle_count() > 20 * mesh.triangle_count(), "{}", displaced.triangle_count());
         assert_eq!(open_sides(&displaced), 0);
         assert_eq!(displaced.warnings, [""; 0]);
-        // Were each vertex moved by itself, the seams would open: the check above would notice.
+        // If each vertex moved by itself, the seams would open: proves that the check above notices that.
         let torn = displace_with(&mesh, &OPTIONS, false).unwrap();
         assert!(open_sides(&torn) > 50, "{}", open_sides(&torn));
     }
@@ -132,7 +134,7 @@ fn heights_keep_their_bounds() {
     let displaced = displace(&mesh, &DisplaceOptions { scale: 0.5, ..OPTIONS }).unwrap();
     let mut highest = 0.0f64;
     for p in &displaced.positions {
-        // Outside of the cube by no more than bias and amplitude; where faces meet, by half of it along each.
+        // Outside of the cube by at most bias plus amplitude; where two faces meet, by half of that along each.
         let out = DVec3::from(*p).abs().max_element() - 1.0;
         assert!((0.03..=0.1876).contains(&out), "{p:?}");
         highest = highest.max(out);
@@ -185,7 +187,7 @@ fn square(material: Material) -> Mesh {
 
 #[test]
 fn normals_follow_the_slope() {
-    // Heights rise evenly with u, by 0.6 over the square, away from the wrapping edge.
+    // Heights rise linearly with u, by 0.6 over the square, away from the wrapping edge.
     let ramp: Vec<[u16; 1]> = (0..64 * 64).map(|i| [((i % 64) as f32 / 63.0 * 65535.0) as u16]).collect();
     let mesh = square(material(LinearTexture::new(64, 64, ramp).unwrap(), 0.5, 0.0));
     let displaced = displace(&mesh, &OPTIONS).unwrap();
@@ -204,7 +206,7 @@ fn normals_follow_the_slope() {
 #[test]
 fn a_smooth_mesh_stays_smooth_and_a_flat_one_flat() {
     let half = || LinearTexture::new(64, 64, vec![[32768]; 64 * 64]).unwrap();
-    // Without normals every facet is flat: two smooth classes meet at its corners.
+    // Without normals every facet is flat: facets with different normals meet at the corners.
     let mut flat = ball(vec![material(half(), 0.0, 0.1)]);
     flat.normals.clear();
     let displaced = displace(&flat, &OPTIONS).unwrap();
@@ -212,7 +214,7 @@ fn a_smooth_mesh_stays_smooth_and_a_flat_one_flat() {
     assert_eq!(open_sides(&displaced), 0);
     let inside = |n: &[f32; 3]| n.iter().all(|x| (x.abs() - 0.577_35).abs() < 1e-3);
     assert!(displaced.normals.iter().filter(|n| inside(n)).count() > displaced.normals.len() / 2);
-    // With them, normals are those of the ball, and agree across the edges of the octahedron.
+    // With normals, the new ones are those of the ball and agree across the edges of the octahedron.
     let displaced = displace(&ball(vec![material(half(), 0.0, 0.1)]), &OPTIONS).unwrap();
     let mut at: HashMap<_, [f32; 3]> = HashMap::new();
     for (p, n) in displaced.positions.iter().zip(&displaced.normals) {
@@ -234,7 +236,7 @@ fn triangles_are_limited_with_a_warning() {
     assert_eq!(open_sides(&displaced), 0);
     let least = displace(&mesh, &DisplaceOptions { max_triangles: 1, ..OPTIONS }).unwrap();
     assert_eq!(least.triangle_count(), mesh.triangle_count());
-    // Texels bound the cells from below: 2 units wide, 256 texels.
+    // The texels limit the cells: each face is 2 units wide and has 256 texels.
     let displaced = displace(&mesh, &DisplaceOptions { cell: 1e-9, max_triangles: 1 << 22, ..OPTIONS }).unwrap();
     assert!((6 * 2 * 256 * 256..6 * 5 * 256 * 256).contains(&displaced.triangle_count()));
     assert_eq!(displaced.warnings, [""; 0]);

@@ -1,28 +1,28 @@
-//! Which vertices and edges of triangles are the same: by place, by place and normal, and by index.
+//! Finds vertices and edges of triangles that coincide: by place, by place and normal, or by index.
 
 use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::Mesh;
 
-/// Vertices by what they have in common.
+/// The vertices of a mesh, numbered by place and by place and normal.
 #[derive(Debug)]
 pub(super) struct Vertices {
-    /// For each vertex the number of its place.
+    /// For each vertex, the number of its place (position).
     pub(super) place: Vec<u32>,
-    /// Where each place is.
+    /// The position of each place.
     pub(super) positions: Vec<DVec3>,
-    /// For each vertex the number of its pair of place and normal: surfaces are smooth across vertices with the same.
+    /// For each vertex, the number of its pair of place and normal. The surface is smooth across vertices with the same pair.
     pub(super) smooth: Vec<u32>,
-    /// How many such pairs there are.
+    /// The number of such pairs.
     pub(super) smooth_count: usize,
 }
 
 impl Vertices {
-    /// `weld`: vertices with the same coordinates are at one place. (If not, each is at a place of its own, and the surface
-    /// tears; this is for the tests that must notice.)
+    /// With `weld`, vertices with the same coordinates are at one place. Without, each has a place of its own and the surface
+    /// tears; for tests, which must detect that.
     pub(super) fn of(mesh: &Mesh, weld: bool) -> Self {
-        // Adding zero makes minus zero zero.
+        // Adding zero turns minus zero into zero.
         let position = |v: usize| mesh.positions[v].map(|x| (x + 0.0).to_bits());
         let index = |v: usize| if weld { 0 } else { v };
         let (place, firsts) = classes(mesh.positions.len(), |v| (position(v), index(v)));
@@ -33,7 +33,7 @@ impl Vertices {
     }
 }
 
-/// Numbers the distinct keys of the items 0..count. Returns the number of each item, and an item of each number.
+/// Numbers the distinct keys of the items 0..count. Returns the number of each item, and one item for each number.
 fn classes<K: Ord + Send>(count: usize, key: impl Fn(usize) -> K + Sync) -> (Vec<u32>, Vec<u32>) {
     let mut order: Vec<(K, u32)> = (0..count).into_par_iter().map(|i| (key(i), i as u32)).collect();
     order.par_sort_unstable();
@@ -50,19 +50,19 @@ fn classes<K: Ord + Send>(count: usize, key: impl Fn(usize) -> K + Sync) -> (Vec
     (numbers, firsts)
 }
 
-/// Edges of triangles, and the points that they are cut at.
+/// Edges of triangles, and the points at which they are cut.
 #[derive(Debug)]
 pub(super) struct Edges {
-    /// For each triangle the numbers of its edges; edge `i` leads from corner `i` to the next.
+    /// For each triangle the numbers of its edges. Edge `i` leads from corner `i` to the next corner.
     pub(super) of: Vec<[u32; 3]>,
     /// The ends of each edge, the one with the lower place first.
     pub(super) ends: Vec<[u32; 2]>,
-    /// Number of the first point on each edge (without its ends), and after the last edge the number of all.
+    /// The number of the first point on each edge (without its ends); a last entry holds the total number of points.
     pub(super) first: Vec<usize>,
 }
 
 impl Edges {
-    /// The edges of `triangles` between vertices that `name` calls the same. It must tell vertices at different places apart.
+    /// The edges of `triangles`, where vertices with the same `name` are the same. `name` must distinguish places.
     pub(super) fn of(triangles: &[[u32; 3]], place: &[u32], name: impl Fn(u32) -> u32 + Sync) -> Self {
         let ends = |slot: usize| {
             let t = triangles[slot / 3];
@@ -77,7 +77,7 @@ impl Edges {
         }
     }
 
-    /// Numbers the points, given the segments of each edge of each triangle.
+    /// Numbers the points. `segments_of` returns the segments of an edge of a triangle, both given by number.
     pub(super) fn number_points(&mut self, segments_of: impl Fn(usize, usize) -> u32) {
         let mut counts = vec![0usize; self.ends.len()];
         for (triangle, edges) in self.of.iter().enumerate() {
@@ -94,7 +94,7 @@ impl Edges {
         self.first.push(total);
     }
 
-    /// How many points there are on all edges.
+    /// The number of points on all edges.
     pub(super) fn points(&self) -> usize {
         self.first.last().copied().unwrap_or(0)
     }

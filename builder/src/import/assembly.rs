@@ -1,35 +1,36 @@
-//! Puts the parts that a file is made of together into one mesh.
+//! Assembles one mesh from the parts of a file.
 
 use std::path::Path;
 
 use glam::{DMat4, DVec3};
 
-use super::{ImportError, MAX_ELEMENTS};
-use crate::mesh::{Mesh, mirrors, normal_matrix, transform_normal, transform_tangent};
+use super::error::ImportError;
+use crate::mesh::transform::{mirrors, normal_matrix, transform_normal, transform_tangent};
+use crate::mesh::{MAX_ELEMENTS, Mesh};
 
-/// Triangles of one material with vertices of their own. Empty attribute arrays: the part has none.
+/// Triangles of one material with their own vertices. An empty attribute array means that the part has no such attribute.
 #[derive(Debug, Default)]
 pub(super) struct Part {
     pub(super) positions: Vec<[f64; 3]>,
     pub(super) normals: Vec<[f32; 3]>,
     pub(super) uvs: Vec<[f32; 2]>,
     pub(super) colors: Vec<[f32; 3]>,
-    /// Only where there are normals.
+    /// Empty if there are no normals.
     pub(super) tangents: Vec<[f32; 4]>,
     pub(super) triangles: Vec<[u32; 3]>,
     /// Index into the materials of the mesh.
     pub(super) material: u32,
 }
 
-/// A mesh in the making. Attributes that only some parts have are filled in for the others.
+/// A mesh under construction. Attributes that only some parts have are filled in for the others.
 #[derive(Debug, Default)]
 pub(super) struct Assembly {
     pub(super) mesh: Mesh,
 }
 
 impl Assembly {
-    /// Whether `copies` of `part` fit. Asked for all instances at once before the first is added, so that a file that asks
-    /// for too many is refused before the memory is spent.
+    /// Checks that `copies` of `part` fit. Called for all instances together before the first is added, so that a file with
+    /// too many is refused before memory is allocated for them.
     pub(super) fn check_room(&self, path: &Path, part: &Part, copies: usize) -> Result<(), ImportError> {
         for (what, have, more) in [
             ("triangles", self.mesh.triangles.len(), part.triangles.len()),
@@ -47,12 +48,12 @@ impl Assembly {
         Ok(())
     }
 
-    /// Adds `part`, moved by `transform` (normals by the inverse transpose, winding swapped if it mirrors).
+    /// Adds `part`, transformed by `transform` (normals by the inverse transpose; winding swapped if it mirrors).
     pub(super) fn append(&mut self, path: &Path, part: &Part, transform: Option<&DMat4>) -> Result<(), ImportError> {
         self.check_room(path, part, 1)?;
         let mesh = &mut self.mesh;
         let first = mesh.positions.len();
-        // A missing normal is marked by zero and made up at the end.
+        // Zero marks a missing normal; `finish` computes it.
         let moved = |normals: &[[f32; 3]]| match transform {
             Some(matrix) => {
                 let matrix = normal_matrix(matrix);
@@ -74,7 +75,7 @@ impl Assembly {
                 .extend(part.positions.iter().map(|&p| matrix.transform_point3(DVec3::from(p)).to_array())),
             None => mesh.positions.extend_from_slice(&part.positions),
         }
-        // Fits: MAX_ELEMENTS is below u32::MAX. Indices past the part are left for the final check to find.
+        // No overflow: MAX_ELEMENTS is below u32::MAX. Indices out of range are found by the final validation.
         let base = first as u32;
         let flip = transform.is_some_and(mirrors);
         mesh.triangles.extend(part.triangles.iter().map(|&[a, b, c]| {
@@ -87,24 +88,24 @@ impl Assembly {
 
     /// The finished mesh, not yet validated.
     pub(super) fn finish(mut self) -> Mesh {
-        fill_missing_normals(&mut self.mesh);
+        self.mesh.fill_missing_normals();
         self.mesh
     }
 
     pub(super) fn warn(&mut self, line: impl Into<String>) {
         let line = line.into();
         tracing::warn!("{line}");
-        // The same line again says nothing new, and a file can provoke it without end.
+        // Repeated lines carry no information, and a file could produce them without end.
         if self.mesh.warnings.len() < MAX_WARNINGS && !self.mesh.warnings.contains(&line) {
             self.mesh.warnings.push(line);
         }
     }
 }
 
-/// More lines than anyone reads.
+/// Most warnings that are kept.
 const MAX_WARNINGS: usize = 100;
 
-/// Keeps an attribute array either empty or as long as the positions.
+/// Extends an attribute array that is either empty or as long as the positions, and keeps it so.
 fn append_attribute<T: Copy>(all: &mut Vec<T>, more: &[T], before: usize, added: usize, missing: T) {
     if all.is_empty() && more.is_empty() {
         return;
@@ -112,59 +113,6 @@ fn append_attribute<T: Copy>(all: &mut Vec<T>, more: &[T], before: usize, added:
     all.resize(before, missing);
     all.extend_from_slice(&more[..more.len().min(added)]);
     all.resize(before + added, missing);
-}
-
-/// Gives triangles without normals their geometric one. Where triangles that share a vertex disagree, the vertex is
-/// doubled: a file that has no normals for a face means it to look flat.
-pub(crate) fn fill_missing_normals(mesh: &mut Mesh) {
-    if mesh.normals.is_empty() || mesh.positions.len() >= MAX_ELEMENTS {
-        return;
-    }
-    let given = mesh.positions.len();
-    let missing: Vec<bool> = mesh.normals.iter().map(|n| *n == [0.0; 3]).collect();
-    if !missing.contains(&true) {
-        return;
-    }
-    for triangle in &mut mesh.triangles {
-        if !triangle.iter().any(|&v| missing.get(v as usize) == Some(&true)) {
-            continue;
-        }
-        let corner = |v: u32| mesh.positions.get(v as usize).map(|&p| DVec3::from(p));
-        let [Some(a), Some(b), Some(c)] = triangle.map(corner) else { continue };
-        let flat = match (b - a).cross(c - a).normalize_or_zero() {
-            DVec3::ZERO => [0.0, 0.0, 1.0],
-            n => n.as_vec3().to_array(),
-        };
-        for index in triangle {
-            let v = *index as usize;
-            if v >= given || !missing[v] || mesh.normals[v] == flat {
-                continue;
-            }
-            if mesh.normals[v] == [0.0; 3] {
-                mesh.normals[v] = flat;
-            } else if mesh.positions.len() < MAX_ELEMENTS {
-                *index = mesh.positions.len() as u32;
-                mesh.positions.push(mesh.positions[v]);
-                mesh.normals.push(flat);
-                if let Some(&uv) = mesh.uvs.get(v) {
-                    mesh.uvs.push(uv);
-                }
-                if let Some(&color) = mesh.colors.get(v) {
-                    mesh.colors.push(color);
-                }
-                if !mesh.tangents.is_empty() {
-                    // Of no use with a normal that is made up.
-                    mesh.tangents.push([0.0; 4]);
-                }
-            }
-        }
-    }
-    // Vertices that no triangle uses.
-    for n in &mut mesh.normals {
-        if *n == [0.0; 3] {
-            *n = [0.0, 0.0, 1.0];
-        }
-    }
 }
 
 #[cfg(test)]
@@ -208,7 +156,7 @@ mod tests {
     fn mirrored_parts_still_point_outwards() {
         let mut assembly = Assembly::default();
         let part = Part { normals: vec![[0.0, 0.0, 1.0]; 3], ..triangle(0.0) };
-        // Mirrors in x, squeezes in z, moves: the face still looks along +z.
+        // Mirrors in x, compresses z, moves: the face still points along +z.
         let matrix =
             DMat4::from_translation(DVec3::new(5.0, 6.0, 7.0)) * DMat4::from_scale(DVec3::new(-1.0, 1.0, 0.25));
         assembly.append(Path::new("x"), &part, Some(&matrix)).unwrap();

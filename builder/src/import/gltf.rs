@@ -9,12 +9,13 @@ use gltf::json::mesh::{Mode, Primitive, Semantic};
 use gltf::json::validation::Checked;
 
 use super::assembly::{Assembly, Part};
+use super::error::{ImportError, one_line};
 use super::gltf_data::{Accessor, Source};
 use super::gltf_material::Materials;
-use super::{ImportError, MAX_ELEMENTS, one_line};
+use crate::mesh::MAX_ELEMENTS;
 use crate::mesh::Mesh;
 
-/// Extensions that a file may require although nothing is done for them: they change neither shape nor base colour.
+/// Extensions that a file may require although they are ignored: they change neither shape nor base colour.
 const HARMLESS: [&str; 6] = [
     "KHR_animation_pointer",
     "KHR_lights_punctual",
@@ -24,18 +25,18 @@ const HARMLESS: [&str; 6] = [
     "EXT_lights_image_based",
 ];
 
-/// Extensions that are honoured.
+/// Extensions that are supported.
 const HONOURED: [&str; 3] = ["KHR_materials_pbrSpecularGlossiness", "KHR_mesh_quantization", "KHR_texture_transform"];
 
-/// Reads the default scene, or all scenes if there is no default, or all nodes if there is no scene, or all meshes where
-/// they are if there is no node.
+/// Reads the default scene; without a default, all scenes; without scenes, all nodes; without nodes, all meshes with no
+/// transform.
 pub(super) fn load(path: &Path, bytes: Vec<u8>) -> Result<Mesh, ImportError> {
     let source = Source::parse(path, &bytes)?;
     drop(bytes);
     let mut assembly = Assembly::default();
     check_extensions(&source, &mut assembly)?;
     let mut instances = instances(&source, &mut assembly)?;
-    // All instances of a mesh together: it is decoded once, and only one is held at a time.
+    // Process all instances of a mesh together: each mesh is decoded once, and only one is in memory at a time.
     instances.sort_by_key(|&(mesh, _)| mesh);
     let mut materials = Materials::default();
     for group in instances.chunk_by(|a, b| a.0 == b.0) {
@@ -70,7 +71,7 @@ fn check_extensions(source: &Source<'_>, assembly: &mut Assembly) -> Result<(), 
     Ok(())
 }
 
-/// All uses of meshes in the scene, each with its transform into the scene.
+/// All uses of meshes in the scene: index of the mesh, and transform into the scene.
 fn instances(source: &Source<'_>, assembly: &mut Assembly) -> Result<Vec<(usize, DMat4)>, ImportError> {
     let root = &source.root;
     let nodes = &root.nodes;
@@ -81,7 +82,7 @@ fn instances(source: &Source<'_>, assembly: &mut Assembly) -> Result<Vec<(usize,
             scene.nodes.iter().map(|n| n.value()).collect()
         }
         None if !root.scenes.is_empty() => {
-            // A node may start several scenes, but is there only once.
+            // A node may be the root of several scenes, but it is read only once.
             let mut starts: Vec<usize> = root.scenes.iter().flat_map(|s| &s.nodes).map(|n| n.value()).collect();
             starts.sort_unstable();
             starts.dedup();
@@ -101,14 +102,14 @@ fn instances(source: &Source<'_>, assembly: &mut Assembly) -> Result<Vec<(usize,
         assembly.warn("the file has no nodes; its meshes are read where they are");
         return Ok((0..root.meshes.len()).map(|mesh| (mesh, DMat4::IDENTITY)).collect());
     }
-    // First node first: the stack is taken from its end.
+    // Reversed, because the last node on the stack is processed first.
     starts.reverse();
     let mut stack: Vec<(usize, DMat4)> = starts.into_iter().map(|i| (i, DMat4::IDENTITY)).collect();
     let mut reached = vec![false; nodes.len()];
     let mut instances = Vec::new();
     while let Some((index, parent)) = stack.pop() {
         let node = nodes.get(index).ok_or_else(|| source.out_of_range("node", index, nodes.len()))?;
-        // A second way to the same node means a loop, or a graph whose copies could grow without bound.
+        // Reaching a node twice means a cycle, or a graph whose copies could grow without bound.
         if std::mem::replace(&mut reached[index], true) {
             return Err(source.malformed(format!("node {index} has more than one parent, or is its own ancestor")));
         }
@@ -136,7 +137,7 @@ fn local_transform(node: &json::Node) -> DMat4 {
     DMat4::from_scale_rotation_translation(vector(node.scale, 1.0), rotation, vector(node.translation, 0.0))
 }
 
-/// The triangles of a primitive in the space of its mesh, or `None` with a warning if it has none.
+/// The triangles of a primitive in the coordinates of its mesh. `None`, with a warning, if it has none.
 fn decode(
     source: &Source<'_>,
     primitive: &Primitive,
@@ -182,7 +183,7 @@ fn decode(
         let (set, lost) = (w.coordinates.set, if w.textured { "it gets its plain colour" } else { "it is left out" });
         assembly.warn(format!("{label} has no TEXCOORD_{set} for its texture; {lost}"));
     }
-    // Tangents belong to normal maps, and to given normals.
+    // Tangents are only needed for a normal map, and only valid with the normals of the file.
     let tangents = match &wanted {
         Some(w) if w.normal_map.is_some() && normals.is_some() && uvs.is_some() => {
             optional(Semantic::Tangents, "TANGENT", &[Type::Vec4])?
@@ -200,13 +201,13 @@ fn decode(
         return Ok(None);
     }
 
-    // Only the vertices used: primitives often share one large buffer.
+    // Keep only the vertices that are used: primitives often share one large buffer.
     let mut used: Vec<u32> = part.triangles.as_flattened().to_vec();
     used.sort_unstable();
     used.dedup();
     if used.len() < positions.len() {
         for corner in part.triangles.as_flattened_mut() {
-            // Found: `used` holds every corner.
+            // Always found: `used` contains every corner.
             *corner = used.partition_point(|&v| v < *corner) as u32;
         }
     }
@@ -245,7 +246,7 @@ fn decode(
     Ok(Some(part))
 }
 
-/// Zero, which stands for no tangent, where a file gives one without direction.
+/// A unit tangent with its handedness; zero (no tangent) if the file gives one without length.
 fn unit_tangent([x, y, z, w]: [f64; 4]) -> [f32; 4] {
     let t = DVec3::new(x, y, z).normalize_or_zero().as_vec3();
     if t == glam::Vec3::ZERO { [0.0; 4] } else { [t.x, t.y, t.z, if w < 0.0 { -1.0 } else { 1.0 }] }
@@ -288,7 +289,7 @@ fn corner_list(
 fn triangles(mode: Mode, corners: &[u32]) -> Vec<[u32; 3]> {
     let distinct = |&[a, b, c]: &[u32; 3]| a != b && b != c && c != a;
     match mode {
-        // Every second triangle of a strip is stored with the other winding. Repeated vertices only join strips.
+        // Every second triangle of a strip has the opposite winding. Repeated vertices only join strips.
         Mode::TriangleStrip => corners
             .windows(3)
             .enumerate()

@@ -1,7 +1,7 @@
 //! The binary side of glTF: the GLB container, buffers, and accessors that cannot be read out of bounds.
 //!
-//! Built on the JSON types of the `gltf` crate. Its own readers trust indices, strides and lengths, and panic where a file
-//! breaks its word; here each of them is checked before it is used.
+//! Built on the JSON types of the `gltf` crate. The crate's own readers trust indices, strides and lengths, and panic if a
+//! file gives wrong ones. Here each of them is checked before it is used.
 
 use std::cell::OnceCell;
 use std::path::{Path, PathBuf};
@@ -14,12 +14,13 @@ use gltf::json::accessor::{ComponentType, Type};
 use gltf::json::validation::Checked;
 use percent_encoding::percent_decode_str;
 
-use super::{ImportError, one_line, read_file};
+use super::error::{ImportError, one_line};
+use super::file::read_file;
 
-/// Most values of an accessor that is not backed by bytes (all zero but for a few): nothing else bounds those.
+/// Most values of an accessor without a buffer view (all zero except sparse ones): the file size does not limit these.
 const MAX_VALUES_WITHOUT_BYTES: u64 = 1 << 20;
 
-/// A parsed file with its buffers, which are read when first needed.
+/// A parsed file with its buffers. A buffer is read when it is first needed.
 #[derive(Debug)]
 pub(super) struct Source<'p> {
     pub(super) path: &'p Path,
@@ -28,7 +29,7 @@ pub(super) struct Source<'p> {
     buffers: Vec<OnceCell<Vec<u8>>>,
 }
 
-/// Only what tells the version, which decides whether the rest can be understood.
+/// Only the version of the format, which decides whether the rest can be parsed.
 #[derive(serde::Deserialize)]
 struct Versioned {
     asset: Version,
@@ -37,7 +38,7 @@ struct Versioned {
 #[derive(serde::Deserialize)]
 #[serde(rename_all = "camelCase")]
 struct Version {
-    /// A string, if the file keeps the rules; some of version 1 have a number.
+    /// A string in valid files; in some files of version 1 a number.
     version: json::Value,
     min_version: Option<String>,
 }
@@ -49,7 +50,7 @@ impl<'p> Source<'p> {
             let (text, chunk) = split_glb(bytes).map_err(|what| ImportError::malformed(path, what))?;
             (text, chunk.map(<[u8]>::to_vec))
         } else {
-            // A byte order mark is not allowed, but harmless.
+            // A byte order mark is not valid, but harmless.
             (bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes), None)
         };
         let bad =
@@ -77,12 +78,12 @@ impl<'p> Source<'p> {
         ImportError::malformed(self.path, what)
     }
 
-    /// The error for a reference to an item that a top-level array does not have.
+    /// The error for an index beyond the end of a top-level array.
     pub(super) fn out_of_range(&self, what: &str, index: usize, count: usize) -> ImportError {
         self.malformed(format!("{what} {index} does not exist: there are only {count}"))
     }
 
-    /// The bytes of a buffer, cut to its declared length.
+    /// The bytes of a buffer, limited to its declared length.
     fn buffer(&self, index: usize) -> Result<&[u8], ImportError> {
         let buffer =
             self.root.buffers.get(index).ok_or_else(|| self.out_of_range("buffer", index, self.root.buffers.len()))?;
@@ -118,7 +119,7 @@ impl<'p> Source<'p> {
         Ok((bytes, view.byte_stride.map(|s| s.0)))
     }
 
-    /// Prepares an accessor for reading. `what` says what it is for in messages; its type must be one of `types`.
+    /// Prepares an accessor for reading. `what` describes its purpose in messages. Its type must be one of `types`.
     pub(super) fn accessor(&self, index: usize, what: &str, types: &[Type]) -> Result<Accessor<'_>, ImportError> {
         let accessors = &self.root.accessors;
         let accessor = accessors.get(index).ok_or_else(|| self.out_of_range("accessor", index, accessors.len()))?;
@@ -212,7 +213,7 @@ impl<'p> Source<'p> {
         Ok(result)
     }
 
-    /// What a URI refers to. Only files beside the document and embedded data: nothing is fetched from a network.
+    /// What a URI refers to: a file next to the document, or embedded data. Nothing is fetched from a network.
     pub(super) fn resolve(&self, uri: &str, what: &str) -> Result<Resource, ImportError> {
         let bad = |why: String| self.malformed(format!("{what}: {why}"));
         if let Some(data) = uri.strip_prefix("data:") {
@@ -238,22 +239,22 @@ impl<'p> Source<'p> {
             .decode_utf8()
             .map_err(|_| bad(format!("the URI {} is not UTF-8 once decoded", one_line(uri))))?;
         let dir = self.path.parent().unwrap_or(Path::new(""));
-        // A file name with a literal percent sign is wrong, but found in the wild.
+        // A literal percent sign in a file name is not valid, but occurs.
         let candidates = [dir.join(&*decoded), dir.join(uri)];
         let found = candidates.iter().find(|c| c.is_file()).unwrap_or(&candidates[0]);
         Ok(Resource::File(found.clone()))
     }
 }
 
-/// The document without the parts that are not needed here, for files that are wrong, or ahead of the parser, only there.
-/// `None` if that does not help.
+/// The document without the parts that are not needed here. Reads files that the parser rejects only because of these parts:
+/// they are invalid, or newer than the parser. `None` if the rest is rejected, too.
 fn without_unused_parts(text: &[u8]) -> Option<json::Root> {
     let mut document: json::Value = json::deserialize::from_slice(text).ok()?;
     let root = document.as_object_mut()?;
     for unused in ["animations", "cameras", "skins", "extensions", "extras"] {
         root.remove(unused);
     }
-    // A scene may be empty; the parser demands its list of nodes.
+    // A scene may be empty, but the parser requires its list of nodes.
     for scene in root.get_mut("scenes").and_then(json::Value::as_array_mut).into_iter().flatten() {
         if let Some(scene) = scene.as_object_mut() {
             scene.entry("nodes").or_insert_with(|| json::Value::Array(Vec::new()));
@@ -262,7 +263,7 @@ fn without_unused_parts(text: &[u8]) -> Option<json::Root> {
     json::deserialize::from_value(document).ok()
 }
 
-/// Where the bytes of a URI are.
+/// Where the bytes are that a URI refers to.
 #[derive(Debug)]
 pub(super) enum Resource {
     Embedded { bytes: Vec<u8> },
@@ -280,7 +281,7 @@ impl From<ImportError> for SparseError {
     }
 }
 
-/// Padding is required by the format and forgotten by exporters.
+/// Accepts data without padding: the format requires it, but some exporters omit it.
 const BASE64: GeneralPurpose = GeneralPurpose::new(
     &alphabet::STANDARD,
     GeneralPurposeConfig::new()
@@ -306,17 +307,17 @@ fn names(types: &[Type]) -> String {
     types.iter().map(name).collect::<Vec<_>>().join(" or ")
 }
 
-/// Values of a checked accessor, readable in any order.
+/// The values of a checked accessor, readable in any order.
 #[derive(Debug)]
 pub(super) struct Accessor<'a> {
-    /// Starts at the first value and ends with the last; `None`: all zero.
+    /// From the first value to the end of the last; `None` if all values are zero.
     base: Option<&'a [u8]>,
     stride: usize,
     count: usize,
     component: ComponentType,
     components: usize,
     normalized: bool,
-    /// Values that sparse storage replaces, in ascending order of index.
+    /// Values replaced by sparse storage, in ascending order of index.
     replaced: Vec<(usize, &'a [u8])>,
 }
 
@@ -329,7 +330,7 @@ impl Accessor<'_> {
         self.component == ComponentType::F32
     }
 
-    /// The bytes of value `index`, which must be below `len()`; `None`: zero.
+    /// The bytes of value `index`, which must be below `len()`; `None` if the value is zero.
     fn bytes(&self, index: usize) -> Option<&[u8]> {
         if !self.replaced.is_empty()
             && let Ok(found) = self.replaced.binary_search_by_key(&index, |&(i, _)| i)
@@ -340,8 +341,8 @@ impl Accessor<'_> {
         self.base.map(|bytes| &bytes[index * self.stride..][..size])
     }
 
-    /// Value `index` (below `len()`), integers as they are or, if normalized, as fractions. Components past those of the
-    /// accessor's type are zero.
+    /// Value `index`, which must be below `len()`. Integers are converted, or, if normalized, become fractions. Components
+    /// that the accessor's type lacks are zero.
     pub(super) fn vector(&self, index: usize) -> [f64; 4] {
         let mut result = [0.0; 4];
         if let Some(bytes) = self.bytes(index) {
@@ -352,7 +353,7 @@ impl Accessor<'_> {
         result
     }
 
-    /// Integer scalar `index` (below `len()`).
+    /// Integer scalar `index`, which must be below `len()`.
     pub(super) fn index(&self, index: usize) -> u32 {
         self.bytes(index).map_or(0, |bytes| integer(self.component, bytes))
     }
@@ -366,12 +367,12 @@ impl Accessor<'_> {
             (ComponentType::U16, _) => (f64::from(integer(self.component, bytes)), 65535.0),
             _ => (f64::from(integer(self.component, bytes)), f64::from(u32::MAX)),
         };
-        // The lowest signed value stands for -1, as its neighbour does.
+        // Both the lowest signed value and the next one stand for -1.
         if self.normalized { (value / largest).max(-1.0) } else { value }
     }
 }
 
-/// Little-endian unsigned integer of one, two or four bytes.
+/// A little-endian unsigned integer of one, two or four bytes.
 fn integer(kind: ComponentType, bytes: &[u8]) -> u32 {
     match (kind.size(), bytes) {
         (1, &[a, ..]) => u32::from(a),
@@ -381,7 +382,7 @@ fn integer(kind: ComponentType, bytes: &[u8]) -> u32 {
     }
 }
 
-/// The JSON text and, if there is one, the binary chunk of a GLB container.
+/// The JSON text of a GLB container, and the binary chunk if there is one.
 fn split_glb(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), String> {
     let word = |at: usize| -> Option<u32> {
         let four = bytes.get(at..at.checked_add(4)?)?;
@@ -407,7 +408,7 @@ fn split_glb(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), String> {
     if kind != b"JSON" {
         return Err("the first chunk of the GLB container is not JSON".into());
     }
-    // Chunks of other kinds are to be ignored.
+    // Chunks of other kinds must be ignored.
     let mut at = end.next_multiple_of(4);
     while at < declared {
         let (kind, data, end) = chunk(at, "second")?;

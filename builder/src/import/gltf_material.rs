@@ -1,4 +1,4 @@
-//! Materials of glTF: base colour, its texture, where that leaves holes, and normal maps.
+//! Materials of glTF: base colour with its texture and holes, and normal maps.
 
 use std::collections::HashMap;
 use std::path::PathBuf;
@@ -12,21 +12,20 @@ use gltf::json::validation::Checked;
 use image::DynamicImage;
 
 use super::assembly::Assembly;
+use super::error::{ImportError, one_line};
 use super::gltf_data::{Resource, Source};
-use super::image::{TextureStore, normals_of, texture_of};
-use super::mtl::has_holes;
-use super::{ImportError, one_line};
+use super::image::{TextureStore, has_holes, normals_of, texture_of};
 use crate::mesh::maps::{LinearTexture, NormalMap, UvTransform};
 use crate::mesh::{Material, Texture};
 
-/// How a material reads its texture coordinates.
+/// Which texture coordinates a material reads, and how.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Coordinates {
     /// The number of the `TEXCOORD` attribute.
     pub(super) set: u32,
-    /// `KHR_texture_transform`.
+    /// The transform of `KHR_texture_transform`, or the identity.
     pub(super) transform: UvTransform,
-    /// Whether coordinates past 0..=1 repeat the image; the only way [`Texture::sample`] knows.
+    /// Whether coordinates outside 0..=1 repeat the image. [`Texture::sample`] always repeats it.
     pub(super) repeats: bool,
 }
 
@@ -40,19 +39,19 @@ impl Coordinates {
     }
 }
 
-/// What a material needs of the vertices of a primitive.
+/// Which texture coordinates a material needs from the vertices of a primitive.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Wanted {
-    /// The coordinates of the colour texture or, if there is none, of the normal map. Those of the mesh have the transform
-    /// applied.
+    /// The coordinates of the colour texture or, without one, of the normal map. The coordinates of the mesh have this
+    /// transform applied.
     pub(super) coordinates: Coordinates,
     /// Whether there is a colour texture.
     pub(super) textured: bool,
-    /// From the coordinates of the mesh to those of the normal map, if there is one that can be used.
+    /// The transform from the coordinates of the mesh to those of the normal map, if there is one that can be used.
     pub(super) normal_map: Option<UvTransform>,
 }
 
-/// The parts of a glTF material that matter here.
+/// The parts of a glTF material that are read.
 struct BaseColor<'a> {
     factor: [f32; 4],
     texture: Option<&'a Info>,
@@ -69,7 +68,7 @@ impl<'a> BaseColor<'a> {
     }
 }
 
-/// Converts materials when a primitive first uses them, each in up to two forms: with its texture and without.
+/// Converts materials when a primitive first uses them. Each has up to two forms: with its textures and without.
 #[derive(Default)]
 pub(super) struct Materials {
     store: TextureStore,
@@ -78,18 +77,18 @@ pub(super) struct Materials {
     embedded_normals: HashMap<usize, Arc<LinearTexture<3>>>,
 }
 
-/// An image of a texture.
+/// Where the image of a texture is.
 enum Picture {
-    /// A file that exists.
+    /// In an existing file.
     File(PathBuf),
-    /// Its index and its decoded pixels.
+    /// Embedded: the index of the image and its decoded pixels.
     Embedded(usize, DynamicImage),
-    /// Embedded, and seen before.
+    /// Embedded and already converted: the index of the image.
     Known(usize),
 }
 
 impl Materials {
-    /// What `material` needs of vertices, or `None` if it has no textures.
+    /// Which coordinates `material` needs from the vertices; `None` if it has no textures.
     pub(super) fn wanted(
         source: &Source<'_>,
         material: Option<usize>,
@@ -128,8 +127,9 @@ impl Materials {
         Ok(Some(Wanted { coordinates: color, textured: true, normal_map }))
     }
 
-    /// The index in the mesh of the material, which [`Self::wanted`] has accepted; `None`: the default one. `wanted` is what
-    /// it gave if the vertices have that, `None` otherwise: then there are no textures.
+    /// The index in the mesh of a material that [`Self::wanted`] has accepted, or, for `None`, of the default material.
+    /// `wanted` is the result of that function if the vertices have these coordinates. If it is `None`, textures are left
+    /// out.
     pub(super) fn index(
         &mut self,
         source: &Source<'_>,
@@ -169,14 +169,14 @@ impl Materials {
         let mut base_color = color.factor.map(unit);
         let glow = material.emissive_factor.0.map(unit);
         if base_color[..3] == [0.0; 3] && glow != [0.0; 3] {
-            // A lamp: black under light, and seen by what it sends out.
+            // A lamp: its base colour is black, but it emits light. Show the emitted colour.
             base_color[..3].copy_from_slice(&glow);
         }
         let alpha_cutoff = match material.alpha_mode {
             Checked::Valid(AlphaMode::Mask) => Some(unit(material.alpha_cutoff.unwrap_or_default().0)),
             Checked::Valid(AlphaMode::Blend) if texture.as_deref().is_some_and(has_holes) => {
                 assembly.warn(format!("material {name} blends; texels of less than half opacity become holes"));
-                // Relative to the opacity of the whole, so that thin glass is not one large hole.
+                // Relative to the opacity of the whole material: otherwise thin glass would be one large hole.
                 Some(0.5 * base_color[3])
             }
             Checked::Valid(_) => None,
@@ -193,7 +193,7 @@ impl Materials {
         Ok(Material { name, base_color, texture, alpha_cutoff, normal_map, height_map: None })
     }
 
-    /// The colours of a texture; `None` with a warning if its file is missing or it has no image that can be read.
+    /// The colours of a texture. `None`, with a warning, if its file is missing or it has no image that can be read.
     fn texture(
         &mut self,
         source: &Source<'_>,
@@ -217,7 +217,7 @@ impl Materials {
         }
     }
 
-    /// The normals of a texture, in the same way.
+    /// The normals of a texture. `None`, with a warning, if its file is missing or it has no image that can be read.
     fn normals(
         &mut self,
         source: &Source<'_>,
@@ -246,7 +246,7 @@ fn embedded_name(image: usize) -> String {
     format!("{image} (embedded)")
 }
 
-/// How a texture wants its coordinates.
+/// The coordinates for a texture: number of the attribute, transform, and whether the sampler repeats the image.
 fn coordinates(
     source: &Source<'_>,
     texture: usize,
@@ -261,7 +261,7 @@ fn coordinates(
     Ok(Coordinates::of(set, transform, repeats))
 }
 
-/// The image of a texture, or why there is none. One that is embedded is decoded unless it is `known`.
+/// The image of a texture, or the reason why there is none. Embedded images are decoded unless `known`.
 fn picture(
     source: &Source<'_>,
     texture: usize,
@@ -272,7 +272,7 @@ fn picture(
     let entry = textures.get(texture).ok_or_else(|| source.out_of_range("texture", texture, textures.len()))?;
     let index = entry.source.value();
     if index == u32::MAX as usize {
-        // What the JSON parser says for a texture without `source`: the image is left to an extension.
+        // The JSON parser's value for a texture without `source`: the image is in an extension.
         return Ok(Err(format!("texture {texture} has no PNG or JPEG image")));
     }
     let images = &source.root.images;

@@ -7,11 +7,15 @@ use std::sync::Arc;
 
 use image::{DynamicImage, ImageFormat, ImageReader, Limits, RgbaImage};
 
-use super::{ImportError, MAX_TEXTURE_SIDE, MAX_TEXTURE_TEXELS, one_line, read_file};
-use crate::mesh::Texture;
+use super::error::{ImportError, one_line};
+use super::file::read_file;
 use crate::mesh::maps::LinearTexture;
+use crate::mesh::{MAX_TEXTURE_SIDE, Texture};
 
-/// What of an image is a height (`-imfchan` of MTL).
+/// Most texels that all textures of a mesh may have in total (without their mip levels).
+pub const MAX_TEXTURE_TEXELS: u64 = 1 << 29;
+
+/// Which channel of an image holds heights (`-imfchan` of MTL).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub(super) enum Channel {
     Red,
@@ -22,13 +26,13 @@ pub(super) enum Channel {
     Luminance,
 }
 
-/// Textures read so far, shared by all materials that use the same file, and how many texels may still come.
+/// The textures read so far, shared by all materials that use the same file, and the number of texels still allowed.
 #[derive(Debug)]
 pub(super) struct TextureStore {
     by_path: HashMap<PathBuf, Arc<Texture>>,
     normals: HashMap<PathBuf, Arc<LinearTexture<3>>>,
     heights: HashMap<(PathBuf, Channel), Arc<LinearTexture<1>>>,
-    /// Whether an image that is said to hold heights holds normals.
+    /// Whether an image that should hold heights holds normals.
     disguised: HashMap<PathBuf, bool>,
     texels_left: u64,
 }
@@ -48,7 +52,7 @@ impl Default for TextureStore {
 impl TextureStore {
     /// The texture in the file `image`, or `None` if there is no such file.
     pub(super) fn load(&mut self, mesh: &Path, image: &Path) -> Result<Option<Arc<Texture>>, ImportError> {
-        // Two spellings of one path share the texture.
+        // The canonical path: different spellings of a path share the texture.
         let Ok(key) = image.canonicalize() else { return Ok(None) };
         if let Some(texture) = self.by_path.get(&key) {
             return Ok(Some(texture.clone()));
@@ -75,13 +79,13 @@ impl TextureStore {
         Ok(Some(texture))
     }
 
-    /// Whether the file `image`, said to hold heights, holds normals: exporters use one statement for both.
+    /// Whether the file `image`, which should hold heights, holds normals: exporters write both with the same statement.
     pub(super) fn holds_normals(&mut self, mesh: &Path, image: &Path) -> Result<bool, ImportError> {
         let Ok(key) = image.canonicalize() else { return Ok(false) };
         if let Some(&found) = self.disguised.get(&key) {
             return Ok(found);
         }
-        // Only a look: it does not count as a texture.
+        // This image is not kept, so it does not count as a texture.
         let texels_left = self.texels_left;
         let found = looks_like_normals(&self.load_image(mesh, image)?);
         self.texels_left = texels_left;
@@ -112,14 +116,14 @@ impl TextureStore {
         Ok(self.load_image(mesh, image)?.into_rgba8())
     }
 
-    /// The file `image` as it is stored.
+    /// The decoded file `image`.
     pub(super) fn load_image(&mut self, mesh: &Path, image: &Path) -> Result<DynamicImage, ImportError> {
         let bytes = read_file(image)?;
         self.decode(mesh, &image.display().to_string(), &bytes, image.extension().and_then(|e| e.to_str()))
     }
 
-    /// Decodes an image file in memory. The content decides the format; `extension` only helps with TGA, which has no
-    /// identifier of its own.
+    /// Decodes an image file in memory. The content decides the format. `extension` is only used for TGA, which has no
+    /// identifier in its content.
     pub(super) fn decode(
         &mut self,
         mesh: &Path,
@@ -137,7 +141,7 @@ impl TextureStore {
         let mut limits = Limits::default();
         limits.max_image_width = Some(MAX_TEXTURE_SIDE);
         limits.max_image_height = Some(MAX_TEXTURE_SIDE);
-        // Eight bytes per texel: 16-bit images are decoded before they are reduced.
+        // Eight bytes per texel: 16-bit images are decoded before they are reduced to 8 bits.
         limits.max_alloc = Some(self.texels_left.saturating_mul(8).min(8 * u64::from(MAX_TEXTURE_SIDE).pow(2)));
         let reader = || {
             let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
@@ -159,21 +163,21 @@ impl TextureStore {
     }
 }
 
-/// The texture made from decoded pixels.
+/// Makes a texture from decoded pixels.
 pub(super) fn texture_of(mesh: &Path, name: &str, pixels: &RgbaImage) -> Result<Arc<Texture>, ImportError> {
     Texture::from_rgba8(pixels.width(), pixels.height(), pixels.as_raw())
         .map(Arc::new)
         .map_err(|e| ImportError::Image { path: mesh.into(), image: name.into(), what: e.to_string() })
 }
 
-/// The normal map made from a decoded image.
+/// Makes the texture of a normal map from a decoded image.
 pub(super) fn normals_of(mesh: &Path, name: &str, decoded: DynamicImage) -> Result<Arc<LinearTexture<3>>, ImportError> {
     let (width, height) = (decoded.width(), decoded.height());
     let texels = decoded.into_rgb16().into_raw().as_chunks::<3>().0.to_vec();
     linear_texture(mesh, name, width, height, texels)
 }
 
-/// The height map made from a decoded image.
+/// Makes the texture of a height map from one channel of a decoded image.
 pub(super) fn heights_of(
     mesh: &Path,
     name: &str,
@@ -206,17 +210,32 @@ fn linear_texture<const N: usize>(
     })
 }
 
-/// Whether an image that is said to hold heights holds normals in tangent space: unit vectors that point outwards.
+/// Whether an image that should hold heights holds normals in tangent space: unit vectors that point outwards.
 fn looks_like_normals(image: &DynamicImage) -> bool {
     if !image.color().has_color() {
         return false;
     }
     let pixels = image.to_rgb8();
-    // A grey of 0.79 everywhere is of unit length, too.
+    // Exclude grey images: a grey of 0.79 everywhere has unit length, too.
     let grey = pixels.pixels().all(|p| p.0[0] == p.0[1] && p.0[1] == p.0[2]);
     let unit = |p: &&image::Rgb<u8>| {
         let [x, y, z] = p.0.map(|c| f32::from(c) / 127.5 - 1.0);
         z > 0.0 && ((x * x + y * y + z * z).sqrt() - 1.0).abs() < 0.1
     };
     !grey && pixels.pixels().filter(unit).count() * 10 >= pixels.len() / 3 * 9
+}
+
+/// Whether the alpha of a texture cuts holes into the surface (leaves, fences) instead of making all of it translucent
+/// (glass): some texels are almost transparent and some at least half opaque.
+pub(super) fn has_holes(texture: &Texture) -> bool {
+    let (low, high) = texture.alpha_range();
+    low < 16 && high >= 128
+}
+
+/// Finds a file named in an OBJ, MTL or PLY file: by the name as written, with Windows separators, or by the last part of
+/// the name in `dir`.
+pub(super) fn find_file(dir: &Path, name: &str) -> Option<PathBuf> {
+    let slashed = name.replace('\\', "/");
+    let candidates = [dir.join(name), dir.join(&slashed), dir.join(Path::new(&slashed).file_name()?)];
+    candidates.into_iter().find(|path| path.is_file())
 }

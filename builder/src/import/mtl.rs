@@ -1,29 +1,30 @@
-//! Material libraries of OBJ files: the few statements that decide colour, holes and surface detail.
+//! Material libraries of OBJ files: the statements about colour, holes and surface detail.
 //!
-//! Read here and not by `tobj`: that stops with a panic at a colour of fewer than three numbers, drops a whole library for
-//! one bad line, and leaves the options of texture statements in the file name.
+//! Not read by `tobj`, because `tobj` panics at a colour of fewer than three numbers, drops a whole library for one bad
+//! line, and leaves the options of texture statements in the file name.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
-use super::ImportError;
+use esvo_format::srgb::decode_f64 as srgb_to_linear;
+
 use super::assembly::Assembly;
-use super::image::{Channel, TextureStore, texture_of};
+use super::error::{ImportError, one_line};
+use super::image::{Channel, TextureStore, find_file, has_holes, texture_of};
 use crate::mesh::maps::{HeightMap, NormalMap, UvTransform};
 use crate::mesh::{Material, Texture};
-use esvo_format::srgb::decode_f64 as srgb_to_linear;
 
 /// One `newmtl` block.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct MtlMaterial {
     pub(super) name: String,
-    /// `Kd` as written: display values, 0..=1.
+    /// `Kd` as written: sRGB-encoded, 0..=1.
     pub(super) diffuse: Option<[f64; 3]>,
     /// `d`, or one minus `Tr`.
     pub(super) opacity: Option<f64>,
     pub(super) diffuse_map: Option<String>,
     pub(super) opacity_map: Option<String>,
-    /// `norm` or `map_Kn`: not of the original format, but what exporters write.
+    /// `norm` or `map_Kn`: not part of the original format, but written by exporters.
     pub(super) normal_map: Option<MapStatement>,
     /// `bump` or `map_bump`.
     pub(super) bump_map: Option<MapStatement>,
@@ -31,13 +32,13 @@ pub(super) struct MtlMaterial {
     pub(super) displacement_map: Option<MapStatement>,
 }
 
-/// A texture statement with those of its options that change values.
+/// A texture statement with the options that change values.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct MapStatement {
     pub(super) file: String,
-    /// `-bm`: factor of bumps.
+    /// `-bm`: factor for bumps.
     bump_factor: f64,
-    /// `-mm`: what 0 stands for, and the factor of values.
+    /// `-mm`: the value that 0 stands for, and the factor for values.
     base: f64,
     gain: f64,
     /// `-imfchan`
@@ -59,9 +60,9 @@ pub(super) fn parse(text: &str) -> (Vec<MtlMaterial>, Vec<String>) {
         let Some(material) = materials.last_mut() else { continue };
         let understood = match key {
             "Kd" => rgb(value).map(|rgb| material.diffuse = Some(rgb)).is_some(),
-            // `d -halo f` makes the rim of a surface more opaque: its factor is still the opacity seen head on.
+            // `d -halo f` makes the rim of a surface more opaque; the factor is still the opacity seen head on.
             "d" => number_in(value.trim_start_matches("-halo")).map(|d| material.opacity = Some(d)).is_some(),
-            // Where both are given, `d` is the one the format defines.
+            // `d` takes precedence, because the format defines it.
             "Tr" => number_in(value).map(|tr| material.opacity = material.opacity.or(Some(1.0 - tr))).is_some(),
             "map_Kd" => map_statement(value).map(|map| material.diffuse_map = Some(map.file)).is_some(),
             "map_d" | "map_opacity" => map_statement(value).map(|map| material.opacity_map = Some(map.file)).is_some(),
@@ -73,7 +74,7 @@ pub(super) fn parse(text: &str) -> (Vec<MtlMaterial>, Vec<String>) {
             _ => true,
         };
         if !understood {
-            warnings.push(format!("line {}: cannot read '{}'; it is ignored", number + 1, super::one_line(line)));
+            warnings.push(format!("line {}: cannot read '{}'; it is ignored", number + 1, one_line(line)));
         }
     }
     (materials, warnings)
@@ -83,7 +84,7 @@ fn number_in(value: &str) -> Option<f64> {
     value.split_whitespace().next()?.parse().ok().filter(|x: &f64| x.is_finite())
 }
 
-/// One number stands for all three. Spectral and CIE XYZ colours are not read.
+/// A colour. A single number stands for all three components. Spectral and CIE XYZ colours are not read.
 fn rgb(value: &str) -> Option<[f64; 3]> {
     let numbers: Option<Vec<f64>> =
         value.split_whitespace().take(3).map(|w| w.parse().ok().filter(|x: &f64| x.is_finite())).collect();
@@ -94,14 +95,14 @@ fn rgb(value: &str) -> Option<[f64; 3]> {
     }
 }
 
-/// A texture statement: options, then a file name, which may contain spaces. `None` without one.
+/// A texture statement: options, then a file name, which may contain spaces. `None` if there is no file name.
 fn map_statement(value: &str) -> Option<MapStatement> {
     let mut map =
         MapStatement { file: String::new(), bump_factor: 1.0, base: 0.0, gain: 1.0, channel: Channel::default() };
     let mut rest = value.trim();
     while rest.starts_with('-') {
         let (option, after) = rest.split_once(char::is_whitespace)?;
-        // How many words the option takes; those of variable length take numbers only.
+        // The number of words that follow the option. Options with a variable number take only numbers.
         let (words, numeric) = match option {
             "-o" | "-s" | "-t" => (3, true),
             "-mm" => (2, true),
@@ -138,12 +139,12 @@ fn channel(word: &str) -> Channel {
         "g" => Channel::Green,
         "b" => Channel::Blue,
         "m" => Channel::Alpha,
-        // Luminance; depth is for images that this importer does not read.
+        // Luminance. Also for depth, which needs an image format that this importer does not read.
         _ => Channel::Luminance,
     }
 }
 
-/// Turns a library's material into the builder's, reading its textures.
+/// Converts a library's material into a [`Material`] and reads its textures.
 pub(super) fn convert(
     source: &MtlMaterial,
     obj: &Path,
@@ -164,7 +165,7 @@ pub(super) fn convert(
         assembly.warn(format!("material {label}: map_d without map_Kd is not supported; the material is opaque"));
     }
     if texture.is_some() && kd == [0.0; 3] {
-        // The format multiplies texture and Kd, but some exporters write a black Kd beside every texture.
+        // The format multiplies the texture by Kd, but some exporters write a black Kd with every texture.
         assembly.warn(format!("material {label}: Kd is black; taking the colour from the texture alone"));
         kd = [1.0; 3];
     }
@@ -175,7 +176,7 @@ pub(super) fn convert(
         name: label.into(),
         base_color: [r, g, b, opacity as f32],
         texture,
-        // Relative to the opacity of the whole material, so that thin glass is not one large hole.
+        // Relative to the opacity of the whole material: otherwise thin glass would be one large hole.
         alpha_cutoff: holes.then_some(0.5 * opacity as f32),
         normal_map,
         height_map,
@@ -228,7 +229,7 @@ fn detail(
     Ok((normal_map, height_map))
 }
 
-/// The colour texture, with the opacity map as its alpha if there is one.
+/// The colour texture, with the opacity map, if any, as its alpha.
 fn load_maps(
     source: &MtlMaterial,
     obj: &Path,
@@ -248,7 +249,7 @@ fn load_maps(
         return shared(store);
     };
     if mask_file == image {
-        // The alpha channel of the colour texture is meant.
+        // The statement refers to the alpha channel of the colour texture.
         return shared(store);
     }
     let mask = store.load_pixels(obj, &mask_file)?;
@@ -263,20 +264,6 @@ fn load_maps(
         pixel.0[3] = if mask_has_alpha { m.0[3] } else { m.0[0] };
     }
     texture_of(obj, &image.display().to_string(), &pixels)
-}
-
-/// Whether the alpha of a texture cuts holes into the surface (leaves, fences), rather than making all of it thin (glass):
-/// somewhere nothing is left of the surface, and somewhere most of it is.
-pub(super) fn has_holes(texture: &Texture) -> bool {
-    let (low, high) = texture.alpha_range();
-    low < 16 && high >= 128
-}
-
-/// Where a file named in an OBJ or MTL file lies: as written, with Windows separators, or beside the library.
-pub(super) fn find_file(dir: &Path, name: &str) -> Option<PathBuf> {
-    let slashed = name.replace('\\', "/");
-    let candidates = [dir.join(name), dir.join(&slashed), dir.join(Path::new(&slashed).file_name()?)];
-    candidates.into_iter().find(|path| path.is_file())
 }
 
 #[cfg(test)]

@@ -1,20 +1,23 @@
-//! Wavefront OBJ. `tobj` parses the geometry; before that the text is brought into the form it reads correctly.
+//! Wavefront OBJ. `tobj` parses the geometry, after this module has brought the text into a form that it reads correctly.
 //!
-//! What `tobj` alone would get wrong: attribute arrays shift against the positions when only some faces have texture
-//! coordinates or normals, and when only some vertices have colours; continued lines; indices far out of range. Polygons
-//! are split into fans, which is exact for convex ones.
+//! Alone, `tobj` would misread: attributes of which only some faces have texture coordinates or normals, or only some
+//! vertices colours (the arrays shift against the positions); continued lines; indices far out of range. Polygons are split
+//! into fans, which is exact for convex polygons.
 
 use std::collections::HashMap;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
-use super::assembly::{Assembly, Part};
-use super::image::TextureStore;
-use super::{ImportError, mtl, one_line, read_file, text_of};
-use crate::mesh::{Material, Mesh};
 use esvo_format::srgb::decode_f64 as srgb_to_linear;
 
-/// Reads an OBJ file; materials and textures are looked up beside it.
+use super::assembly::{Assembly, Part};
+use super::error::{ImportError, one_line};
+use super::file::{read_file, text_of};
+use super::image::{TextureStore, find_file};
+use super::mtl;
+use crate::mesh::{Material, Mesh};
+
+/// Reads an OBJ file. Materials and textures are searched in its folder.
 pub(super) fn load(path: &Path, bytes: &[u8]) -> Result<Mesh, ImportError> {
     let text = text_of(bytes);
     let prepared = prepare(path, &text)?;
@@ -35,7 +38,7 @@ pub(super) fn load(path: &Path, bytes: &[u8]) -> Result<Mesh, ImportError> {
         if let (Some(name), None) = (name, found) {
             assembly.warn(format!("no material library defines {name}; using a plain colour"));
         }
-        // One more than the libraries have: the plain material.
+        // The index after the last material of the libraries stands for the plain material.
         let textured = !part.uvs.is_empty();
         let key = (found.unwrap_or(libraries.materials.len()), textured || found.is_none());
         part.material = match converted.get(&key) {
@@ -69,10 +72,10 @@ pub(super) fn load(path: &Path, bytes: &[u8]) -> Result<Mesh, ImportError> {
     Ok(assembly.finish())
 }
 
-/// All materials of all libraries, each with the file it is from.
+/// All materials of all libraries, each with the path of its library.
 struct Libraries {
     materials: Vec<(PathBuf, mtl::MtlMaterial)>,
-    /// Index into `materials`; the first definition of a name counts.
+    /// Index into `materials`. The first definition of a name is used.
     by_name: HashMap<String, usize>,
 }
 
@@ -81,13 +84,13 @@ impl Libraries {
         let mut materials: Vec<(PathBuf, mtl::MtlMaterial)> = Vec::new();
         let mut read = Vec::new();
         for statement in statements {
-            // A statement may name several files, or one whose name has spaces.
-            let names = match mtl::find_file(dir, statement) {
+            // A statement may name several files, or one file whose name contains spaces.
+            let names = match find_file(dir, statement) {
                 Some(_) => vec![statement.as_str()],
                 None => statement.split_whitespace().collect(),
             };
             for name in names {
-                let Some(file) = mtl::find_file(dir, name) else {
+                let Some(file) = find_file(dir, name) else {
                     assembly.warn(format!("the material library {name} is missing"));
                     continue;
                 };
@@ -111,7 +114,7 @@ impl Libraries {
     }
 }
 
-/// Text for `tobj`, and what it would not keep.
+/// The text for `tobj`, and what `tobj` would not return.
 #[derive(Debug, Default)]
 struct Prepared {
     text: String,
@@ -122,18 +125,18 @@ struct Prepared {
     /// Index of each name in `material_names`.
     material_numbers: HashMap<String, usize>,
     warnings: Vec<String>,
-    /// Number of the source line that each line of `text` came from, and whether it held a position.
+    /// For each line of `text`, the number of the source line it came from and whether it holds a position.
     lines: Vec<(u32, bool)>,
 }
 
-/// What the corners of a face refer to besides a position.
+/// Which attributes the corners of a face have besides a position.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Corner {
     texture: bool,
     normal: bool,
 }
 
-/// Highest position, texture coordinate and normal (from 1) that a face names, and the source line of that face.
+/// The highest index (from 1) of a position, texture coordinate and normal in any face, each with the face's source line.
 type Highest = [(usize, u32); 3];
 
 const LISTS: [&str; 3] = ["vertex", "texture coordinate", "normal"];
@@ -141,7 +144,7 @@ const LISTS: [&str; 3] = ["vertex", "texture coordinate", "normal"];
 fn prepare(path: &Path, source: &str) -> Result<Prepared, ImportError> {
     let mut prepared = Prepared::default();
     prepared.text.reserve(source.len() + source.len() / 8);
-    // Colours are usable only if all vertices have one.
+    // Colours can be used only if all vertices have one.
     let (coloured, plain) = source.lines().fold((0usize, 0usize), |(coloured, plain), line| {
         let mut words = line.split_whitespace();
         match (words.next(), words.count()) {
@@ -155,7 +158,7 @@ fn prepare(path: &Path, source: &str) -> Result<Prepared, ImportError> {
         prepared.warnings.push(format!("{plain} vertices have no colour; the colours of the others are ignored"));
     }
 
-    // `tobj` keeps a material only if a library defines it: `parse` answers this line with all the numbers.
+    // `tobj` keeps a material only if a library defines it. `parse` answers this line with a library of all numbers.
     prepared.line(0, false, format_args!("mtllib numbers"));
     let mut counts = [0usize; 3];
     let mut highest: Highest = [(0, 0); 3];
@@ -190,7 +193,7 @@ fn prepare(path: &Path, source: &str) -> Result<Prepared, ImportError> {
             }
             "vt" => {
                 counts[1] += 1;
-                // One-dimensional coordinates are legal; `tobj` wants two numbers.
+                // One-dimensional coordinates are valid, but `tobj` requires two numbers.
                 let second = if value.split_whitespace().nth(1).is_none() { " 0" } else { "" };
                 prepared.line(number, false, format_args!("{line}{second}"));
             }
@@ -205,7 +208,7 @@ fn prepare(path: &Path, source: &str) -> Result<Prepared, ImportError> {
                     skipped += 1;
                     continue;
                 };
-                // A new group makes `tobj` start a new model, so that within one all faces have the same attributes.
+                // A new group makes `tobj` start a new model. So all faces of a model have the same attributes.
                 if shape.replace(corner).is_some_and(|last| last != corner) {
                     prepared.line(number, false, format_args!("g"));
                 }
@@ -215,7 +218,7 @@ fn prepare(path: &Path, source: &str) -> Result<Prepared, ImportError> {
             "mtllib" => prepared.libraries.push(value.trim().to_owned()),
             "usemtl" => {
                 let index = prepared.material_number(value.trim());
-                // Under numbers instead of names: any name will do, even an empty one.
+                // Materials are renamed to numbers, so that any name is accepted, even an empty one.
                 prepared.line(number, false, format_args!("usemtl {index}"));
             }
             _ => {}
@@ -250,14 +253,15 @@ impl Prepared {
     }
 
     fn line(&mut self, source_line: u32, position: bool, text: std::fmt::Arguments<'_>) {
-        // Writing to a string cannot fail.
+        // Writing to a string never fails.
         let _ = self.text.write_fmt(text);
         self.text.push('\n');
         self.lines.push((source_line, position));
     }
 }
 
-/// Checks the indices of a face against the elements so far and notes the highest. `None`: a point or line.
+/// Checks the indices of a face and updates the highest. Negative indices count back from the elements read so far. `None`
+/// for a point or a line.
 fn check_face(value: &str, counts: [usize; 3], line: u32, highest: &mut Highest) -> Result<Option<Corner>, String> {
     let mut shape = None;
     let mut corners = 0;
@@ -301,7 +305,7 @@ fn parse(path: &Path, prepared: &Prepared) -> Result<Vec<tobj::Model>, ImportErr
         Ok((names.clone().map(material).collect(), names.map(|i| (i.to_string(), i)).collect()))
     });
     let (models, _) = result.map_err(|e| {
-        // The reader stopped after the line that could not be read.
+        // The reader has stopped after the line that it could not read.
         let taken = &prepared.text.as_bytes()[..prepared.text.len() - reader.len()];
         let read = taken.iter().filter(|&&b| b == b'\n').count();
         let line = prepared.lines.get(read.saturating_sub(1)).map_or(0, |&(line, _)| line);
@@ -328,7 +332,7 @@ fn non_finite(path: &Path, prepared: &Prepared) -> ImportError {
     }
 }
 
-/// The triangles of one `tobj` model, or `None` if it has none. All its faces have the same attributes (see [`prepare`]).
+/// The triangles of one `tobj` model; `None` if it has none. All its faces have the same attributes (see [`prepare`]).
 fn part_of(mesh: &tobj::Mesh) -> Option<Part> {
     let triples = |values: &[f64]| values.as_chunks::<3>().0.to_vec();
     let mut part = Part {
@@ -339,12 +343,12 @@ fn part_of(mesh: &tobj::Mesh) -> Option<Part> {
     if part.triangles.is_empty() {
         return None;
     }
-    // Unit length is promised to the builder, not by the format. Zero marks a missing normal.
+    // The builder needs unit length, which the format does not guarantee. Zero marks a missing normal.
     part.normals = triples(&mesh.normals)
         .into_iter()
         .map(|n| glam::DVec3::from(n).normalize_or_zero().as_vec3().to_array())
         .collect();
-    // The format's v points up.
+    // In this format v points up.
     part.uvs = mesh.texcoords.as_chunks::<2>().0.iter().map(|&[u, v]| [u as f32, (1.0 - v) as f32]).collect();
     part.colors = triples(&mesh.vertex_color)
         .into_iter()

@@ -1,17 +1,17 @@
-//! PLY, ASCII and binary of both byte orders, through `ply-rs-bw`.
+//! PLY (ASCII, and binary of both byte orders), read by `ply-rs-bw`.
 
 use std::path::Path;
 
+use esvo_format::srgb::decode_f64 as srgb_to_linear;
 use ply_rs_bw::parser::{ParseError, Parser, Reader};
 use ply_rs_bw::ply::{ElementDef, Encoding, Header, Property, PropertyAccess, PropertyAccessResult};
 
 use super::assembly::{Assembly, Part};
-use super::image::TextureStore;
-use super::{ImportError, mtl, one_line};
+use super::error::{ImportError, one_line};
+use super::image::{TextureStore, find_file, has_holes};
 use crate::mesh::{Material, Mesh};
-use esvo_format::srgb::decode_f64 as srgb_to_linear;
 
-/// Reads a PLY file. A texture is looked up beside it if a comment `TextureFile` names one.
+/// Reads a PLY file. If a comment `TextureFile` names a texture, it is searched in the file's folder.
 pub(super) fn load(path: &Path, bytes: &[u8]) -> Result<Mesh, ImportError> {
     let fail = |e: ParseError| ImportError::malformed(path, message(e));
     let mut reader = Reader::new(bytes);
@@ -56,16 +56,16 @@ pub(super) fn load(path: &Path, bytes: &[u8]) -> Result<Mesh, ImportError> {
     Ok(assembly.finish())
 }
 
-/// What the library says, without the state of its parser.
+/// The message of the library without the state of its parser.
 fn message(error: ParseError) -> String {
     let text = error.to_string().split_whitespace().collect::<Vec<_>>().join(" ");
     one_line(text.split(" Error: ParseError {").next().unwrap_or(&text))
 }
 
-/// Refuses element counts that the file cannot hold, before anything is allocated or looped over for them.
+/// Refuses element counts that do not fit into the file, before they cause allocations or loops.
 fn check_counts(path: &Path, header: &Header, file_bytes: usize) -> Result<(), ImportError> {
     for (name, element) in &header.elements {
-        // Each property takes a byte at least; in ASCII each element a line break, too.
+        // Each property takes at least one byte; in ASCII each element also takes a line break.
         let smallest = match header.encoding {
             Encoding::Ascii => element.properties.len().max(1),
             _ => element.properties.len(),
@@ -95,7 +95,7 @@ fn warn_unread(element: &ElementDef, assembly: &mut Assembly) {
 fn material_of(path: &Path, header: &Header, assembly: &mut Assembly) -> Result<Material, ImportError> {
     let vertex = &header.elements["vertex"].properties;
     let plain = if vertex.contains_key("red") || vertex.contains_key("diffuse_red") {
-        // The colour is in the vertices.
+        // The vertices have the colour.
         Material { base_color: [1.0; 4], ..Material::default() }
     } else {
         Material::default()
@@ -108,7 +108,7 @@ fn material_of(path: &Path, header: &Header, assembly: &mut Assembly) -> Result<
         assembly.warn(format!("the texture {name} is not used: the vertices have no texture coordinates"));
         return Ok(plain);
     }
-    let file = mtl::find_file(path.parent().unwrap_or(Path::new("")), name);
+    let file = find_file(path.parent().unwrap_or(Path::new("")), name);
     let texture = match &file {
         Some(file) => TextureStore::default().load(path, file)?,
         None => None,
@@ -117,7 +117,7 @@ fn material_of(path: &Path, header: &Header, assembly: &mut Assembly) -> Result<
         assembly.warn(format!("the texture {name} is missing; using a plain colour"));
         return Ok(plain);
     };
-    let alpha_cutoff = mtl::has_holes(&texture).then_some(0.5);
+    let alpha_cutoff = has_holes(&texture).then_some(0.5);
     Ok(Material {
         name: name.into(),
         base_color: [1.0; 4],
@@ -127,10 +127,10 @@ fn material_of(path: &Path, header: &Header, assembly: &mut Assembly) -> Result<
     })
 }
 
-/// Names under which texture coordinates are found.
+/// The names of properties that hold texture coordinates.
 const UV_NAMES: [[&str; 2]; 4] = [["s", "t"], ["u", "v"], ["texture_u", "texture_v"], ["texture_s", "texture_t"]];
 
-/// The vertices as a part without triangles.
+/// The vertices as a part that has no triangles yet.
 fn part_of(path: &Path, definition: &ElementDef, vertices: &[Vertex]) -> Result<Part, ImportError> {
     let has = |name: &str| definition.properties.contains_key(name);
     if let Some(missing) = ["x", "y", "z"].into_iter().find(|name| !has(name)) {
@@ -147,7 +147,7 @@ fn part_of(path: &Path, definition: &ElementDef, vertices: &[Vertex]) -> Result<
             .collect();
     }
     if UV_NAMES.iter().any(|pair| pair.iter().all(|n| has(n))) {
-        // Tools that write textured PLY let v point up.
+        // In textured PLY files v points up.
         part.uvs = vertices.iter().map(|v| [v.uv[0], 1.0 - v.uv[1]]).collect();
     }
     if ["red", "green", "blue"].iter().all(|n| has(n) || has(&format!("diffuse_{n}"))) {
@@ -171,7 +171,7 @@ struct Vertex {
 }
 
 impl Vertex {
-    /// `unit` is the largest value of an integer type (colours are fractions of it), 1 for floating point.
+    /// Sets a property. `unit` is the value that stands for 1 in a colour of this type; 1 for floating point.
     fn set(&mut self, name: &str, value: f64, unit: f64) -> PropertyAccessResult {
         match name {
             "x" => self.position[0] = value,
@@ -198,7 +198,7 @@ impl PropertyAccess for Vertex {
 
     fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
         match property {
-            // Colours are bytes by convention, whatever the declared width.
+            // By convention, colours are 0 to 255 in the wider types, too, except for unsigned 16-bit values.
             Property::Char(x) => self.set(name, f64::from(x), 127.0),
             Property::UChar(x) => self.set(name, f64::from(x), 255.0),
             Property::Short(x) => self.set(name, f64::from(x), 255.0),
@@ -212,7 +212,7 @@ impl PropertyAccess for Vertex {
     }
 }
 
-/// The vertex indices of one face or of one chain of triangle strips (with -1 between strips).
+/// The vertex indices of one face, or of one chain of triangle strips, separated by -1.
 #[derive(Debug, Default)]
 struct Indices {
     list: Vec<i64>,
@@ -231,7 +231,7 @@ impl Indices {
                 let strip = strip.iter().map(|&i| checked(i)).collect::<Result<Vec<_>, _>>()?;
                 for (k, w) in strip.windows(3).enumerate() {
                     let [a, b, c] = [w[0], w[1], w[2]];
-                    // Repeated vertices only join pieces of strip.
+                    // Repeated vertices only join parts of a strip.
                     if a != b && b != c && c != a {
                         triangles.push(if k % 2 == 0 { [a, b, c] } else { [b, a, c] });
                     }
@@ -269,7 +269,7 @@ impl PropertyAccess for Indices {
     }
 }
 
-/// Elements of no interest still have to be read past.
+/// An element that is read past and dropped.
 #[derive(Debug)]
 struct Ignored;
 

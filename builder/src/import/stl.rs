@@ -1,20 +1,21 @@
-//! STL, text and binary. Read here: the libraries at hand take a binary file whose header begins with "solid" for text, stop
-//! at the first of several solids, and round the coordinates of text to single precision.
+//! STL, text and binary. Parsed here, because the available libraries take a binary file whose header begins with "solid"
+//! for text, stop at the first of several solids, and round the coordinates of text to single precision.
 //!
-//! The normals of the facets are not used: the winding of the corners says the same, and is right more often. Corners at the
-//! same place become one vertex.
+//! The normals of the facets are not used: the winding of the corners gives the same normal and is more often right. Corners
+//! at the same position become one vertex.
 
 use std::collections::HashMap;
 use std::path::Path;
 
 use super::assembly::{Assembly, Part};
-use super::{ImportError, MAX_ELEMENTS, one_line};
+use super::error::{ImportError, one_line};
+use crate::mesh::MAX_ELEMENTS;
 use crate::mesh::{Material, Mesh};
 
-/// Bytes before the triangles of a binary file: a comment and their number.
+/// Bytes before the triangles of a binary file: a comment, and the number of triangles.
 const HEADER: usize = 84;
 
-/// Bytes of a triangle in a binary file: normal, three corners, two bytes of other use.
+/// Bytes per triangle in a binary file: normal, three corners, and two bytes that are not used here.
 const FACET: usize = 50;
 
 /// Reads an STL file.
@@ -32,8 +33,8 @@ pub(super) fn load(path: &Path, bytes: &[u8]) -> Result<Mesh, ImportError> {
     Ok(assembly.finish())
 }
 
-/// Text begins with "solid"; so do the comments of some binary files, which have the very length that their count of
-/// triangles asks for, or bytes that are never in text.
+/// Whether the file is text. Text begins with "solid", but so do the comments of some binary files. These have either the
+/// exact length for their number of triangles, or bytes that never occur in text.
 fn is_text(bytes: &[u8]) -> bool {
     let start = bytes.trim_ascii_start();
     let solid = start.get(..5).is_some_and(|word| word.eq_ignore_ascii_case(b"solid"));
@@ -41,13 +42,13 @@ fn is_text(bytes: &[u8]) -> bool {
     solid && !fits && !bytes[..bytes.len().min(1024)].contains(&0)
 }
 
-/// The number of triangles that the header of a binary file states.
+/// The number of triangles declared in the header of a binary file.
 fn declared(bytes: &[u8]) -> Option<usize> {
     let four = bytes.get(HEADER - 4..HEADER)?;
     Some(u32::from_le_bytes(four.try_into().ok()?) as usize)
 }
 
-/// Triangles, and their corners by place.
+/// Triangles, and the numbers of their corners by position.
 #[derive(Default)]
 struct Soup {
     part: Part,
@@ -60,7 +61,7 @@ impl Soup {
             return Err(format!("the mesh has more than {MAX_ELEMENTS} triangles or vertices"));
         }
         let triangle = corners.map(|p| {
-            // Zero and minus zero are one place.
+            // Zero and minus zero are the same position.
             let place = p.map(|x| (x + 0.0).to_bits());
             let next = self.part.positions.len() as u32;
             let vertex = *self.by_place.entry(place).or_insert(next);

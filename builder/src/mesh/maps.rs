@@ -7,8 +7,8 @@
 //! red, green and blue are `r`, `g`, `b` (0..=1, linear, not sRGB) stands for the normal
 //! `(2r - 1) scale T + (2g - 1) scale B + (2b - 1) N`, brought to unit length.
 //!
-//! `T` and `w` of a vertex are [`Mesh::tangents`](crate::Mesh::tangents). Where a mesh has none they are constant over a
-//! triangle and follow from its texture coordinates: see [`Mesh::corner_tangents`](crate::Mesh::corner_tangents).
+//! `T` and `w` of a vertex are [`Mesh::tangents`](crate::Mesh::tangents). If a mesh has none, they are constant over a
+//! triangle and computed from its texture coordinates: see [`Mesh::corner_tangents`](crate::Mesh::corner_tangents).
 
 use std::sync::Arc;
 
@@ -19,7 +19,7 @@ use super::texture::{TextureError, check_size, halve, mip_level, neighbours, wra
 /// An image of `N` linear channels with all its mip levels, 16 bits each: 0 stands for 0, 65535 for 1.
 #[derive(Clone, Debug)]
 pub struct LinearTexture<const N: usize> {
-    /// Mip levels, the full image first, each half the size of the one before (rounded down, at least 1).
+    /// Mip levels, the full image first. Each has half the size of the previous one (rounded down, at least 1).
     pub mips: Vec<LinearMip<N>>,
 }
 
@@ -34,12 +34,12 @@ pub struct LinearMip<const N: usize> {
     pub texels: Vec<[u16; N]>,
 }
 
-/// One in the channels of a [`LinearTexture`].
+/// The value of a channel of a [`LinearTexture`] that stands for 1.
 const ONE: f32 = 65535.0;
 
 impl<const N: usize> LinearTexture<N> {
-    /// Makes a texture with all its mip levels from row-major texels, first row on top. Each level is the mean of the one
-    /// before over the area of its texels.
+    /// Makes a texture with all its mip levels from row-major texels, first row on top. Each texel of a level is the mean
+    /// of the area that it covers in the previous level.
     ///
     /// # Errors
     /// See [`TextureError`].
@@ -56,9 +56,9 @@ impl<const N: usize> LinearTexture<N> {
 
     /// The channels at `uv` (wrapping; `v` downwards from the first row), 0..=1.
     ///
-    /// `footprint_texels` is the width of the area to average, in texels of the full image: 1 or less reads the full image
-    /// with bilinear filtering, more blends the two mip levels whose texels are nearest in size. Coordinates or footprints
-    /// that are not finite are taken as 0.
+    /// `footprint_texels` is the width of the area to average, in texels of the full image. 1 or less reads the full image
+    /// with bilinear filtering; more blends the two mip levels whose texels are nearest in size. Coordinates or footprints
+    /// that are infinite or NaN are taken as 0.
     #[must_use]
     pub fn sample(&self, uv: [f32; 2], footprint_texels: f32) -> [f32; N] {
         let uv = wrap(uv);
@@ -101,7 +101,7 @@ impl<const N: usize> LinearMip<N> {
 /// An affine map of texture coordinates: row `i` times `[u, v, 1]` gives coordinate `i`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UvTransform {
-    /// Finite numbers.
+    /// The matrix. All numbers must be finite.
     pub rows: [[f32; 3]; 2],
 }
 
@@ -109,19 +109,19 @@ impl UvTransform {
     /// Leaves coordinates as they are.
     pub const IDENTITY: Self = Self { rows: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]] };
 
-    /// The coordinates that `uv` is taken to.
+    /// The transformed coordinates.
     #[must_use]
     pub fn apply(&self, [u, v]: [f32; 2]) -> [f32; 2] {
         self.rows.map(|[a, b, c]| a * u + b * v + c)
     }
 
-    /// A difference of coordinates, which does not feel the offset.
+    /// A transformed difference of coordinates: the offset does not apply.
     #[must_use]
     pub fn apply_to_difference(&self, [u, v]: [f32; 2]) -> [f32; 2] {
         self.rows.map(|[a, b, _]| a * u + b * v)
     }
 
-    /// What undoes `first` and then does `self`, or `None` if `first` flattens the plane.
+    /// The transform that first undoes `first` and then applies `self`, or `None` if `first` cannot be inverted.
     #[must_use]
     pub fn after_undoing(&self, first: &Self) -> Option<Self> {
         if self == first {
@@ -160,13 +160,14 @@ pub struct NormalMap {
     pub texture: Arc<LinearTexture<3>>,
     /// Factor of the first two components; finite.
     pub scale: f32,
-    /// From the coordinates of the mesh to those of this texture.
+    /// From the texture coordinates of the mesh to those of this texture.
     pub uv_transform: UvTransform,
 }
 
 impl NormalMap {
     /// The mean normal in tangent space around `uv` (coordinates of the mesh) over `footprint_texels` (see
-    /// [`LinearTexture::sample`]), `scale` applied, *not* of unit length: the more the normals differ, the shorter it is.
+    /// [`LinearTexture::sample`]), multiplied by `scale`. *Not* of unit length: the more the normals in the area differ,
+    /// the shorter it is.
     #[must_use]
     pub fn sample(&self, uv: [f32; 2], footprint_texels: f32) -> [f32; 3] {
         let [x, y, z] = self.texture.sample(self.uv_transform.apply(uv), footprint_texels).map(|c| 2.0 * c - 1.0);
@@ -174,9 +175,9 @@ impl NormalMap {
     }
 }
 
-/// The unit normal that a map shows: `sample` (of any length, as from [`NormalMap::sample`]) in the tangent space of the
-/// unit `normal` and of `tangent` with its handedness, which need neither be of unit length nor perpendicular to `normal`.
-/// Without a usable tangent, or with a sample of no length, it is `normal` itself.
+/// The unit shading normal that a normal map gives: `sample` (of any length, as from [`NormalMap::sample`]) in the tangent
+/// space of the unit `normal` and of `tangent` with its handedness. The tangent need neither be of unit length nor
+/// perpendicular to `normal`. Returns `normal` itself if the tangent is zero or parallel to it, or if `sample` is zero.
 #[must_use]
 pub fn mapped_normal(normal: [f32; 3], tangent: [f32; 4], sample: [f32; 3]) -> [f32; 3] {
     let n = Vec3::from(normal);
@@ -186,8 +187,8 @@ pub fn mapped_normal(normal: [f32; 3], tangent: [f32; 4], sample: [f32; 3]) -> [
     (t * sample[0] + b * sample[1] + n * sample[2]).try_normalize().unwrap_or(n).to_array()
 }
 
-/// Tangent and handedness from the corners of a triangle and its (map) texture coordinates, or `None` if these, or the
-/// triangle, have no area.
+/// The tangent and handedness that follow from the corners of a triangle and its texture coordinates in the map. `None` if
+/// the triangle or its texture coordinates have no area.
 pub(crate) fn derived_tangent(corners: [glam::DVec3; 3], uvs: [[f32; 2]; 3]) -> Option<[f32; 4]> {
     let [a, b, c] = corners;
     let (e1, e2) = (b - a, c - a);
@@ -197,7 +198,7 @@ pub(crate) fn derived_tangent(corners: [glam::DVec3; 3], uvs: [[f32; 2]; 3]) -> 
     if determinant == 0.0 || !determinant.is_finite() {
         return None;
     }
-    // Positive multiples of the derivatives by u and v: only their directions count.
+    // The derivatives by u and v up to a positive factor: only their directions matter.
     let sign = determinant.signum();
     let (along_u, along_v) = ((e1 * d2.y - e2 * d1.y) * sign, (e2 * d1.x - e1 * d2.x) * sign);
     let largest = along_u.abs().max_element();
@@ -216,12 +217,12 @@ pub(crate) fn derived_tangent(corners: [glam::DVec3; 3], uvs: [[f32; 2]; 3]) -> 
 pub struct HeightMap {
     /// One channel: the height of a texel as a fraction, 0..=1.
     pub texture: Arc<LinearTexture<1>>,
-    /// What a height of 1 stands for, in mesh units; finite. Importers set what the file says, which for formats that name
-    /// no unit is a factor of 1.
+    /// The height that 1 in the texture stands for, minus `bias`, in mesh units; finite. Importers set the value in the file;
+    /// for formats that name no unit, it is a factor of 1.
     pub amplitude: f32,
-    /// What a height of 0 stands for, in mesh units; finite.
+    /// The height that 0 in the texture stands for, in mesh units; finite.
     pub bias: f32,
-    /// From the coordinates of the mesh to those of this texture.
+    /// From the texture coordinates of the mesh to those of this texture.
     pub uv_transform: UvTransform,
 }
 
@@ -290,18 +291,18 @@ mod tests {
 
     #[test]
     fn derived_tangents_follow_the_image() {
-        // Seen from +z the image stands upright: u to the right, v down.
+        // Seen from +z the image is upright: u to the right, v down.
         let corners = [DVec3::ZERO, DVec3::X, DVec3::Y];
         let tangent = derived_tangent(corners, [[0.0, 1.0], [1.0, 1.0], [0.0, 0.0]]).unwrap();
         assert_eq!(tangent, [1.0, 0.0, 0.0, 1.0]);
         let up = mapped_normal([0.0, 0.0, 1.0], tangent, [0.0, 1.0, 0.0]);
         assert_eq!(up, [0.0, 1.0, 0.0]);
-        // Mirrored: u to the left. Up stays up.
+        // Mirrored: u to the left. Up in the image stays up.
         let tangent = derived_tangent(corners, [[1.0, 1.0], [0.0, 1.0], [1.0, 0.0]]).unwrap();
         assert_eq!(tangent, [-1.0, 0.0, 0.0, -1.0]);
         assert_eq!(mapped_normal([0.0, 0.0, 1.0], tangent, [0.0, 1.0, 0.0]), [0.0, 1.0, 0.0]);
         assert_eq!(mapped_normal([0.0, 0.0, 1.0], tangent, [1.0, 0.0, 0.0]), [-1.0, 0.0, 0.0]);
-        // A quarter turn: u grows upwards, so that the top of the image is on the left.
+        // Rotated by a quarter turn: u grows upwards, so the top of the image is on the left.
         let tangent = derived_tangent(corners, [[0.0, 0.0], [0.0, 1.0], [1.0, 0.0]]).unwrap();
         assert_eq!(tangent, [0.0, 1.0, 0.0, 1.0]);
         assert_eq!(mapped_normal([0.0, 0.0, 1.0], tangent, [0.0, 1.0, 0.0]), [-1.0, 0.0, 0.0]);
@@ -315,7 +316,7 @@ mod tests {
     fn a_flat_map_leaves_normals_alone() {
         let n = Vec3::new(0.6, 0.0, 0.8).to_array();
         assert_eq!(mapped_normal(n, [1.0, 0.0, 0.0, 1.0], [0.0, 0.0, 0.7]), n);
-        // No direction to turn towards: along the normal, none, or a sample of no length.
+        // No usable tangent (along the normal, or zero), and a sample without length.
         assert_eq!(mapped_normal(n, [0.6, 0.0, 0.8, 1.0], [0.5, 0.5, 0.5]), n);
         assert_eq!(mapped_normal(n, [0.0; 4], [0.5, 0.5, 0.5]), n);
         assert_eq!(mapped_normal(n, [1.0, 0.0, 0.0, 1.0], [0.0; 3]), n);

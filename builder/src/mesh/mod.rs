@@ -1,13 +1,21 @@
-//! Triangle meshes as the builder takes them: indexed triangles, one material each, attributes per vertex.
+//! Triangle meshes as the builder takes them: indexed triangles, one material per triangle, attributes per vertex.
 
 pub mod maps;
+mod material;
 pub(crate) mod texture;
+pub(crate) mod transform;
 
-use std::sync::Arc;
+use glam::{DMat4, DVec3};
 
-use glam::{DMat3, DMat4, DVec3};
+use maps::{NormalMap, derived_tangent};
+use transform::{mirrors, normal_matrix, transform_normal, transform_tangent};
 
-use maps::{HeightMap, NormalMap, derived_tangent};
+pub use material::Material;
+pub use texture::{MAX_TEXTURE_SIDE, MipLevel, Texture, TextureError};
+
+/// Most triangles, and most vertices, that one mesh may have. Instances in a glTF scene can multiply a small file into
+/// more triangles than fit into memory; this limit stops that.
+pub const MAX_ELEMENTS: usize = 1 << 27;
 
 /// An indexed triangle mesh in its own units.
 ///
@@ -16,14 +24,14 @@ use maps::{HeightMap, NormalMap, derived_tangent};
 pub struct Mesh {
     /// Vertex positions in mesh units. Every component must be finite.
     pub positions: Vec<[f64; 3]>,
-    /// Unit shading normals per vertex, or empty (the geometric normal is used then).
+    /// Unit shading normals per vertex, or empty. If empty, the geometric normals are used.
     pub normals: Vec<[f32; 3]>,
     /// Texture coordinates per vertex, or empty. `v` grows downwards from the first row of the image; coordinates wrap.
     pub uvs: Vec<[f32; 2]>,
     /// Vertex colours in linear RGB, 0..=1, or empty. They multiply the material's colour.
     pub colors: Vec<[f32; 3]>,
-    /// Unit tangents per vertex with their handedness (1 or -1) as fourth component, as in glTF (see
-    /// [`maps`]), or empty. Zero where a vertex has none; use them through [`Mesh::corner_tangents`].
+    /// Unit tangents per vertex with their handedness (1 or -1) as fourth component, as in glTF (see [`maps`]), or empty.
+    /// Zero for a vertex without a tangent. Read them through [`Mesh::corner_tangents`].
     pub tangents: Vec<[f32; 4]>,
     /// Vertex indices of each triangle, counter-clockwise from outside.
     pub triangles: Vec<[u32; 3]>,
@@ -31,18 +39,18 @@ pub struct Mesh {
     pub triangle_materials: Vec<u32>,
     /// At least one material if there is a triangle.
     pub materials: Vec<Material>,
-    /// What the loader had to say: missing textures, skipped primitives. One line each.
+    /// Problems that the importer found and could work around: missing textures, skipped primitives. One line each.
     pub warnings: Vec<String>,
 }
 
-/// What [`Mesh::validate`] found wrong. Indices count from 0.
+/// Which rule of a mesh [`Mesh::validate`] found broken. Indices count from 0.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum MeshError {
     /// Nothing to voxelize.
     #[error("the mesh has no triangles")]
     NoTriangles,
-    /// An attribute array has neither one entry per vertex nor none at all, or `triangle_materials` not one per triangle.
-    #[error("{what} has {found} entries where {expected} are needed")]
+    /// An attribute array is neither empty nor as long as `positions`, or `triangle_materials` is not as long as `triangles`.
+    #[error("the array {what} of the mesh has {found} entries; it must have {expected}")]
     WrongLength {
         /// Name of the array.
         what: &'static str,
@@ -74,7 +82,7 @@ pub enum MeshError {
         material: usize,
     },
     /// A triangle names a vertex that does not exist.
-    #[error("triangle {triangle} refers to vertex {vertex}, but there are only {vertices}")]
+    #[error("triangle {triangle} refers to vertex {vertex}, but the mesh has only {vertices} vertices")]
     VertexOutOfRange {
         /// Index into `triangles`.
         triangle: usize,
@@ -84,7 +92,7 @@ pub enum MeshError {
         vertices: usize,
     },
     /// A triangle names a material that does not exist.
-    #[error("triangle {triangle} refers to material {material}, but there are only {materials}")]
+    #[error("triangle {triangle} refers to material {material}, but the mesh has only {materials} materials")]
     MaterialOutOfRange {
         /// Index into `triangles`.
         triangle: usize,
@@ -113,8 +121,8 @@ impl Mesh {
         Some((low.to_array(), high.to_array()))
     }
 
-    /// Moves all vertices by `matrix`. Normals follow by its inverse transpose, and a mirroring matrix swaps the
-    /// winding of the triangles, so that both still point outwards.
+    /// Moves all vertices by `matrix`. Normals are transformed by its inverse transpose. If the matrix mirrors, the winding
+    /// of the triangles is swapped. So both still point outwards.
     pub fn transform(&mut self, matrix: &DMat4) {
         for p in &mut self.positions {
             *p = matrix.transform_point3(DVec3::from(*p)).to_array();
@@ -133,15 +141,18 @@ impl Mesh {
         }
     }
 
-    /// The tangent (of unit length, not always perpendicular to the normal) and handedness at the corners of `triangle` for
-    /// reading `map`: those of the vertices, or, where one of the three has none, the same for all corners from the texture
-    /// coordinates: the direction on the triangle in which `u` of the map grows while `v` stays. `None` if the texture
-    /// coordinates, or the triangle, have no area: then the map says nothing about the triangle.
+    /// The tangents at the corners of `triangle` for reading `map`: unit vectors, not always perpendicular to the normal,
+    /// each with its handedness.
     ///
-    /// Between the corners a caller interpolates; [`mapped_normal`](crate::mapped_normal) makes the tangent perpendicular.
+    /// These are the tangents of the vertices. If one of the three vertices has none, all corners get one tangent computed
+    /// from the texture coordinates: the direction on the triangle in which `u` of the map grows while `v` is constant.
+    /// `None` if the triangle or its texture coordinates have no area; the map does not apply to the triangle then.
+    ///
+    /// The caller interpolates between the corners; [`mapped_normal`](crate::mapped_normal) makes the result perpendicular
+    /// to the normal.
     ///
     /// # Panics
-    /// If `triangle` or one of its vertices does not exist; [`Mesh::validate`] finds the latter.
+    /// If `triangle` or one of its vertices does not exist; [`Mesh::validate`] finds such a vertex.
     #[must_use]
     pub fn corner_tangents(&self, triangle: usize, map: &NormalMap) -> Option<[[f32; 4]; 3]> {
         let corners = self.triangles[triangle].map(|v| v as usize);
@@ -158,10 +169,64 @@ impl Mesh {
         derived_tangent(positions, corners.map(|v| map.uv_transform.apply(self.uvs[v]))).map(|t| [t; 3])
     }
 
-    /// Checks everything the builder takes for granted.
+    /// Gives vertices without a normal (zero) the geometric normal of their triangle. If the triangles that share a vertex
+    /// have different normals, the vertex is duplicated: a file without normals for a face means flat shading.
+    pub(crate) fn fill_missing_normals(&mut self) {
+        let mesh = self;
+        if mesh.normals.is_empty() || mesh.positions.len() >= MAX_ELEMENTS {
+            return;
+        }
+        let given = mesh.positions.len();
+        let missing: Vec<bool> = mesh.normals.iter().map(|n| *n == [0.0; 3]).collect();
+        if !missing.contains(&true) {
+            return;
+        }
+        for triangle in &mut mesh.triangles {
+            if !triangle.iter().any(|&v| missing.get(v as usize) == Some(&true)) {
+                continue;
+            }
+            let corner = |v: u32| mesh.positions.get(v as usize).map(|&p| DVec3::from(p));
+            let [Some(a), Some(b), Some(c)] = triangle.map(corner) else { continue };
+            let flat = match (b - a).cross(c - a).normalize_or_zero() {
+                DVec3::ZERO => [0.0, 0.0, 1.0],
+                n => n.as_vec3().to_array(),
+            };
+            for index in triangle {
+                let v = *index as usize;
+                if v >= given || !missing[v] || mesh.normals[v] == flat {
+                    continue;
+                }
+                if mesh.normals[v] == [0.0; 3] {
+                    mesh.normals[v] = flat;
+                } else if mesh.positions.len() < MAX_ELEMENTS {
+                    *index = mesh.positions.len() as u32;
+                    mesh.positions.push(mesh.positions[v]);
+                    mesh.normals.push(flat);
+                    if let Some(&uv) = mesh.uvs.get(v) {
+                        mesh.uvs.push(uv);
+                    }
+                    if let Some(&color) = mesh.colors.get(v) {
+                        mesh.colors.push(color);
+                    }
+                    if !mesh.tangents.is_empty() {
+                        // A tangent does not fit a normal that was computed here.
+                        mesh.tangents.push([0.0; 4]);
+                    }
+                }
+            }
+        }
+        // Vertices that no triangle uses.
+        for n in &mut mesh.normals {
+            if *n == [0.0; 3] {
+                *n = [0.0, 0.0, 1.0];
+            }
+        }
+    }
+
+    /// Checks everything that the builder relies on.
     ///
     /// # Errors
-    /// The first rule of the fields' documentation that does not hold.
+    /// The first rule in the documentation of the fields that does not hold.
     pub fn validate(&self) -> Result<(), MeshError> {
         if self.triangles.is_empty() {
             return Err(MeshError::NoTriangles);
@@ -218,115 +283,10 @@ fn first_non_finite<T: Copy, const N: usize>(values: &[[T; N]], finite: impl Fn(
     values.iter().position(|value| !value.iter().all(|&x| finite(x)))
 }
 
-/// Whether `matrix` turns outside into inside (negative determinant).
-pub(crate) fn mirrors(matrix: &DMat4) -> bool {
-    DMat3::from_mat4(*matrix).determinant() < 0.0
-}
-
-/// The inverse transpose of the linear part of `matrix` up to a positive factor. Made from cofactors, so that a matrix
-/// that flattens the mesh into a plane still gives the normal of that plane.
-pub(crate) fn normal_matrix(matrix: &DMat4) -> DMat3 {
-    let linear = DMat3::from_mat4(*matrix);
-    let (x, y, z) = (linear.x_axis, linear.y_axis, linear.z_axis);
-    let cofactors = DMat3::from_cols(y.cross(z), z.cross(x), x.cross(y));
-    if linear.determinant() < 0.0 { -cofactors } else { cofactors }
-}
-
-/// `normal` turned by a [`normal_matrix`] and brought to unit length; zero if nothing is left of it.
-pub(crate) fn transform_normal(normal_matrix: &DMat3, normal: [f32; 3]) -> [f32; 3] {
-    let n = DVec3::from(normal.map(f64::from));
-    // The factor of the matrix may be tiny or huge: bring it near one before squaring.
-    let turned = *normal_matrix * n;
-    let largest = turned.abs().max_element();
-    if largest > 0.0 && largest.is_finite() {
-        (turned / largest).normalize_or_zero().as_vec3().to_array()
-    } else {
-        [0.0; 3]
-    }
-}
-
-/// `tangent` moved by the linear part of `matrix`, its handedness turned over if that mirrors; zero if nothing is left.
-pub(crate) fn transform_tangent(matrix: &DMat4, [x, y, z, w]: [f32; 4]) -> [f32; 4] {
-    let moved = matrix.transform_vector3(DVec3::new(x.into(), y.into(), z.into()));
-    let largest = moved.abs().max_element();
-    if !(largest > 0.0 && largest.is_finite()) {
-        return [0.0; 4];
-    }
-    let t = (moved / largest).normalize_or_zero().as_vec3();
-    [t.x, t.y, t.z, if mirrors(matrix) { -w } else { w }]
-}
-
-/// What the surface of a set of triangles looks like.
-#[derive(Clone, Debug)]
-pub struct Material {
-    /// The name in the source file, or a made-up one.
-    pub name: String,
-    /// Linear RGB and alpha, 0..=1. Multiplies the texture.
-    pub base_color: [f32; 4],
-    /// Colour texture, if any.
-    pub texture: Option<Arc<Texture>>,
-    /// Texels (or plain colours) whose alpha is below this are holes; `None`: opaque.
-    pub alpha_cutoff: Option<f32>,
-    /// Fine detail of the shading normal, if any.
-    pub normal_map: Option<NormalMap>,
-    /// Heights for [`displace`](crate::displace), if any. [`build`](crate::build) itself does not read them.
-    pub height_map: Option<HeightMap>,
-}
-
-impl Material {
-    /// The name of a number that is not finite.
-    fn non_finite(&self) -> Option<&'static str> {
-        let normal = self.normal_map.as_ref();
-        let height = self.height_map.as_ref();
-        let finite =
-            |transform: &crate::mesh::maps::UvTransform| transform.rows.as_flattened().iter().all(|x| x.is_finite());
-        [
-            ("base colour", self.base_color.iter().all(|x| x.is_finite())),
-            ("alpha cutoff", self.alpha_cutoff.is_none_or(f32::is_finite)),
-            ("scale of the normal map", normal.is_none_or(|m| m.scale.is_finite())),
-            ("texture transform of the normal map", normal.is_none_or(|m| finite(&m.uv_transform))),
-            ("amplitude of the height map", height.is_none_or(|m| m.amplitude.is_finite())),
-            ("bias of the height map", height.is_none_or(|m| m.bias.is_finite())),
-            ("texture transform of the height map", height.is_none_or(|m| finite(&m.uv_transform))),
-        ]
-        .into_iter()
-        .find_map(|(what, finite)| (!finite).then_some(what))
-    }
-}
-
-impl Default for Material {
-    fn default() -> Self {
-        Self {
-            name: "default".into(),
-            base_color: [0.8, 0.8, 0.8, 1.0],
-            texture: None,
-            alpha_cutoff: None,
-            normal_map: None,
-            height_map: None,
-        }
-    }
-}
-
-/// An image with all its mip levels, 8 bits per channel: RGB encoded as sRGB, alpha linear.
-#[derive(Clone, Debug)]
-pub struct Texture {
-    /// Mip levels, the full image first, each half the size of the one before (rounded down, at least 1).
-    pub mips: Vec<MipLevel>,
-}
-
-/// One mip level: row-major RGBA, first row on top.
-#[derive(Clone, Debug)]
-pub struct MipLevel {
-    /// Width in texels, at least 1.
-    pub width: u32,
-    /// Height in texels, at least 1.
-    pub height: u32,
-    /// `width * height` texels.
-    pub texels: Vec<[u8; 4]>,
-}
-
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use super::*;
 
     fn triangle() -> Mesh {
@@ -348,11 +308,20 @@ mod tests {
             mesh.validate().unwrap_err().to_string()
         };
         assert_eq!(message(|m| m.triangles.clear()), "the mesh has no triangles");
-        assert_eq!(message(|m| m.normals.push([0.0; 3])), "normals has 1 entries where 3 are needed");
-        assert_eq!(message(|m| m.uvs = vec![[0.0; 2]; 4]), "uvs has 4 entries where 3 are needed");
-        assert_eq!(message(|m| m.colors.push([0.0; 3])), "colors has 1 entries where 3 are needed");
-        assert_eq!(message(|m| m.tangents.push([0.0; 4])), "tangents has 1 entries where 3 are needed");
-        assert_eq!(message(|m| m.triangle_materials.clear()), "triangle_materials has 0 entries where 1 are needed");
+        assert_eq!(
+            message(|m| m.normals.push([0.0; 3])),
+            "the array normals of the mesh has 1 entries; it must have 3"
+        );
+        assert_eq!(message(|m| m.uvs = vec![[0.0; 2]; 4]), "the array uvs of the mesh has 4 entries; it must have 3");
+        assert_eq!(message(|m| m.colors.push([0.0; 3])), "the array colors of the mesh has 1 entries; it must have 3");
+        assert_eq!(
+            message(|m| m.tangents.push([0.0; 4])),
+            "the array tangents of the mesh has 1 entries; it must have 3"
+        );
+        assert_eq!(
+            message(|m| m.triangle_materials.clear()),
+            "the array triangle_materials of the mesh has 0 entries; it must have 1"
+        );
         assert_eq!(message(|m| m.positions[2][1] = f64::NEG_INFINITY), "vertex 2 is not finite; repair or remove it");
         assert_eq!(
             message(|m| m.uvs = vec![[0.0; 2], [0.0, f32::NAN], [0.0; 2]]),
@@ -366,8 +335,14 @@ mod tests {
             message(|m| m.materials[0].base_color[3] = f32::INFINITY),
             "the base colour of material 0 is not finite; correct it"
         );
-        assert_eq!(message(|m| m.triangles[0][2] = 3), "triangle 0 refers to vertex 3, but there are only 3");
-        assert_eq!(message(|m| m.materials.clear()), "triangle 0 refers to material 0, but there are only 0");
+        assert_eq!(
+            message(|m| m.triangles[0][2] = 3),
+            "triangle 0 refers to vertex 3, but the mesh has only 3 vertices"
+        );
+        assert_eq!(
+            message(|m| m.materials.clear()),
+            "triangle 0 refers to material 0, but the mesh has only 0 materials"
+        );
     }
 
     #[test]

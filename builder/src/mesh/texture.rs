@@ -1,14 +1,32 @@
-//! Mip levels by box filtering in linear light, and the sampler that reads them.
+//! Colour textures: mip levels by box filtering in linear light, and the sampler that reads them.
 
 use std::sync::LazyLock;
 
 use esvo_format::srgb::decode_f64 as srgb_to_linear;
 use rayon::prelude::*;
 
-use super::{MipLevel, Texture};
-use crate::import::MAX_TEXTURE_SIDE;
+/// Most texels per side of a texture.
+pub const MAX_TEXTURE_SIDE: u32 = 1 << 14;
 
-/// Why bytes are not a texture.
+/// An image with all its mip levels, 8 bits per channel: RGB encoded as sRGB, alpha linear.
+#[derive(Clone, Debug)]
+pub struct Texture {
+    /// Mip levels, the full image first. Each has half the size of the previous one (rounded down, at least 1).
+    pub mips: Vec<MipLevel>,
+}
+
+/// One mip level: row-major RGBA, first row on top.
+#[derive(Clone, Debug)]
+pub struct MipLevel {
+    /// Width in texels, at least 1.
+    pub width: u32,
+    /// Height in texels, at least 1.
+    pub height: u32,
+    /// `width * height` texels.
+    pub texels: Vec<[u8; 4]>,
+}
+
+/// Why a texture cannot be made from an image.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum TextureError {
     /// A side is zero or above [`MAX_TEXTURE_SIDE`].
@@ -19,8 +37,8 @@ pub enum TextureError {
         /// Height in texels.
         height: u32,
     },
-    /// Not four bytes per texel.
-    #[error("{width} x {height} RGBA texels need {expected} bytes, not {found}")]
+    /// The number of bytes does not fit the size of the image.
+    #[error("an image of {width} x {height} texels needs {expected} bytes, but {found} were given")]
     Length {
         /// Width in texels.
         width: u32,
@@ -33,34 +51,34 @@ pub enum TextureError {
     },
 }
 
-/// The share of a fully transparent texel in the colour of an average. Not zero, so that a region that is transparent
-/// everywhere keeps a colour; too small to be seen next to a texel that is not.
+/// The weight of a fully transparent texel in an averaged colour. Above zero, so that a region of transparent texels keeps
+/// its colour; too small to be visible next to an opaque texel.
 const TRANSPARENT_WEIGHT: f32 = 1.0e-4;
 
 /// Linear value of each sRGB byte (IEC 61966-2-1).
 static DECODE: LazyLock<[f32; 256]> =
     LazyLock::new(|| std::array::from_fn(|byte| srgb_to_linear(byte as f64 / 255.0) as f32));
 
-/// The decoding table at hand: fetching it once per sample saves the check whether it is there.
+/// The decoding table. Fetched once per sample, because every access to [`DECODE`] checks whether it is initialised.
 fn decode_table() -> &'static [f32; 256] {
     &DECODE
 }
 
-/// For each byte but the first the smallest linear value that rounds to it.
+/// For each byte except 0: the smallest linear value that rounds to it.
 static ENCODE_FROM: LazyLock<[f32; 255]> =
     LazyLock::new(|| std::array::from_fn(|byte| srgb_to_linear((byte as f64 + 0.5) / 255.0) as f32));
 
 /// Steps of the linear range in [`ENCODE_START`].
 const ENCODE_STEPS: usize = 4096;
 
-/// For the lower end of each step of the linear range the byte it rounds to; the search for the right byte starts there.
+/// For the lower end of each step of the linear range: the byte it rounds to. The search for the right byte starts there.
 static ENCODE_START: LazyLock<Vec<u8>> = LazyLock::new(|| {
     (0..=ENCODE_STEPS)
         .map(|step| ENCODE_FROM.partition_point(|&from| from <= step as f32 / ENCODE_STEPS as f32) as u8)
         .collect()
 });
 
-/// Linear light to the nearest sRGB byte (nearest on the encoded side).
+/// The sRGB byte nearest to linear light, in encoded values.
 fn linear_to_srgb_byte(linear: f32) -> u8 {
     let clamped = linear.clamp(0.0, 1.0);
     let mut byte = ENCODE_START[(clamped * ENCODE_STEPS as f32) as usize];
@@ -73,8 +91,8 @@ fn linear_to_srgb_byte(linear: f32) -> u8 {
 impl Texture {
     /// Makes a texture with all its mip levels from row-major RGBA bytes (first row on top; RGB encoded as sRGB).
     ///
-    /// Each level is the average of the one before over the area of its texels, in linear light and weighted by alpha, so
-    /// that the colour of transparent texels does not bleed into their neighbours.
+    /// Each texel of a level is the average of the area that it covers in the previous level, in linear light and weighted
+    /// by alpha, so that the colour of transparent texels does not bleed into their neighbours.
     ///
     /// # Errors
     /// See [`TextureError`].
@@ -82,7 +100,7 @@ impl Texture {
         check_size(width, height, 4, bytes.len())?;
         let texels: Vec<[u8; 4]> = bytes.as_chunks::<4>().0.to_vec();
         let mut mips = vec![MipLevel { width, height, texels }];
-        // Levels past the first are kept in full precision until all are made, so that rounding does not add up.
+        // The averages stay in full precision until all levels are made, so that rounding errors do not add up.
         let mut previous: Vec<[f32; 4]> = Vec::new();
         while let Some(last) = mips.last()
             && (last.width > 1 || last.height > 1)
@@ -111,9 +129,9 @@ impl Texture {
 
     /// Colour at `uv` (wrapping; `v` downwards from the first row) as linear RGB and alpha, 0..=1.
     ///
-    /// `footprint_texels` is the width of the area to average, in texels of the full image: 1 or less reads the full image
-    /// with bilinear filtering, more blends the two mip levels whose texels are nearest in size. Interpolation is weighted
-    /// by alpha. Coordinates or footprints that are not finite are taken as 0.
+    /// `footprint_texels` is the width of the area to average, in texels of the full image. 1 or less reads the full image
+    /// with bilinear filtering; more blends the two mip levels whose texels are nearest in size. Interpolation is weighted
+    /// by alpha. Coordinates or footprints that are infinite or NaN are taken as 0.
     #[must_use]
     pub fn sample(&self, uv: [f32; 2], footprint_texels: f32) -> [f32; 4] {
         let uv = wrap(uv);
@@ -143,7 +161,7 @@ impl MipLevel {
     }
 }
 
-/// Checks the size of an image whose texels have so many bytes each.
+/// Checks the size of an image with `texel_bytes` bytes per texel, of which `found` bytes are given.
 pub(crate) fn check_size(width: u32, height: u32, texel_bytes: usize, found: usize) -> Result<(), TextureError> {
     if width == 0 || height == 0 || width > MAX_TEXTURE_SIDE || height > MAX_TEXTURE_SIDE {
         return Err(TextureError::Size { width, height });
@@ -152,13 +170,13 @@ pub(crate) fn check_size(width: u32, height: u32, texel_bytes: usize, found: usi
     if found != expected { Err(TextureError::Length { width, height, found, expected }) } else { Ok(()) }
 }
 
-/// Coordinates brought to 0..=1; those that are not finite are 0.
+/// Wraps coordinates to 0..=1; 0 for those that are infinite or NaN.
 #[inline]
 pub(crate) fn wrap(uv: [f32; 2]) -> [f32; 2] {
     uv.map(|x| if x.is_finite() { x - x.floor() } else { 0.0 })
 }
 
-/// Which of `mips` levels shows texels of this footprint, and how much of the next one is to be blended in, if any.
+/// The finer one of the two mip levels (of `mips`) to blend for a footprint, and the weight of the next level if above 0.
 #[inline]
 pub(crate) fn mip_level(footprint_texels: f32, mips: usize) -> (usize, Option<f32>) {
     let deepest = mips - 1;
@@ -168,12 +186,12 @@ pub(crate) fn mip_level(footprint_texels: f32, mips: usize) -> (usize, Option<f3
     (fine, (blend > 0.0 && fine < deepest).then_some(blend))
 }
 
-/// The two texels around `u` (in 0..=1) on an axis of `size` texels, and how far it is from the first to the second.
+/// The two texels around `u` (in 0..=1) on an axis of `size` texels, and the interpolation weight of the second.
 pub(crate) fn neighbours(u: f32, size: u32) -> (usize, usize, f32) {
     let x = u * size as f32 - 0.5;
     let floor = x.floor();
     let last = size as usize - 1;
-    // floor is -1 at the near edge, and can reach `size` - 1 or, by rounding, no more than that.
+    // `floor` is -1 at the near edge and `size` - 1 at most; the minimum guards against rounding.
     let first = if floor < 0.0 { last } else { (floor as usize).min(last) };
     let second = if first == last { 0 } else { first + 1 };
     (first, second, x - floor)
@@ -184,7 +202,7 @@ fn linear(decode: &[f32; 256], [r, g, b, a]: [u8; 4]) -> [f32; 4] {
     [decode[r as usize], decode[g as usize], decode[b as usize], f32::from(a) * (1.0 / 255.0)]
 }
 
-/// Mean of colours with weights that add up to 1; RGB counts in proportion to alpha.
+/// The weighted mean of colours; the weights add up to 1. RGB is also weighted by alpha.
 fn average(parts: &[(f32, [f32; 4])]) -> [f32; 4] {
     let mut sum = [0.0; 4];
     let mut total = 0.0;
@@ -212,8 +230,8 @@ fn half(size: u32) -> u32 {
     (size / 2).max(1)
 }
 
-/// The next mip level of a `width` x `height` image: its width, height and texels, each the `mean` of the texels that it
-/// covers, given by index, with weights that add up to 1.
+/// The next mip level of a `width` x `height` image: its width, height and texels. `mean` makes a texel from the texels
+/// that it covers, given as weights and indices; the weights add up to 1.
 pub(crate) fn halve<T: Send>(
     width: u32,
     height: u32,
@@ -236,7 +254,7 @@ pub(crate) fn halve<T: Send>(
     (half(width), half(height), texels)
 }
 
-/// The mean of texels that `fetch` returns by index.
+/// The mean of texels, given as weights and indices, that `fetch` returns by index.
 fn average_of(parts: &[(f32, usize)], fetch: impl Fn(usize) -> [f32; 4]) -> [f32; 4] {
     let mut fetched = [(0.0, [0.0; 4]); 9];
     for (to, &(weight, index)) in fetched.iter_mut().zip(parts) {
@@ -245,7 +263,7 @@ fn average_of(parts: &[(f32, usize)], fetch: impl Fn(usize) -> [f32; 4]) -> [f32
     average(&fetched[..parts.len()])
 }
 
-/// The texels of one axis that a texel of the next level covers, and the share of each.
+/// The texels of one axis that a texel of the next level covers, and their weights.
 struct Taps {
     first: usize,
     count: usize,
@@ -258,7 +276,8 @@ impl Taps {
     }
 }
 
-/// Even sizes halve exactly. An odd size 2n + 1 spreads over n texels, each covering 2 + 1/n of the old ones.
+/// The taps of all texels of the next level. An even size is halved exactly. An odd size 2n + 1 is spread over n texels,
+/// each covering 2 + 1/n texels.
 fn taps(size: usize) -> Vec<Taps> {
     let halved = (size / 2).max(1);
     (0..halved)
@@ -393,7 +412,7 @@ mod tests {
         let message = |w, h, n| Texture::from_rgba8(w, h, &vec![0; n]).unwrap_err().to_string();
         assert_eq!(message(0, 4, 0), "the image has 0 x 4 texels; each side must be 1 to 16384");
         assert_eq!(message(1, 70_000, 280_000), "the image has 1 x 70000 texels; each side must be 1 to 16384");
-        assert_eq!(message(2, 2, 15), "2 x 2 RGBA texels need 16 bytes, not 15");
+        assert_eq!(message(2, 2, 15), "an image of 2 x 2 texels needs 16 bytes, but 15 were given");
     }
 
     #[test]

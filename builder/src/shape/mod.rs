@@ -4,3 +4,4 @@ pub(crate) mod plane;
 pub(crate) mod polyhedron;
 pub(crate) mod shaper;
 pub(crate) mod slab;
+pub(crate) mod voxel;

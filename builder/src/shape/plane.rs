@@ -1,28 +1,29 @@
-//! Voxels whose surface is a plane that goes all the way through: most voxels of scenes with walls.
+//! Voxels whose surface is one plane that cuts through the whole cube: most voxels of scenes with walls.
 //!
-//! A slab along the plane is all that is of use there, and how far it and those of the ancestors reach follows from
-//! formulas: no polyhedron is cut. Where the plane is that of one triangle, nothing is cut from the triangle either
+//! The only useful contour there is a slab along the plane, and formulas give how far this slab and those of the ancestors
+//! extend: no polyhedron is cut. If the plane is that of a single triangle, the triangle is not clipped either
 //! ([`Through`]).
 
 use esvo_format::{Contour, RawNormal};
 use glam::{DVec3, Vec3};
 
 use crate::clip::{MARGIN, Piece};
-use crate::shape::shaper::{MIN_GAIN, Shape, Voxel, enclosing, segment_meets_cube};
 use crate::shape::slab::{Range, Slab, Slabs, greater};
+use crate::shape::voxel::{MIN_GAIN, Shape, enclosing, segment_meets_cube};
 use crate::surface::attributes::{Attributes, Mean, at_least};
+use crate::surface::voxel::VoxelSurface;
 use crate::surface::{Sample, Surface};
 
-/// How much larger than a voxel the cube is that edges are kept out of.
+/// Edge of the cube that no edge of the surface may meet, in edges of the voxel.
 const CLEARANCE: f64 = 1.0 + 1e-6;
-/// Normals whose cosine is above this belong to the same plane, as far as the shape of a voxel goes.
+/// For the shape of a voxel, normals whose cosine is at least this belong to the same plane.
 const SAME_PLANE: f32 = 0.99999;
-/// More triangles than this are not looked through for whether they are one plane.
+/// Voxels with more triangles than this are not tested for being one plane.
 const MAX_TRIANGLES: usize = 16;
 
-/// Whether the surface in a voxel is all but a plane that goes all the way through: its triangles lie in one plane, and no
-/// edge meets the voxel but those where the plane goes on.
-pub fn is_plane(voxel: &Voxel) -> bool {
+/// Whether the surface in a voxel is, up to small tolerances, a plane that cuts through the whole cube: all its triangles
+/// lie in one plane, and no edge meets the voxel except edges across which the plane continues.
+pub fn is_plane(voxel: &VoxelSurface) -> bool {
     let (surface, pieces) = (voxel.surface, voxel.pieces);
     let normal = |piece: &Piece| surface.normals[piece.triangle as usize];
     let first = normal(&pieces[0]);
@@ -37,23 +38,24 @@ pub fn is_plane(voxel: &Voxel) -> bool {
         })
 }
 
-/// A plane through a voxel, or several sheets of about the same, in units of the voxel and from its centre.
+/// A plane through a voxel, or several nearly equal sheets, in units of the voxel and relative to its centre.
 struct Sheets {
-    /// The contour's normal, encoded and decoded.
+    /// The contour's normal, encoded.
     bits: u32,
+    /// The contour's normal, decoded.
     n: Vec3,
-    /// The plane's own.
+    /// The unit normal of the plane.
     normal: Vec3,
-    /// Where the surface is along the contour's normal.
+    /// Extent of the surface along `n`.
     along_n: [f64; 2],
-    /// And along its own.
+    /// Extent of the surface along `normal`.
     along_normal: Range,
-    /// How much deeper than its highest point a sheet may be.
+    /// Bound of the depth of a sheet below its highest point, along `normal`.
     fall: f32,
 }
 
 impl Sheets {
-    /// `limit` is the error bound in units of the voxel; `slabs` become what bounds the voxel's children.
+    /// `limit` is the error bound in units of the voxel. `slabs` bound the voxel; on return they bound its children.
     fn shape(&self, slabs: &mut Slabs, limit: f32, size: f64, deepest: bool) -> Shape {
         slabs.plane = true;
         let mut outer_n = Range::of_cube(self.n);
@@ -63,7 +65,7 @@ impl Sheets {
         let per_length = self.n.length_recip();
         let [lo, hi] = self.along_n;
         let gain = greater(outer_n.hi - hi as f32, lo as f32 - outer_n.lo) * per_length;
-        // What reaches further than the limit along one direction need not be looked at along another.
+        // If the voxel exceeds the limit along `n`, the extent along `normal` need not be computed.
         let limit = limit - self.fall;
         if gain <= limit && self.is_near(slabs, limit) {
             return Shape { contour: None, fits: true };
@@ -73,7 +75,7 @@ impl Sheets {
         let slab = Slab::of(contour);
         outer_n.intersect(&Range { lo: slab.lo, hi: slab.hi });
         let gain = greater(outer_n.hi - hi as f32, lo as f32 - outer_n.lo) * per_length;
-        // Of the others only what they do to this voxel is of use.
+        // The older slabs matter only for whether this voxel fits; its children are bounded by the new one alone.
         let fits = gain <= limit && {
             let mut all = *slabs;
             all.add(slab);
@@ -85,7 +87,7 @@ impl Sheets {
         Shape { contour: Some(contour), fits }
     }
 
-    /// Whether what the slabs leave of the voxel is nowhere further than `limit` from the highest and the lowest sheet.
+    /// Whether what the slabs leave of the voxel extends at most `limit` above the highest and below the lowest sheet.
     fn is_near(&self, slabs: &Slabs, limit: f32) -> bool {
         let mut outer = Range::of_cube(self.normal);
         for slab in slabs.as_slice() {
@@ -96,12 +98,13 @@ impl Sheets {
 }
 
 /// Shapes a voxel whose surface [is a plane](is_plane); `bits` is the encoded normal of its first triangle.
-pub fn shape_plane(voxel: &Voxel, bits: u32, slabs: &mut Slabs, deviation: f64, deepest: bool) -> Shape {
+/// `deviation` is the error bound in octree units; for the other parameters see `Shaper::shape`.
+pub fn shape_plane(voxel: &VoxelSurface, bits: u32, slabs: &mut Slabs, deviation: f64, deepest: bool) -> Shape {
     let scale = 1.0 / voxel.size;
     let normal = voxel.surface.normals[voxel.pieces[0].triangle as usize];
     let n = Vec3::from(Contour::decode_normal(bits).map(|c| c as f32));
-    // There may be several sheets, and each is a plane only about: from its highest point it falls by no more than its
-    // triangles do together.
+    // There may be several sheets, and each is only approximately a plane. The depth of a sheet below its highest point is
+    // at most the sum of the depths of its triangles.
     let (mut along_n, mut along_normal, mut fall) = (Range::NONE, Range::NONE, 0.0);
     for piece in voxel.pieces {
         let mut of_piece = Range::NONE;
@@ -118,38 +121,38 @@ pub fn shape_plane(voxel: &Voxel, bits: u32, slabs: &mut Slabs, deviation: f64, 
     sheets.shape(slabs, (deviation * scale) as f32, voxel.size, deepest)
 }
 
-/// A triangle none of whose edges meets a cube that it meets: in all cubes inside of that it is no different from its plane.
+/// A triangle that meets a cube with no edge inside it: in this cube and all cubes inside, the triangle equals its plane.
 ///
 /// # Why no voxel is lost
 ///
 /// With `u = 2^-53` and the root cube's edge as unit, as for [`crate::clip`]: the cross product `N` of two edges, each of
 /// at most `L`, is off by at most `8 u L²`, so its direction by `8 u L² / |N|`. A height `N·(p - a) / |N|` in the cube is
-/// off by that times `|p - a|`, which [`Through::new`] keeps below `40 u`, by `3 u` for the corner `a` and by some `6 u` of
-/// its own roundings: together by less than half of [`MARGIN`]. So a cube that the triangle meets has its centre within
-/// [`Through::meets`], and one that is has the plane within `2 MARGIN`. The triangle goes on as far as that: it is larger
-/// than the cube with its clearance.
+/// off by that times `|p - a|`, which [`Through::new`] keeps below `40 u`, by `3 u` for the corner `a`, and by about `6 u`
+/// for its own roundings: together by less than half of [`MARGIN`]. So [`Through::meets`] holds for every cube that the
+/// triangle meets; and if it holds for a cube, the plane is within `2 MARGIN` of the cube. The triangle extends that far:
+/// it is larger than the cube with its clearance.
 pub struct Through {
     /// The triangle.
     pub triangle: u32,
     normal: DVec3,
-    /// The corner next to the cube.
+    /// The corner nearest to the cube.
     corner: DVec3,
-    /// Half of the extent of a cube of edge 1 along the normal.
+    /// Half the extent along the normal of a cube of edge 1.
     reach: f64,
-    /// The contour's normal, encoded and decoded.
+    /// The contour's normal, encoded (`bits`) and decoded (`n`).
     bits: u32,
     n: DVec3,
-    /// Multiples of the normal next to `n`: [`Through::extent`].
+    /// The multipliers `n_i / normal_i` for [`Through::extent`].
     multiples: [f64; 3],
-    /// What it looks like, if that is the same everywhere.
+    /// Colour and normal, if they are the same everywhere on the triangle.
     constant: Option<([u8; 3], RawNormal, Sample)>,
-    /// Components of the normal by size, the largest 1.
+    /// Absolute components of the normal divided by the largest, in descending order; the first is 1.
     slopes: [f64; 3],
 }
 
 impl Through {
-    /// `None` if an edge of the triangle meets the cube, if it is too narrow for its plane to be known well enough, or if
-    /// more must be known of it than its plane and a sample per voxel.
+    /// `None` if an edge of the triangle meets the cube, if the triangle is too narrow for its plane to be known precisely
+    /// enough, or if a voxel's attributes need more than one sample of it.
     pub fn new(surface: &Surface, triangle: u32, centre: DVec3, size: f64) -> Option<Self> {
         let corners = &surface.corners[triangle as usize];
         let half = size * 0.5 * CLEARANCE;
@@ -173,7 +176,7 @@ impl Through {
         let bits = Contour::encode_normal(normal.to_array())?;
         let n = DVec3::from(Contour::decode_normal(bits));
         let reach = normal.abs().element_sum() * 0.5;
-        // A component that is all but zero would give a multiple that is all but infinite: one of the others again.
+        // Dividing by a component that is almost zero would overflow: repeat the multiplier of the largest instead.
         let largest = (0..3).max_by(|i, j| normal[*i].abs().total_cmp(&normal[*j].abs()))?;
         let multiples = [0, 1, 2].map(|i| {
             let i = if normal[i].abs() < 1e-6 { largest } else { i };
@@ -186,20 +189,20 @@ impl Through {
         Some(Self { triangle, normal, corner, reach, bits, n, multiples, constant, slopes })
     }
 
-    /// How far a cube's centre is from the plane.
+    /// Signed distance of a cube's centre from the plane.
     pub fn height(&self, centre: DVec3) -> f64 {
         self.normal.dot(centre - self.corner)
     }
 
-    /// Whether a cube meets the triangle whose centre is at this height.
+    /// Whether the cube of edge `size` whose centre is at this height meets the triangle.
     pub fn meets(&self, height: f64, size: f64) -> bool {
         height.abs() <= self.reach * size + MARGIN
     }
 
-    /// How far what the unit cube around the origin has of the plane `normal·p = height` reaches along `n`.
+    /// Extent along `n` of the part of the plane `normal·p = height` inside the unit cube around the origin.
     ///
-    /// The dual of this linear program is the least, over all `l`, of `l height + |n - l normal|₁ / 2`: any `l` gives a
-    /// bound, and the one that is reached is among the `n_i / normal_i`.
+    /// The upper end is a linear program. Its dual is the minimum, over all `l`, of `l height + |n - l normal|₁ / 2`: every
+    /// `l` gives a bound, and the tight one is among the `n_i / normal_i`.
     fn extent(&self, height: f64) -> [f64; 2] {
         let (mut lo, mut hi) = (f64::MIN, f64::MAX);
         for l in self.multiples {
@@ -208,11 +211,11 @@ impl Through {
             lo = if a > lo { a } else { lo };
             hi = if b < hi { b } else { hi };
         }
-        // A plane that passes by within the margin: they meet, but for that.
+        // For a plane that passes the cube within the margin the ends are swapped.
         if lo <= hi { [lo, hi] } else { [hi, lo] }
     }
 
-    /// Shapes the voxel whose centre is at this height.
+    /// Shapes the voxel of edge `size` whose centre is at this height. For the other parameters see `Shaper::shape`.
     pub fn shape(&self, height: f64, size: f64, slabs: &mut Slabs, deviation: f64, deepest: bool) -> Shape {
         let scale = 1.0 / size;
         let height = -height * scale;
@@ -227,17 +230,17 @@ impl Through {
         sheets.shape(slabs, (deviation * scale) as f32, size, deepest)
     }
 
-    /// Area of what the unit cube around the origin has of the plane `normal·p = height`.
+    /// Area of the part of the plane `normal·p = height` inside the unit cube around the origin.
     ///
-    /// Seen along the normal's largest component, the square has that part of it where the other two raise the plane
-    /// between two heights, one above the other by 1: `a x + b y` in a square of edge 1 is below `t` in a part that is a
-    /// trapezoid's integral.
+    /// Project the plane along the normal's largest component onto a square of edge 1. There the plane rises by `a x + b y`,
+    /// where `a >= b` are the other two `slopes`, and it is inside the cube where this is between two heights that differ
+    /// by 1. The share of the square where `a x + b y` is below a height is the integral of a trapezoid.
     fn area(&self, height: f64) -> f64 {
         let [_, a, b] = self.slopes;
         let middle = height.abs() / self.reach * 0.5 * (1.0 + a + b);
         let below = |t: f64| {
             let (outer, inner) = ((a + b) * 0.5, (a - b) * 0.5);
-            // Symmetric around 0.
+            // Symmetric around 0: compute the smaller side.
             let over = outer - t.abs();
             let part = if over <= 0.0 {
                 0.0
@@ -251,7 +254,7 @@ impl Through {
         (below(middle + 0.5) - below(middle - 0.5)) * (1.0 + a * a + b * b).sqrt()
     }
 
-    /// Attributes of the voxel whose centre is at this height.
+    /// Attributes of the voxel of edge `size` whose centre is at this height.
     pub fn attributes(&self, surface: &Surface, centre: DVec3, height: f64, size: f64) -> Attributes {
         let area = self.area(height / size) * size * size;
         let weight = at_least(area as f32, size);
@@ -274,7 +277,7 @@ mod tests {
     use crate::clip::Arena;
     use crate::{BuildSettings, Material, Mesh};
 
-    /// A mesh whose largest extent is 1, with the root cube as its own unit cube.
+    /// A mesh of which the root cube is the unit cube: its largest extent is 1. The second triangle is `t`.
     fn with_triangle(t: [[f64; 3]; 3]) -> Mesh {
         let frame = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 1.0]];
         Mesh {
@@ -287,7 +290,7 @@ mod tests {
     }
 
     proptest! {
-        /// Along the way down to level 10 the plane meets the same cubes as the pieces do, with the same extents.
+        /// Down to level 8, the plane meets the same cubes as the clipped pieces, with the same extents and areas.
         #[test]
         fn the_plane_is_the_triangle(t in prop::array::uniform3(prop::array::uniform3(0.0f64..1.0)), path in prop::array::uniform8(0usize..8)) {
             let mesh = with_triangle(t);

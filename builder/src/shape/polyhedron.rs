@@ -2,34 +2,35 @@
 
 use glam::{Vec3, Vec4};
 
-/// Most contours that are kept as bounds of one voxel; further ones are forgotten, which only makes the shape larger.
+/// Most contours that are kept as bounds of one voxel. The oldest is dropped if there are more, which only enlarges the
+/// shape.
 pub const MAX_SLABS: usize = 8;
-/// Faces: 0..6 are the cube's; 6 + 2k and 7 + 2k are the planes of slab k, one more than are kept.
+/// Number of faces: 0..6 are the cube's; 6 + 2k and 7 + 2k are the planes of slab k. One more slab than is kept.
 const MAX_FACES: usize = 6 + 2 * (MAX_SLABS + 1);
-/// Most vertices; a cut that would need more leaves the polyhedron as it is.
+/// Most vertices. A cut that would need more leaves the polyhedron unchanged.
 const MAX_VERTICES: usize = 64;
-/// Places are looked at so many at a time.
+/// Number of places that are processed at once.
 const LANES: usize = 4;
 
-/// A convex polyhedron inside the unit cube around the origin, as its vertices and what meets in them.
+/// A convex polyhedron inside the unit cube around the origin: its vertices, and the edges and faces that meet in them.
 ///
-/// Vertices have places that they keep until they are cut away; the places that are free are used again. All vertices are
-/// simple: three edges and three faces each. A cut through a vertex makes several at the same point.
+/// A vertex keeps its place (index) until it is cut away; free places are reused. All vertices are simple: three edges and
+/// three faces meet in each. A cut through a vertex makes several vertices at the same point.
 #[derive(Clone)]
 pub struct Polyhedron {
-    /// Coordinates by place. That in x of a free place is not a number, so that no comparison finds it.
+    /// Coordinates by place. `x` of a free place is NaN, so that no comparison finds it.
     x: [f32; MAX_VERTICES],
     y: [f32; MAX_VERTICES],
     z: [f32; MAX_VERTICES],
     /// One bit per place that holds a vertex.
     used: u64,
-    /// Places beyond this have never been used since the last reset.
+    /// Places from here on have not been used since the last reset.
     end: usize,
-    /// One bit per place of the vertices at the other ends of a vertex's edges.
+    /// For each vertex, one bit per place of the vertices at the other ends of its edges.
     neighbours: [u64; MAX_VERTICES],
-    /// One bit per face that meets in a vertex.
+    /// For each vertex, one bit per face that meets in it.
     faces: [u32; MAX_VERTICES],
-    /// Of the vertices beyond the plane of the last cut; here so that no cut begins with clearing it.
+    /// Distances of the vertices from the plane of the last cut. A field, so that a cut need not clear it first.
     distances: [f32; MAX_VERTICES],
 }
 
@@ -50,7 +51,7 @@ impl Default for Polyhedron {
     }
 }
 
-/// The neighbours and the faces of the vertices of the cube; vertex `i` has the coordinates of its bits.
+/// The neighbours and the faces of the cube's vertices. The bits of a vertex's number are its coordinates.
 const CUBE: ([u64; 8], [u32; 8]) = {
     let (mut neighbours, mut faces) = ([0; 8], [0; 8]);
     let mut i = 0;
@@ -66,7 +67,7 @@ const CUBE: ([u64; 8], [u32; 8]) = {
     (neighbours, faces)
 };
 
-/// The bits of a mask, lowest first.
+/// The positions of the bits in a mask, lowest first.
 fn bits(mut mask: u64) -> impl Iterator<Item = usize> {
     std::iter::from_fn(move || {
         let bit = mask.trailing_zeros() as usize;
@@ -76,7 +77,7 @@ fn bits(mut mask: u64) -> impl Iterator<Item = usize> {
 }
 
 impl Polyhedron {
-    /// Becomes the whole cube `[-1/2, 1/2]³`.
+    /// Sets the polyhedron to the whole cube `[-1/2, 1/2]³`.
     pub fn reset(&mut self) {
         const HALVES: [f32; 2] = [-0.5, 0.5];
         for i in 0..8 {
@@ -94,7 +95,7 @@ impl Polyhedron {
         Vec3::new(self.x[place], self.y[place], self.z[place])
     }
 
-    /// Cuts away where `normal·p > limit`; the new face gets the number `face`.
+    /// Cuts away the part where `normal·p > limit`. The new face gets the number `face`.
     pub fn cut(&mut self, normal: Vec3, limit: f32, face: u8) {
         let mut outside = 0u64;
         for i in (0..self.end).step_by(LANES) {
@@ -103,7 +104,7 @@ impl Polyhedron {
             distance.write_to_slice(&mut self.distances[i..]);
             outside |= u64::from(distance.cmpgt(Vec4::ZERO).bitmask()) << i;
         }
-        // A cut that removes nothing is the common case.
+        // The common case: the cut removes nothing.
         if outside == 0 {
             return;
         }
@@ -113,8 +114,8 @@ impl Polyhedron {
         if crossings > free.count_ones() {
             return;
         }
-        // For each face of old the new vertex on it that is still to be joined with another: two edges of each face that
-        // the plane meets cross it.
+        // Per old face: the new vertex on it that still lacks its neighbour. The plane crosses two edges of each face that
+        // it meets, so the new vertices of a face come in pairs.
         const NONE: u8 = u8::MAX;
         let mut open = [NONE; MAX_FACES];
         for out in bits(outside) {
@@ -145,7 +146,7 @@ impl Polyhedron {
         self.end = self.end.max((64 - self.used.leading_zeros() as usize).next_multiple_of(LANES));
     }
 
-    /// The vertices; none if nothing is left.
+    /// The vertices. Empty if nothing is left.
     pub fn vertices(&self) -> impl Iterator<Item = Vec3> + '_ {
         bits(self.used).map(|place| self.vertex(place))
     }
@@ -158,12 +159,12 @@ mod tests {
     use super::*;
 
     impl Polyhedron {
-        /// Extent along a direction.
+        /// The smallest and the largest `direction·p` over the vertices.
         pub fn extent(&self, direction: Vec3) -> (f32, f32) {
             self.vertices().map(|v| direction.dot(v)).fold((f32::MAX, f32::MIN), |(lo, hi), d| (lo.min(d), hi.max(d)))
         }
 
-        /// One bit per face that still bounds the polyhedron.
+        /// One bit per face that still has a vertex.
         fn faces(&self) -> u32 {
             bits(self.used).fold(0, |mask, place| mask | self.faces[place])
         }
@@ -199,7 +200,8 @@ mod tests {
     }
 
     proptest! {
-        /// What is left has three edges in each vertex, keeps all limits, and reaches as far as the points of a grid that do.
+        /// After cuts, each vertex has three edges and satisfies all limits, and the extents include all grid points that
+        /// satisfy them.
         #[test]
         fn cuts_leave_what_is_inside_of_them(cuts in prop::collection::vec((prop::array::uniform3(-1.0f32..1.0), -0.3f32..0.6), 1..12)) {
             let mut p = Polyhedron::default();

@@ -1,47 +1,35 @@
-//! Contours: the greedy top-down construction of the paper's section 3.4.
+//! Contours by the greedy top-down construction of the paper's section 3.4.
 //!
-//! For each voxel the polyhedron left by its cube and its ancestors' contours is compared with the surface in it. Where
-//! it is already close enough nothing is stored; otherwise the direction in which it overestimates the surface most gets
-//! a contour that encloses the surface.
+//! The polyhedron that remains of a voxel's cube after the contours of its ancestors is compared with the surface in the
+//! voxel. If it is close enough, the voxel gets no contour. Otherwise the contour is put across the direction in which the
+//! polyhedron exceeds the surface most, and encloses the surface.
 
 use esvo_format::Contour;
 use glam::{DVec3, Vec3};
 
-use crate::clip::{Arena, Piece};
 use crate::shape::plane::{is_plane, shape_plane};
 use crate::shape::polyhedron::Polyhedron;
 use crate::shape::slab::{Range, Slab, Slabs, greater};
+use crate::shape::voxel::{MIN_GAIN, Shape, enclosing, segment_meets_cube};
 use crate::surface::Surface;
-
-/// What was decided for one voxel.
-pub struct Shape {
-    /// The contour to store.
-    pub contour: Option<Contour>,
-    /// Whether the shape is within the error bound everywhere, so that no finer voxels are needed.
-    pub fits: bool,
-}
+use crate::surface::voxel::VoxelSurface;
 
 /// A voxel with more pieces of surface than this gets no contour: it is large, and its descendants get theirs.
 const MAX_PIECES: usize = 512;
-/// More triangles than this are never taken for a good fit.
+/// A voxel with more triangles than this is never considered to fit.
 const MAX_FIT_TRIANGLES: usize = 64;
-/// Directions from triangles and from edges that are looked at.
+/// Most directions from triangles and from edges that are tried.
 const MAX_CANDIDATES: usize = 32;
-/// Directions whose cosine is above this are the same candidate.
+/// Directions whose cosine is at least this count as the same candidate.
 const SAME_DIRECTION: f32 = 0.98;
-/// Weight of a direction that comes from an edge of the surface rather than from its normal.
+/// Weight of a direction that comes from an edge of the surface. One from a normal has weight 1.
 const EDGE_WEIGHT: f32 = 0.5;
-/// A contour that moves no plane by more than this part of the voxel is not worth its bytes.
-pub const MIN_GAIN: f32 = 1.0 / 128.0;
-/// How far planes are kept from the surface, in octree units: positions in a caster have errors of a few 2^-23, and two
-/// contours that both touch the surface must still overlap there.
-const CASTER_MARGIN: f32 = 1.0 / (1 << 21) as f32;
 
 /// Builds contours; holds scratch memory.
 #[derive(Default)]
 pub struct Shaper {
     polyhedron: Polyhedron,
-    /// Whether the slabs of the voxel at hand have been cut from the polyhedron.
+    /// Whether the polyhedron has been cut by the slabs of the current voxel.
     is_cut: bool,
     points: Vec<Vec3>,
     candidates: Vec<Candidate>,
@@ -52,26 +40,28 @@ pub struct Shaper {
 struct Candidate {
     direction: Vec3,
     weight: f32,
-    /// Encoded, and as that decodes.
+    /// The direction as the bits of a contour's normal.
     bits: u32,
+    /// The normal that `bits` decode to, not of unit length.
     n: Vec3,
+    /// One divided by the length of `n`.
     per_length: f32,
-    /// How far the surface reaches along `n`.
+    /// The extent of the surface along `n`.
     surface: Range,
-    /// How far the voxel does: a bound, each of its slabs being looked at alone.
+    /// Bounds of the extent of the voxel along `n`: each of its slabs is considered alone.
     outer: Range,
 }
 
 impl Candidate {
-    /// How much further than the surface the voxel reaches, in parts of the voxel.
+    /// How much further than the surface the voxel extends, in edges of the voxel.
     fn excess(&self) -> f32 {
         greater(self.outer.hi - self.surface.hi, self.surface.lo - self.outer.lo) * self.per_length
     }
 }
 
-/// Encoded normals of the triangles looked at last: neighbouring voxels share them.
+/// A cache of the encoded normals of triangles: neighbouring voxels contain the same triangles.
 struct NormalCache {
-    /// Triangle and encoded normal, at the triangle's lowest bits.
+    /// Triangle and encoded normal, indexed by the low bits of the triangle's number.
     entries: Vec<(u32, Option<u32>)>,
 }
 
@@ -92,22 +82,12 @@ impl NormalCache {
     }
 }
 
-/// A voxel and the surface in it.
-pub struct Voxel<'a> {
-    pub surface: &'a Surface<'a>,
-    pub arena: &'a Arena,
-    pub pieces: &'a [Piece],
-    pub centre: DVec3,
-    pub size: f64,
-}
-
 impl Shaper {
-    /// Shapes one voxel. `deviation` is the error bound in octree units; `slabs` are those of the ancestors, in the units
-    /// of the voxel, and become what bounds its children.
+    /// Shapes one voxel. `deviation` is the error bound in octree units. `slabs` are those of the ancestors in the units of
+    /// the voxel; on return they are those that bound its children.
     ///
-    /// `deepest` says that the voxel has no descendants whatever its shape: whether the new contour makes it fit is not
-    /// looked at then.
-    pub fn shape(&mut self, voxel: &Voxel, slabs: &mut Slabs, deviation: f64, deepest: bool) -> Shape {
+    /// `deepest`: the voxel has no descendants, whatever its shape. Whether it fits with the new contour is not tested then.
+    pub fn shape(&mut self, voxel: &VoxelSurface, slabs: &mut Slabs, deviation: f64, deepest: bool) -> Shape {
         const NOTHING: Shape = Shape { contour: None, fits: false };
         if voxel.pieces.len() > MAX_PIECES {
             return NOTHING;
@@ -136,7 +116,7 @@ impl Shaper {
         for candidate in &mut self.candidates {
             candidate.outer.intersect(&slab.extent(candidate.n));
         }
-        // What has been cut by the others needs only the new one.
+        // If the polyhedron is already cut by the other slabs, only the new one is missing.
         if self.is_cut {
             self.cut(&slab, slabs.as_slice().len());
         }
@@ -144,8 +124,8 @@ impl Shaper {
         Shape { contour: Some(contour), fits: self.fits(voxel, slabs, limit) }
     }
 
-    /// The vertices of the surface in units of the voxel.
-    fn find_points(&mut self, voxel: &Voxel) {
+    /// Stores the vertices of the surface, in units of the voxel and relative to its centre.
+    fn find_points(&mut self, voxel: &VoxelSurface) {
         self.points.clear();
         let scale = 1.0 / voxel.size;
         for piece in voxel.pieces {
@@ -154,7 +134,7 @@ impl Shaper {
         }
     }
 
-    /// Finds how far the surface and what the slabs leave of the voxel reach along the candidates.
+    /// Measures the extents of the surface, and of what the slabs leave of the voxel, along all candidates.
     fn measure(&mut self, slabs: &Slabs) {
         for candidate in &mut self.candidates {
             candidate.n = Vec3::from(Contour::decode_normal(candidate.bits).map(|c| c as f32));
@@ -171,7 +151,7 @@ impl Shaper {
         }
     }
 
-    /// Starts from the cube and cuts it by these slabs.
+    /// Makes the polyhedron anew: the cube, cut by these slabs.
     fn cut_all(&mut self, slabs: &Slabs) {
         self.polyhedron.reset();
         for (k, slab) in slabs.as_slice().iter().enumerate() {
@@ -185,11 +165,11 @@ impl Shaper {
         self.polyhedron.cut(-slab.n, -slab.lo, face + 1);
     }
 
-    /// Whether what the slabs leave of the voxel is nowhere further than `limit` from the surface.
+    /// Whether no point of what the slabs leave of the voxel is further than `limit` from the surface.
     ///
-    /// Where it reaches further than that along one of the candidates it does not, as far as the slabs one by one tell;
-    /// else the vertices of their polyhedron decide.
-    fn fits(&mut self, voxel: &Voxel, slabs: &Slabs, limit: f32) -> bool {
+    /// If the extent along a candidate, bounded slab by slab, exceeds the surface by more than `limit`, the answer is no.
+    /// Otherwise the vertices of the polyhedron that all slabs leave together decide.
+    fn fits(&mut self, voxel: &VoxelSurface, slabs: &Slabs, limit: f32) -> bool {
         if voxel.pieces.len() > MAX_FIT_TRIANGLES || self.candidates.iter().any(|c| c.excess() > limit) {
             return false;
         }
@@ -208,8 +188,8 @@ impl Shaper {
         })
     }
 
-    /// Directions of surface normals, and perpendiculars of the surface's boundary.
-    fn find_candidates(&mut self, voxel: &Voxel) {
+    /// Collects the candidates: normals of the surface, and directions perpendicular to its boundary edges.
+    fn find_candidates(&mut self, voxel: &VoxelSurface) {
         self.candidates.clear();
         let step = (voxel.pieces.len() / 16).max(1);
         for piece in voxel.pieces.iter().step_by(step) {
@@ -259,35 +239,9 @@ impl Shaper {
     }
 }
 
-/// The contour with this normal that encloses what lies between `lo` and `hi` in a voxel of this size.
-pub fn enclosing(bits: u32, lo: f64, hi: f64, size: f64) -> Option<Contour> {
-    let reach = Contour::decode_normal(bits).iter().map(|c| c.abs()).sum::<f64>();
-    let margin = reach * f64::from(CASTER_MARGIN) / size;
-    Contour::encode_bounds(bits, lo - margin, hi + margin)
-}
-
-/// Whether a segment meets the cube with this centre and half edge.
-pub fn segment_meets_cube(a: DVec3, b: DVec3, centre: DVec3, half: f64) -> bool {
-    let (a, d) = (a - centre, b - a);
-    let (mut t0, mut t1) = (0.0f64, 1.0f64);
-    for axis in 0..3 {
-        if d[axis] == 0.0 {
-            if a[axis].abs() > half {
-                return false;
-            }
-            continue;
-        }
-        let (x, y) = ((-half - a[axis]) / d[axis], (half - a[axis]) / d[axis]);
-        let (enter, leave) = if x < y { (x, y) } else { (y, x) };
-        t0 = if enter > t0 { enter } else { t0 };
-        t1 = if leave < t1 { leave } else { t1 };
-    }
-    t0 <= t1
-}
-
-/// Whether `p`, which is within `distance` of a triangle's plane, is within `distance` of the triangle.
+/// Whether `p` is within `distance` of a triangle. It must be within `distance` of the triangle's plane.
 ///
-/// Above the inside of the triangle the plane decides; elsewhere the nearest point is on an edge.
+/// If the projection of `p` into the plane is inside the triangle, it is. Otherwise the nearest point is on an edge.
 fn within(p: DVec3, [a, b, c]: &[DVec3; 3], distance: f64) -> bool {
     let (ab, bc, ca) = (*b - *a, *c - *b, *a - *c);
     let n = ab.cross(-ca);
@@ -296,7 +250,7 @@ fn within(p: DVec3, [a, b, c]: &[DVec3; 3], distance: f64) -> bool {
     let outside_ab = ab.cross(n).dot(pa) > 0.0;
     let outside_bc = bc.cross(n).dot(pb) > 0.0;
     let outside_ca = ca.cross(n).dot(pc) > 0.0;
-    // An area that rounds to zero has no inside.
+    // A triangle whose area rounds to zero has no inside.
     if n != DVec3::ZERO && !(outside_ab || outside_bc || outside_ca) {
         return true;
     }

@@ -1,11 +1,11 @@
-//! Pairs of parallel planes as the builder reckons with them, in units of one voxel and from its centre.
+//! Slabs (pairs of parallel planes) in the form that the builder computes with: in units of one voxel, from its centre.
 
 use esvo_format::Contour;
 use glam::{Vec3, Vec4};
 
 use crate::shape::polyhedron::MAX_SLABS;
 
-/// A contour's slab `lo <= n·p <= hi` in the units of one voxel, `p` from its centre.
+/// The slab `lo <= n·p <= hi` of a contour. Units of one voxel, `p` relative to its centre.
 #[derive(Clone, Copy, Debug)]
 pub struct Slab {
     pub n: Vec3,
@@ -21,17 +21,17 @@ impl Slab {
     }
 }
 
-/// `f32::min` but for what is not a number, which takes it several instructions.
+/// `f32::min` without NaN handling, which costs several instructions.
 pub fn lesser(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
 }
 
-/// `f32::max`, likewise.
+/// `f32::max` without NaN handling.
 pub fn greater(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
-/// From `lo` to `hi` along some direction.
+/// An interval from `lo` to `hi` along some direction.
 #[derive(Clone, Copy, Debug)]
 pub struct Range {
     pub lo: f32,
@@ -41,7 +41,7 @@ pub struct Range {
 impl Range {
     pub const NONE: Self = Self { lo: f32::MAX, hi: f32::MIN };
 
-    /// That of the unit cube around the origin.
+    /// The extent of the unit cube around the origin.
     pub fn of_cube(direction: Vec3) -> Self {
         let reach = direction.abs().element_sum() * 0.5;
         Self { lo: -reach, hi: reach }
@@ -59,13 +59,14 @@ impl Range {
 }
 
 impl Slab {
-    /// How far what the slab leaves of the unit cube around the origin reaches along a direction.
+    /// The extent along `g` of the part of the unit cube around the origin that is inside the slab.
     ///
-    /// The farthest point along `g` is a linear program of one constraint beside the box. By its dual it is the least, over
-    /// all `l`, of `max(l hi, l lo) + |g - l n|₁ / 2`, which is convex and straight between `l = 0` and the `g_i / n_i`.
+    /// The farthest point along `g` is a linear program with one constraint besides the box. By its dual it is the minimum
+    /// over all `l` of `max(l hi, l lo) + |g - l n|₁ / 2`. This function is convex and piecewise linear with its corners at
+    /// 0 and the `g_i / n_i`, so the minimum is at one of them.
     pub fn extent(&self, g: Vec3) -> Range {
         let Self { n, lo, hi } = *self;
-        // One lane for each of the four; where a component of n is zero, 0 once more.
+        // One lane for each of the four corners. Where a component of n is zero, 0 is used again.
         let l = (g / n).extend(0.0);
         let l = Vec4::select(l.abs().cmple(Vec4::splat(f32::MAX)), l, Vec4::ZERO);
         let across = ((g.x - l * n.x).abs() + (g.y - l * n.y).abs() + (g.z - l * n.z).abs()) * 0.5;
@@ -74,12 +75,12 @@ impl Slab {
     }
 }
 
-/// The slabs of a voxel's ancestors (and its own) that still bound it.
+/// The slabs of a voxel and its ancestors that still bound it.
 #[derive(Clone, Copy, Debug)]
 pub struct Slabs {
     list: [Slab; MAX_SLABS],
     count: usize,
-    /// A plane goes all the way through the voxel, and so through those of its descendants that it meets.
+    /// A plane cuts through the whole voxel, and so through all of its descendants that it meets.
     pub plane: bool,
 }
 
@@ -90,7 +91,7 @@ impl Default for Slabs {
 }
 
 impl Slabs {
-    /// Becomes the slabs of the parent in the units of child `slot`, those left out that do not bound it.
+    /// Sets these to the slabs of the parent in the units of child `slot`, without those that do not bound the child.
     pub fn inherit(&mut self, parent: &Slabs, slot: usize) {
         let offset = Vec3::from(std::array::from_fn(|axis| if slot >> axis & 1 != 0 { 0.25 } else { -0.25 }));
         self.clear();
@@ -113,10 +114,10 @@ impl Slabs {
         &self.list[..self.count]
     }
 
-    /// Adds one that is narrower than what is there, and leaves out those that do not bound what it leaves.
+    /// Adds a slab, and drops the older ones that do not bound what it leaves of the voxel.
     pub fn add(&mut self, slab: Slab) {
         let mut kept = 0;
-        // If all bound it, the oldest is forgotten, which has grown widest.
+        // If the list is full, drop the oldest, which has become the widest.
         let first = usize::from(self.count == MAX_SLABS);
         for k in first..self.count {
             let old = self.list[k];

@@ -1,32 +1,32 @@
-//! Colour and normal of a voxel: means over the surface in it, weighted by area, on every level. Those of a leaf are taken
-//! from the surface, those of other voxels from their children ([`Mean::of_parts`]).
+//! Colour and normal of a voxel: the mean over the surface in it, weighted by area, on every level. For a leaf the mean is
+//! taken over the surface itself, for other voxels over their children ([`Mean::of_parts`]).
 //!
-//! # Which voxels are refined for the sake of their attributes
-//! A voxel's colour `c` and normal `n` stand for everything that is in it. Finer voxels are asked for where one of the
-//! samples of [`TextureTest`](crate::TextureTest) is further from what the voxel's own colour and normal decode to (5:6:5
-//! bits, a raw normal) than the settings allow, in any channel or component. Where all samples are the same nothing is
-//! asked for: finer voxels would look no different.
+//! # Which voxels are refined because of their attributes
+//! A voxel's colour and normal represent all the surface in it. The voxel is refined if one of the samples of
+//! [`TextureTest`](crate::TextureTest) differs from what the voxel's own colour and normal decode to (5:6:5 bits, a raw
+//! normal) by more than the settings allow, in any channel or component. If all samples are equal it is not refined:
+//! finer voxels would look the same.
 //!
-//! A reader sees what a block of up to sixteen voxels decodes to. That differs from a voxel's own colour and normal by the
-//! error of the block, which the encoders keep small and which is not part of the test; so what is decoded from a leaf is
-//! within the error of the settings plus that of its block, and only on the deepest level, where there is nothing left to
-//! refine, beyond that.
+//! A reader sees what a block of up to sixteen voxels decodes to. This differs from a voxel's own colour and normal by the
+//! error of the block, which the encoders keep small and which is not part of the test. So what is decoded from a leaf is
+//! within the error of the settings plus that of its block. Only on the deepest level, where no refinement is possible, can
+//! the error be larger.
 //!
 //! # Thin sheets
-//! The two sides of a sheet that is thinner than a voxel have opposite normals, and their mean says nothing. There the
-//! normals are turned to one side first: the one with more surface, or, where there is about as much of both, the one
-//! whose largest component is positive, so that neighbours agree. If the sheet is thinner than the finest voxels, no
-//! refinement can part its sides, and the test looks at the turned normals.
+//! The two sides of a sheet thinner than a voxel have opposite normals, and their mean is meaningless. There all normals
+//! are first turned to one side: the side with more surface or, if both have about as much, the side whose largest
+//! component is positive, so that neighbouring voxels agree. If the sheet is thinner than the finest voxels, no refinement
+//! can separate its sides, and the test uses the turned normals.
 
 use esvo_format::{ColorBlock, RawNormal};
 use glam::{DVec3, Vec3A};
 
+use super::voxel::VoxelSurface;
 use crate::clip::Piece;
-use crate::shape::shaper::Voxel;
 use crate::surface::Sample;
 use crate::surface::range::encode_srgb;
 
-/// How far attributes may be from what they stand for.
+/// Largest difference of attributes from the samples that they represent.
 #[derive(Clone, Copy)]
 pub struct AttributeBounds {
     /// Steps of 1/256 per channel.
@@ -41,25 +41,25 @@ pub struct Attributes {
     pub color: [u8; 3],
     /// Shading normal.
     pub normal: RawNormal,
-    /// What they are made from.
+    /// The mean that they are encoded from.
     pub mean: Mean,
-    /// Whether all the surface in the voxel is within the bounds of them.
+    /// Whether all the surface in the voxel is within the bounds. False if no bounds were given.
     pub uniform: bool,
 }
 
 /// Colour and normal of some surface, as sums weighted by area.
 #[derive(Clone, Copy, Default)]
 pub struct Mean {
-    /// The area, in any unit that is the same for all that are put together.
+    /// The area, in any unit that is the same for all parts of a mean.
     pub weight: f32,
     /// Linear RGB times the area.
     pub color: Vec3A,
-    /// Unit normals times the area, those of thin sheets turned to one side.
+    /// Unit normals times the area. For thin sheets, turned to one side.
     pub normal: Vec3A,
 }
 
 impl Mean {
-    /// That of surface which is the same everywhere.
+    /// The mean over surface with the same colour and normal everywhere.
     pub fn new(weight: f32, sample: &Sample) -> Self {
         Self { weight, color: sample.color * weight, normal: sample.normal * weight }
     }
@@ -70,12 +70,12 @@ impl Mean {
         self.normal += other.normal;
     }
 
-    /// Whether the normals are those of sides that cancel out.
+    /// Whether the sum of the normals is so short that opposite sides cancel out.
     fn cancels(&self) -> bool {
         self.normal.length_squared() < (CANCELLED * self.weight).powi(2)
     }
 
-    /// That of several parts together.
+    /// The mean over several parts together.
     pub fn of_parts<'a>(parts: impl Iterator<Item = &'a Self> + Clone) -> Self {
         let mut sum = Self::default();
         parts.clone().for_each(|part| sum.add(part));
@@ -97,9 +97,9 @@ impl Mean {
 /// Normals turned to one side of a thin sheet.
 struct Sides {
     axis: Vec3A,
-    /// Sum of what has been turned to the side of the axis.
+    /// Sum of the normals, each turned to the side of the axis.
     turned: Vec3A,
-    /// How much more there is on that side.
+    /// How much more weight the side of the axis has than the other.
     excess: f32,
 }
 
@@ -108,7 +108,7 @@ impl Sides {
         Self { axis, turned: Vec3A::ZERO, excess: 0.0 }
     }
 
-    /// 1 on the side of the axis, -1 on the other.
+    /// 1 for a normal on the side of the axis, -1 on the other.
     fn of(&self, normal: Vec3A) -> f32 {
         1.0f32.copysign(self.axis.dot(normal))
     }
@@ -120,12 +120,12 @@ impl Sides {
         self.turned += weighted * side;
     }
 
-    /// The sum, turned to the axis.
+    /// The sum of the turned normals, or the axis if that is zero.
     fn mean(&self) -> Vec3A {
         if self.turned.length_squared() > 0.0 { self.turned } else { self.axis }
     }
 
-    /// Whether the side opposite to the axis is the one to be shown, `weight` being that of all.
+    /// Whether the side opposite to the axis is the one to show. `weight` is the total weight.
     fn is_backwards(&self, weight: f32) -> bool {
         if self.excess.abs() >= SIDES_EQUAL * weight {
             return self.excess < 0.0;
@@ -135,16 +135,16 @@ impl Sides {
         mean.to_array().into_iter().find(|c| c.abs() == largest).is_some_and(|c| c < 0.0)
     }
 
-    /// The sum on the side that is to be shown.
+    /// The sum of the normals, turned to the side to show. `weight` is the total weight.
     fn normal(&self, weight: f32) -> Vec3A {
         if self.is_backwards(weight) { -self.mean() } else { self.mean() }
     }
 }
 
-/// A mean normal shorter than this (of unit normals) is one of sides that cancel out: a right angle between two walls
-/// gives 0.71, a corner of three 0.58.
+/// A mean of unit normals shorter than this comes from sides that cancel out. For comparison: two walls at a right angle
+/// give 0.71, three walls at a corner 0.58.
 const CANCELLED: f32 = 0.5;
-/// Sides that differ by less than this part of the surface count as equal.
+/// Sides whose areas differ by less than this share of the whole count as equal.
 const SIDES_EQUAL: f32 = 0.25;
 
 /// Sums and ranges over the pieces of surface in a voxel.
@@ -164,8 +164,9 @@ impl Sums {
     }
 }
 
-/// Attributes of a voxel from the surface in it; `bounds` is `None` where it does not matter whether they are uniform.
-pub fn attributes(voxel: &Voxel, bounds: Option<AttributeBounds>) -> Attributes {
+/// Attributes of a voxel from the surface in it. `bounds` is `None` if the caller does not need to know whether they are
+/// uniform.
+pub fn attributes(voxel: &VoxelSurface, bounds: Option<AttributeBounds>) -> Attributes {
     let surface = voxel.surface;
     if let Some((color, normal)) = surface.constant(voxel.pieces) {
         let area = voxel.pieces.iter().map(|piece| surface.area(piece.triangle, vertices(voxel, piece))).sum::<f32>();
@@ -191,8 +192,8 @@ pub fn attributes(voxel: &Voxel, bounds: Option<AttributeBounds>) -> Attributes 
     Attributes { color, normal, mean: sums.mean, uniform }
 }
 
-/// The attributes of a voxel with one piece of surface: there is nothing to weigh, and nothing differs from the sample.
-fn attributes_of_one(voxel: &Voxel, piece: &Piece, bounds: Option<AttributeBounds>) -> Attributes {
+/// The attributes of a voxel with one piece of surface: they are those of its only sample.
+fn attributes_of_one(voxel: &VoxelSurface, piece: &Piece, bounds: Option<AttributeBounds>) -> Attributes {
     let surface = voxel.surface;
     let vertices = vertices(voxel, piece);
     let middle = vertices.iter().sum::<DVec3>() * (1.0 / vertices.len() as f64);
@@ -206,17 +207,17 @@ fn attributes_of_one(voxel: &Voxel, piece: &Piece, bounds: Option<AttributeBound
     Attributes { color, normal, mean, uniform }
 }
 
-fn vertices<'a>(voxel: &'a Voxel, piece: &Piece) -> &'a [DVec3] {
+fn vertices<'a>(voxel: &'a VoxelSurface, piece: &Piece) -> &'a [DVec3] {
     voxel.arena.vertices(piece, &voxel.surface.corners)
 }
 
-/// The weight of an area: a voxel that only touches the surface still needs attributes, so every piece weighs something.
+/// The weight of an area. Above zero, because a voxel that the surface only touches needs attributes, too.
 pub fn at_least(area: f32, voxel_size: f64) -> f32 {
     area.max(1e-8 * (voxel_size * voxel_size) as f32)
 }
 
 /// Calls `visit` with the weight, the sample and the vertices of each piece.
-fn each_sample(voxel: &Voxel, mut visit: impl FnMut(f32, &Sample, &[DVec3])) {
+fn each_sample(voxel: &VoxelSurface, mut visit: impl FnMut(f32, &Sample, &[DVec3])) {
     for piece in voxel.pieces {
         let vertices = vertices(voxel, piece);
         let (area, sample) = voxel.surface.sample(piece.triangle, vertices, voxel.size);
@@ -224,9 +225,9 @@ fn each_sample(voxel: &Voxel, mut visit: impl FnMut(f32, &Sample, &[DVec3])) {
     }
 }
 
-/// Turns the normals of a voxel in which they cancel out to one side, in their sum, and in their range too where finer
-/// voxels could not part the sides.
-fn turn_to_one_side(voxel: &Voxel, sums: &mut Sums) {
+/// For a voxel whose normals cancel out: turns the sum of the normals to one side. Turns their range as well if finer
+/// voxels could not separate the sides.
+fn turn_to_one_side(voxel: &VoxelSurface, sums: &mut Sums) {
     let mut largest = (0.0, Vec3A::Z);
     each_sample(voxel, |weight, sample, _| {
         if weight > largest.0 {
@@ -251,7 +252,7 @@ fn turn_to_one_side(voxel: &Voxel, sums: &mut Sums) {
     }
 }
 
-/// Whether no sample is further than `bound` steps from what `color` decodes to.
+/// Whether all samples are within `bound` steps of what `color` decodes to.
 fn colors_within(color: [u8; 3], sums: &Sums, bound: f32) -> bool {
     let [lo, hi] = sums.color_range;
     if bound >= 256.0 || lo == hi {
@@ -262,20 +263,20 @@ fn colors_within(color: [u8; 3], sums: &Sums, bound: f32) -> bool {
     (0..3).all(|k| beyond(decoded[k], lo[k], hi[k]) <= bound)
 }
 
-/// What an sRGB-encoded colour decodes to where it has a block to itself, in `0.0..1.0`.
+/// What an sRGB-encoded colour decodes to if it is alone in its block, in `0.0..=1.0`.
 fn decode(color: [u8; 3]) -> [f32; 3] {
     let mut colors = [None; 16];
     colors[0] = Some(color);
     ColorBlock::encode(&colors).decode(0)
 }
 
-/// How many steps of 1/256 `value` is from the further end of a range of bytes.
+/// Distance in steps of 1/256 from `value` to the farther end of a range of bytes.
 fn beyond(value: f32, lo: u8, hi: u8) -> f32 {
     let steps = |byte: u8| (f32::from(byte) / 255.0 - value).abs() * 256.0;
     steps(lo).max(steps(hi))
 }
 
-/// Whether no component of a sample is further than `bound` from what `normal` decodes to.
+/// Whether all samples are within `bound` of what `normal` decodes to, in each component.
 fn normals_within(normal: RawNormal, sums: &Sums, bound: f32) -> bool {
     let [lo, hi] = sums.normal_range;
     if bound >= 2.0 || lo == hi {
@@ -285,8 +286,8 @@ fn normals_within(normal: RawNormal, sums: &Sums, bound: f32) -> bool {
     (decoded - lo).max(hi - decoded).max_element() <= bound
 }
 
-/// Whether no texel that the finest voxels show is further than the bounds from what colour and normal decode to.
-fn texels_within(voxel: &Voxel, color: [u8; 3], normal: RawNormal, bounds: AttributeBounds) -> bool {
+/// Whether all texels that the finest voxels show are within the bounds of what colour and normal decode to.
+fn texels_within(voxel: &VoxelSurface, color: [u8; 3], normal: RawNormal, bounds: AttributeBounds) -> bool {
     let surface = voxel.surface;
     let (decoded, normal) = (decode(color), Vec3A::from(normal.decode()));
     voxel.pieces.iter().all(|piece| {

@@ -32,17 +32,17 @@ impl ColorMap {
     }
 }
 
-/// The binary logarithm of `x`, rounded; 0 below 1 and for what is not a number.
+/// The binary logarithm of `x`, rounded to the nearest integer; 0 below 1 and for NaN.
 fn nearest_level(x: f32) -> usize {
     if x > 1.0 { ((x * std::f32::consts::SQRT_2).to_bits() >> 23) as usize - 127 } else { 0 }
 }
 
-/// Added to a number below 2^22 in size, this leaves the nearest integer in the low bits.
+/// Adding this to a number whose magnitude is below 2^22 rounds it to the nearest integer, in the low bits of the sum.
 const ROUND: f32 = 12_582_912.0;
 
-/// What is left of `x` above the next lower integer; 0 where it is too large to have any.
+/// `x` minus the next lower integer; 0 if `x` is too large to have a fraction, or NaN.
 fn fraction(x: f32) -> f32 {
-    // Not `floor`: without SSE4.1 that is a call into a library, and conversions that clamp take several instructions.
+    // Not `floor`, which is a library call without SSE4.1; and a saturating conversion takes several instructions.
     let off = x - ((x + ROUND) - ROUND);
     let f = if off < 0.0 { off + 1.0 } else { off };
     if (0.0..=1.0).contains(&f) { f } else { 0.0 }
@@ -61,10 +61,10 @@ fn bilinear(mip: &MipLevel, uv: Vec2, table: &[f32; 256]) -> Vec3A {
     top + (bottom - top) * fy
 }
 
-/// The two texels around `u` (in 0..=1) on an axis of `size` texels, and how far it is from the first to the second.
+/// The two texels around `u` (in 0..=1) on an axis of `size` texels, and the interpolation weight of the second.
 fn neighbours(u: f32, size: u32) -> (usize, usize, f32) {
     let x = u * size as f32 - 0.5;
-    // The next lower integer or, if `x` is all but that, the one before.
+    // The next lower integer, or one less if `x` is very close above an integer; the weight is then close to 1.
     let below = (x - 0.5 + ROUND) - ROUND;
     let first = ((x - 0.5 + ROUND).to_bits() & 0x7f_ffff) as i32 - 0x40_0000;
     let last = size as i32 - 1;

@@ -35,10 +35,10 @@ impl Edges {
     }
 }
 
-/// Sine of the greatest angle between triangles that are in one plane.
+/// Sine of the largest angle between triangles that count as one plane.
 const FLAT: f64 = 1.0 / 16384.0;
 
-/// Tells what the edges of all triangles are, corners being the same where their positions are.
+/// Classifies the edges of all triangles. Corners at the same position are the same corner.
 pub fn classify(corners: &[[DVec3; 3]]) -> Vec<Edges> {
     let point = points(corners);
     let mut sides: Vec<(u64, u32)> = (0..point.len() as u32)
@@ -64,10 +64,10 @@ pub fn classify(corners: &[[DVec3; 3]]) -> Vec<Edges> {
     edges
 }
 
-/// For each corner of each triangle a number that those at the same position share.
+/// For each corner of each triangle, a number that all corners at the same position share.
 fn points(corners: &[[DVec3; 3]]) -> Vec<u32> {
     let at = |i: u32| corners[i as usize / 3][i as usize % 3].to_array().map(|x| (x + 0.0).to_bits());
-    // Sorted by 64 bits that depend on the position; where these are the same by chance, the position decides.
+    // Sorted by a 64-bit hash of the position. Positions with the same hash are told apart below.
     let mix = |p: [u64; 3]| p.iter().fold(0u64, |h, x| (h ^ x).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(29));
     let mut order: Vec<(u64, u32)> = (0..corners.len() as u32 * 3).into_par_iter().map(|i| (mix(at(i)), i)).collect();
     order.par_sort_unstable();
@@ -84,14 +84,15 @@ fn points(corners: &[[DVec3; 3]]) -> Vec<u32> {
     point
 }
 
-/// Whether the two triangles at an edge, which is side `i` of one and side `j` of the other, lie side by side in a plane.
+/// Whether the two triangles at an edge, which is side `i` of one and side `j` of the other, lie in one plane on different
+/// sides of the edge.
 fn is_flat(corners: &[[DVec3; 3]], i: u32, j: u32) -> bool {
     let [i, j] = [i, j].map(|side| {
         let t = &corners[side as usize / 3];
         [0, 1, 2].map(|k| t[(side as usize + k) % 3])
     });
     let along = i[1] - i[0];
-    // From the edge to the third corners, across it.
+    // Vectors from the edge to the third corners, perpendicular to the edge.
     let [x, y] = [i, j].map(|t| {
         let side = t[2] - t[0];
         side - along * (side.dot(along) / along.length_squared())

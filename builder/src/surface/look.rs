@@ -34,13 +34,13 @@ pub enum Cutout {
     Map(Arc<AlphaMap>),
 }
 
-/// What several materials may share, by the address of the texture it was made from.
+/// Maps that several materials can share, by the address of the texture that they were made from.
 #[derive(Default)]
 struct Shared {
     maps: HashMap<*const Texture, Arc<ColorMap>>,
     colors: HashMap<*const Texture, Arc<RangeMap<3>>>,
     normals: HashMap<*const crate::LinearTexture<3>, Arc<RangeMap<3>>>,
-    /// Also by the least alpha that is not a hole.
+    /// By texture and by the smallest alpha that is solid.
     alphas: HashMap<(*const Texture, u32), Arc<AlphaMap>>,
 }
 
@@ -95,7 +95,7 @@ impl Look {
         Self { base, plain, texture, color_range, normal_map, normal_range, cutout }
     }
 
-    /// Whether the colour, the normal or the holes vary over a triangle whatever its corners say.
+    /// Whether the colour, the normal or the holes can vary over a triangle even if its vertex normals do not.
     pub fn varies(&self) -> bool {
         self.plain.is_none() || self.normal_map.is_some() || matches!(self.cutout, Cutout::Map(_))
     }

@@ -1,4 +1,4 @@
-//! The mesh as the recursion reads it: corners in the root cube, normals, boundary edges, and what it looks like.
+//! The mesh as the recursion reads it: corners in the root cube, normals, kinds of edges, and appearance.
 
 pub mod attributes;
 mod color_map;
@@ -6,6 +6,7 @@ mod edges;
 mod look;
 pub mod range;
 mod shading;
+pub mod voxel;
 
 use glam::{DMat4, DVec3, Vec3};
 use rayon::prelude::*;
@@ -22,21 +23,21 @@ pub struct Surface<'a> {
     pub corners: Vec<[DVec3; 3]>,
     /// Unit geometric normals.
     pub normals: Vec<Vec3>,
-    /// What the triangles' edges are to the surface.
+    /// Which edges of the triangles end or bend the surface.
     pub edges: Vec<Edges>,
-    /// Octree space to mesh space.
+    /// The transform from octree space to mesh space.
     pub octree_to_mesh: DMat4,
-    /// Triangles without area.
+    /// Number of triangles that were left out because they have no area.
     pub dropped: usize,
-    /// Whether some material is cut out by its alpha.
+    /// Whether alpha cuts holes into some material.
     pub has_holes: bool,
-    /// Whether the refinement of attributes looks at every texel.
+    /// Whether the test for refinement looks at every texel.
     pub tests_texels: bool,
     shading: Shading<'a>,
 }
 
 impl<'a> Surface<'a> {
-    /// Checks the mesh and moves it into the root cube: centred, its largest extent filling the cube.
+    /// Checks the mesh and moves it into the root cube: centred, with its largest extent filling the cube.
     pub fn new(mesh: &'a Mesh, settings: &BuildSettings) -> Result<Self, BuildError> {
         mesh.validate().map_err(|e| BuildError::Mesh(e.to_string()))?;
         let octree_to_mesh = place(mesh)?;
@@ -75,7 +76,7 @@ impl<'a> Surface<'a> {
     }
 }
 
-/// The transform of the root cube to the mesh's bounding box: uniform scale, centred.
+/// The transform from the root cube to the mesh's bounding box: uniform scale, centred.
 fn place(mesh: &Mesh) -> Result<DMat4, BuildError> {
     let (mut lo, mut hi) = (DVec3::MAX, DVec3::MIN);
     for &i in mesh.triangles.iter().flatten() {
@@ -90,17 +91,17 @@ fn place(mesh: &Mesh) -> Result<DMat4, BuildError> {
             (lo + hi) * 0.5
         )));
     }
-    // Far from the origin these are rounded: no vertex may come to lie outside of the cube for that.
+    // Far from the origin these are rounded. The cube must still contain all vertices.
     let origin = ((lo + hi) * 0.5 - DVec3::splat(extent * 0.5)).min(lo);
     let extent = extent.max((hi - origin).max_element());
     Ok(DMat4::from_translation(origin) * DMat4::from_scale(DVec3::splat(extent)))
 }
 
-/// Whether three points are not on a line, exactly: an area that rounds to zero is one.
+/// Whether three points are not on a line. The test is exact: an area that rounds to zero can still be an area.
 fn has_area(corners: &[DVec3; 3]) -> bool {
     let [a, b, c] = *corners;
     let (ab, ac) = (b - a, c - a);
-    // Far above any rounding error and underflow.
+    // Far above rounding errors and underflow: no exact test needed.
     if ab.cross(ac).length_squared() > 1e-24 * ab.length_squared() * ac.length_squared() + 1e-280 {
         return true;
     }

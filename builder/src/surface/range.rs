@@ -1,8 +1,8 @@
-//! Bounds of a texture's channels over boxes of texture coordinates, from pyramids of minima and maxima, and where a
-//! texture is a hole.
+//! Bounds of a texture's channels over boxes of texture coordinates, and which parts of a texture are holes. Both use
+//! pyramids of minima and maxima.
 //!
-//! What the finest voxels cannot show is of no interest to a coarser one: the bounds are over texels averaged to the size
-//! of the finest voxels, so there is one pyramid per mip level of the texture.
+//! Detail that the finest voxels cannot show must not refine a coarser voxel. So the bounds are over texels averaged to the
+//! size of the finest voxels, and there is one pyramid per mip level of the texture.
 
 use std::sync::LazyLock;
 
@@ -11,7 +11,8 @@ use glam::{Vec2, Vec3};
 
 use crate::{LinearTexture, Texture};
 
-/// For every mip level, least and greatest texel of every texel's area on every level down to one texel.
+/// For every mip level a pyramid: its texels, and on each further level the bounds over 2 x 2 entries of the previous one,
+/// down to one entry.
 pub struct RangeMap<const N: usize> {
     pyramids: Vec<Vec<Level<N>>>,
 }
@@ -22,12 +23,12 @@ struct Level<const N: usize> {
     texels: Vec<Bounds<N>>,
 }
 
-/// Least and greatest value of each channel.
+/// Smallest and largest value of each channel.
 #[derive(Clone, Copy)]
 pub struct Bounds<const N: usize> {
-    /// The least.
+    /// The smallest values.
     pub min: [u8; N],
-    /// The greatest.
+    /// The largest values.
     pub max: [u8; N],
 }
 
@@ -41,14 +42,14 @@ impl<const N: usize> Bounds<N> {
 }
 
 impl RangeMap<3> {
-    /// Of the sRGB-encoded colours of a texture.
+    /// Bounds of the sRGB-encoded colours of a texture.
     pub fn of_colors(texture: &Texture) -> Self {
         let bounds = |&[r, g, b, _]: &[u8; 4]| Bounds { min: [r, g, b], max: [r, g, b] };
         let base = |mip: &crate::MipLevel| (mip.width, mip.height, mip.texels.iter().map(bounds).collect());
         Self::new(texture.mips.iter().map(base))
     }
 
-    /// Of linear channels, rounded outwards to 8 bits.
+    /// Bounds of linear channels, rounded outwards to 8 bits.
     pub fn of_channels(texture: &LinearTexture<3>) -> Self {
         let down = |c: u16| (c / 257) as u8;
         let up = |c: u16| c.div_ceil(257) as u8;
@@ -64,26 +65,26 @@ impl<const N: usize> RangeMap<N> {
         Self { pyramids: mips.map(|(width, height, texels)| pyramid(Level { width, height, texels })).collect() }
     }
 
-    /// The mip level whose texels are the nearest that are not larger than `footprint` texels of the full image.
+    /// The coarsest mip level whose texels are not larger than `footprint` texels of the full image.
     fn mip(&self, footprint: f32) -> usize {
         (footprint.max(1.0).log2() as usize).min(self.pyramids.len() - 1)
     }
 
-    /// Bounds over a box of texture coordinates, which wrap, and the texels that filtering reaches around it.
-    /// Texels are averaged over `footprint` texels of the full image.
+    /// Bounds over a box of texture coordinates, which wrap, including the texels around it that filtering reads. The
+    /// texels are averaged over `footprint` texels of the full image.
     pub fn in_box(&self, lo: Vec2, hi: Vec2, footprint: f32) -> Bounds<N> {
         let pyramid = &self.pyramids[self.mip(footprint)];
         let size = Vec2::new(pyramid[0].width as f32, pyramid[0].height as f32);
         let (lo, hi) = (lo * size - 0.5, hi * size + 0.5);
         let extent = (hi - lo).max_element().max(1.0);
-        // On this level the box spans at most three texels each way.
+        // On this level the box spans at most three texels along each axis.
         let level = (extent.log2().floor().max(0.0) as usize).min(pyramid.len() - 1);
         let scale = 1.0 / (1u64 << level) as f32;
         let map = &pyramid[level];
         let first = (lo * scale).floor();
         let count = ((hi * scale).floor() - first).clamp(Vec2::ZERO, Vec2::splat(2.0));
-        // Texels of the base wrap; on the last, partly filled texel of a level they wrap a little late, so its
-        // neighbour is what matters, and both are visited.
+        // On a level with a partly filled last texel, coordinates wrap up to one texel late; the next texel is then the one
+        // needed. The loop visits both.
         let wrapped = |x: f32, dx: i64, size: u32| (x as i64 + dx).rem_euclid(i64::from(size)) as u32;
         let mut bounds = map.at(wrapped(first.x, 0, map.width), wrapped(first.y, 0, map.height));
         for dy in 0..=count.y as i64 {
@@ -122,18 +123,18 @@ impl<const N: usize> Level<N> {
     }
 }
 
-/// Where a texture is a hole, at every resolution.
+/// Which parts of a texture are holes, at every resolution.
 ///
-/// Averaging alpha over larger and larger texels and comparing with one limit lets thin leaves vanish and thin gaps close.
-/// So every mip level has a limit of its own: the one that leaves the same share of its texels solid as in the full image
-/// (rounded up, so that something is always left).
+/// With the same alpha limit on every mip level, thin leaves would vanish and narrow gaps would close as alpha is averaged
+/// over larger texels. So every mip level has its own limit: the one that leaves the same share of its texels solid as in
+/// the full image (rounded up, so that something is always left).
 pub struct AlphaMap {
     range: RangeMap<1>,
-    /// Per mip level the least alpha, 0..=255, that is not a hole.
+    /// Per mip level the smallest alpha, 0..=255, that is solid.
     limits: Vec<f32>,
 }
 
-/// What a part of a surface with holes consists of.
+/// What a part of a surface with holes contains.
 pub struct Parts {
     /// Some of it is solid.
     pub solid: bool,
@@ -142,7 +143,7 @@ pub struct Parts {
 }
 
 impl AlphaMap {
-    /// Alpha below `least`, 0..=1, is a hole.
+    /// Texels with alpha below `least`, 0..=1, are holes.
     pub fn new(texture: &Texture, least: f32) -> Self {
         let bounds = |&[_, _, _, a]: &[u8; 4]| Bounds { min: [a], max: [a] };
         let base = |mip: &crate::MipLevel| (mip.width, mip.height, mip.texels.iter().map(bounds).collect());
@@ -150,7 +151,7 @@ impl AlphaMap {
         let texels = &texture.mips[0].texels;
         let share = texels.iter().filter(|t| solid(t[3])).count() as f64 / texels.len() as f64;
         let mut limits: Vec<f32> = texture.mips.iter().map(|mip| limit(&mip.texels, share)).collect();
-        // On the full image the limit is what was asked for, between two values of alpha though it may be.
+        // The limit of the full image is exactly the given one, even between two values of a byte.
         limits[0] = least * 255.0;
         Self { range: RangeMap::new(texture.mips.iter().map(base)), limits }
     }
@@ -170,14 +171,14 @@ impl AlphaMap {
         top[top.len() - 1].texels[0]
     }
 
-    /// What there is in a box of texture coordinates, as [`RangeMap::in_box`] counts.
+    /// What a box of texture coordinates contains, with the same texels as [`RangeMap::in_box`].
     pub fn in_box(&self, lo: Vec2, hi: Vec2, footprint: f32) -> Parts {
         let limit = self.limits[self.range.mip(footprint)];
         let bounds = self.range.in_box(lo, hi, footprint);
         Parts { solid: f32::from(bounds.max[0]) >= limit, hole: f32::from(bounds.min[0]) < limit }
     }
 
-    /// Whether there is a hole here, averaged over `footprint` texels of the full image.
+    /// Whether the texture, averaged over `footprint` texels of the full image, has a hole at `uv`.
     pub fn is_hole(&self, uv: Vec2, footprint: f32) -> bool {
         let mip = self.range.mip(footprint);
         let map = &self.range.pyramids[mip][0];
@@ -194,7 +195,7 @@ impl AlphaMap {
     }
 }
 
-/// The greatest alpha that at least this share of the texels reach; above all of them where the share is zero.
+/// The largest alpha that at least this share of the texels reach; 256 if the share is zero.
 fn limit(texels: &[[u8; 4]], share: f64) -> f32 {
     let mut histogram = [0usize; 256];
     texels.iter().for_each(|t| histogram[t[3] as usize] += 1);

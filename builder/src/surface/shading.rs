@@ -1,7 +1,7 @@
 //! Colour, normal and holes of pieces of triangles.
 //!
-//! All that can be known of a triangle beforehand is: whether its colour and normal are the same everywhere, which makes
-//! them cost next to nothing, and otherwise how they follow from a position.
+//! Prepared per triangle: if its colour and normal are the same everywhere, these, which makes them almost free; otherwise
+//! how they are computed from a position.
 
 use esvo_format::RawNormal;
 use glam::{DVec3, Vec2, Vec3, Vec3A};
@@ -9,17 +9,19 @@ use rayon::prelude::*;
 
 use super::Surface;
 use super::look::{Cutout, Look};
+use crate::clip::polygon::{area, area_and_centroid};
 use crate::clip::{Arena, Piece};
 use crate::mesh::maps::mapped_normal;
 use crate::surface::range::encode_srgb;
 use crate::{Mesh, NormalMap};
 
-/// "None" for indices.
+/// An index into nothing.
 const NONE: u32 = u32::MAX;
-/// A triangle whose corners' normals are all this near its own (per component; a quarter of a raw normal's steps) is flat.
+/// A triangle is flat if the normals at its corners differ from its own by at most this in each component, a quarter of a
+/// step of a raw normal.
 const FLAT: f32 = 1e-4;
 
-/// What all triangles look like.
+/// The appearance of all triangles.
 pub struct Shading<'a> {
     mesh: &'a Mesh,
     looks: Vec<Look>,
@@ -30,30 +32,30 @@ pub struct Shading<'a> {
     finest_voxel: f32,
 }
 
-/// What a triangle looks like.
+/// The appearance of a triangle.
 #[derive(Clone, Copy)]
 struct Facet {
     /// The geometric normal.
     normal: RawNormal,
     /// Index into `looks`.
     look: u32,
-    /// Index into `frames`; `NONE`: colour and normal are the same everywhere.
+    /// Index into `frames`; `NONE` if colour and normal are the same everywhere.
     frame: u32,
 }
 
-/// How the attributes of a triangle that vary follow from a position.
+/// How the attributes of a triangle on which they vary are computed from a position.
 struct Frame {
     /// Gradients of the second and third barycentric coordinate.
     gradients: [Vec3; 2],
-    /// Vertices of the mesh.
+    /// Indices of its vertices in the mesh.
     vertices: [u32; 3],
-    /// Texels of the colour texture per unit of octree space; 0 without.
+    /// Texels of the colour texture per unit of octree space; 0 without a texture.
     texel_density: f32,
-    /// The same of the normal map.
+    /// Texels of the normal map per unit of octree space; 0 without a map.
     normal_density: f32,
     /// Index into `tangents`, or `NONE`.
     tangents: u32,
-    /// Whether vertex normals say more than the geometric one.
+    /// Whether the vertex normals differ from the geometric normal.
     smooth: bool,
 }
 
@@ -74,7 +76,7 @@ impl Sample {
 }
 
 impl<'a> Shading<'a> {
-    /// Prepares triangles: `source` has the index in the mesh of each, the rest is theirs in octree space.
+    /// Prepares triangles. `source` holds the index of each in the mesh; `corners` and `normals` are in octree space.
     pub fn new(
         mesh: &'a Mesh,
         source: &[u32],
@@ -130,7 +132,7 @@ impl Frame {
         let (ab, ac) = (*b - *a, *c - *a);
         let n = ab.cross(ac);
         let inverse = 1.0 / n.length_squared();
-        // Triangles too narrow for that are no wider than a point: the attributes of their first corner do.
+        // Triangles too narrow for gradients are no wider than a point: the attributes of their first corner are used.
         let gradients = [ac.cross(n) * inverse, n.cross(ab) * inverse]
             .map(|g| g.as_vec3())
             .map(|g| if g.is_finite() { g } else { Vec3::ZERO });
@@ -154,8 +156,8 @@ impl Frame {
         }
     }
 
-    /// Barycentric coordinates of a point in the plane of the triangle whose first corner is `a`: those of the nearest
-    /// point of the triangle, about.
+    /// Barycentric coordinates of a point in the plane of the triangle whose first corner is `a`. For a point outside,
+    /// approximately those of the nearest point of the triangle.
     fn weights(&self, a: DVec3, p: DVec3) -> [f32; 3] {
         let d = (p - a).as_vec3();
         let v = d.dot(self.gradients[0]).clamp(0.0, 1.0);
@@ -193,7 +195,7 @@ impl Surface<'_> {
         f64::from(self.shading.finest_voxel)
     }
 
-    /// The colour (sRGB-encoded) and normal of all these pieces, if it is the same everywhere.
+    /// The colour (sRGB-encoded) and normal of these pieces, if they are the same everywhere on all of them.
     pub fn constant(&self, pieces: &[Piece]) -> Option<([u8; 3], RawNormal)> {
         let Shading { facets, looks, .. } = &self.shading;
         let (first, rest) = pieces.split_first()?;
@@ -210,13 +212,13 @@ impl Surface<'_> {
         Some((looks[first.look as usize].plain?, first.normal))
     }
 
-    /// The area of a piece in units of octree space.
+    /// The area of a piece in squared units of octree space.
     pub fn area(&self, triangle: u32, vertices: &[DVec3]) -> f32 {
         area(vertices, self.normals[triangle as usize].into())
     }
 
-    /// The area of a piece in units of octree space, and its colour and normal in the middle, filtered to the size of a
-    /// voxel.
+    /// The area of a piece in squared units of octree space, and its colour and normal at the centroid, filtered to the size
+    /// of a voxel.
     pub fn sample(&self, triangle: u32, vertices: &[DVec3], voxel_size: f64) -> (f32, Sample) {
         let facet = &self.shading.facets[triangle as usize];
         let normal = Vec3A::from(self.normals[triangle as usize]);
@@ -228,7 +230,7 @@ impl Surface<'_> {
         (area, self.sample_at(triangle, centroid, voxel_size))
     }
 
-    /// Colour and normal of a triangle at a point of it.
+    /// Colour and normal of a triangle at point `p` of it, filtered to the size of a voxel.
     pub fn sample_at(&self, triangle: u32, p: DVec3, voxel_size: f64) -> Sample {
         let facet = &self.shading.facets[triangle as usize];
         let look = &self.shading.looks[facet.look as usize];
@@ -251,24 +253,24 @@ impl Surface<'_> {
         Sample { color, normal }
     }
 
-    /// Whether one sample tells all that is asked of a piece of this triangle: it has no holes, and its texels are not
-    /// looked at one by one.
+    /// Whether one sample is enough for a piece of this triangle: it has no holes, and its texels are not tested one by
+    /// one.
     pub fn is_plain(&self, triangle: u32) -> bool {
         let facet = &self.shading.facets[triangle as usize];
         (facet.frame == NONE || !self.tests_texels)
             && matches!(self.shading.looks[facet.look as usize].cutout, Cutout::Solid)
     }
 
-    /// `normal` turned as `detail` of a normal map says.
+    /// `normal` changed by the sample `detail` of a normal map.
     fn mapped(&self, frame: &Frame, normal: Vec3A, w: [f32; 3], detail: [f32; 3]) -> Vec3A {
         let Some(tangents) = self.shading.tangents.get(frame.tangents as usize) else { return normal };
         mapped_normal(normal.to_array(), mix_tangents(*tangents, w), detail).into()
     }
 
-    /// Whether a piece of a cut-out material is all hole.
+    /// Whether a piece of a cut-out material consists of holes only.
     ///
-    /// Pieces no larger than the finest voxels are holes or not as their middle is, at a resolution that keeps the share
-    /// of the material that is solid; larger ones are holes if every part of them is.
+    /// A piece no larger than the finest voxels is a hole if its centroid is, at a resolution that keeps the share of the
+    /// material that is solid. A larger piece is a hole if every part of it is.
     pub fn is_hole(&self, triangle: u32, vertices: &[DVec3]) -> bool {
         let facet = &self.shading.facets[triangle as usize];
         let map = match &self.shading.looks[facet.look as usize].cutout {
@@ -289,7 +291,7 @@ impl Surface<'_> {
         !map.in_box(lo, hi, footprint).solid
     }
 
-    /// Whether part of these pieces is hole and part is not.
+    /// Whether these pieces contain a hole. Called for pieces that are not all hole.
     pub fn is_cut_through(&self, arena: &Arena, pieces: &[Piece]) -> bool {
         self.has_holes
             && pieces.iter().any(|piece| {
@@ -309,7 +311,7 @@ impl Surface<'_> {
             .fold((Vec2::MAX, Vec2::MIN), |(lo, hi), uv| (lo.min(uv), hi.max(uv)))
     }
 
-    /// Least and greatest sRGB-encoded colour that the finest voxels will show of a piece, texel for texel.
+    /// Smallest and largest sRGB-encoded colour that the finest voxels will show of a piece, over all its texels.
     pub fn color_range(&self, triangle: u32, vertices: &[DVec3]) -> ([u8; 3], [u8; 3]) {
         let facet = &self.shading.facets[triangle as usize];
         let look = &self.shading.looks[facet.look as usize];
@@ -336,7 +338,7 @@ impl Surface<'_> {
         (encode_srgb(lo), encode_srgb(hi))
     }
 
-    /// Largest difference of a component between `normal` and the shading normals that the finest voxels will show of a
+    /// Largest difference in a component between `normal` and the shading normals that the finest voxels will show of a
     /// piece.
     pub fn normal_deviation(&self, triangle: u32, vertices: &[DVec3], normal: Vec3A) -> f32 {
         let flat = Vec3A::from(self.normals[triangle as usize]);
@@ -356,7 +358,7 @@ impl Surface<'_> {
             let shading = frame.normal(mesh, flat, w);
             match mapped {
                 None => (shading - normal).abs().max_element(),
-                // Between the corners of the box lie no greater deviations than there, but for the curvature of the sphere.
+                // The deviation is largest at a corner of the box, up to the curvature of the sphere.
                 Some((lo, hi)) => (0..8u32)
                     .map(|corner| {
                         let detail = std::array::from_fn(|k| if corner >> k & 1 != 0 { hi[k] } else { lo[k] });
@@ -368,7 +370,7 @@ impl Surface<'_> {
         vertices.iter().map(deviation).fold(0.0, f32::max)
     }
 
-    /// Bounds of what a normal map says over a box of the mesh's texture coordinates.
+    /// Bounds of the samples of a normal map over a box of the mesh's texture coordinates.
     fn detail_bounds(
         &self,
         frame: &Frame,
@@ -386,81 +388,5 @@ impl Surface<'_> {
             [x * map.scale, y * map.scale, z]
         };
         (component(bounds.min), component(bounds.max))
-    }
-}
-
-/// The axes of the coordinate plane that a plane with this normal is nearest to, and by how much areas are larger in it.
-fn projection(normal: Vec3A) -> (usize, usize, f32) {
-    let n = normal.abs();
-    let axis = if n.x >= n.y && n.x >= n.z {
-        0
-    } else if n.y >= n.z {
-        1
-    } else {
-        2
-    };
-    ((axis + 1) % 3, (axis + 2) % 3, 1.0 / n[axis])
-}
-
-/// The area of a planar polygon with this unit normal.
-pub fn area(vertices: &[DVec3], normal: Vec3A) -> f32 {
-    let (x, y, stretch) = projection(normal);
-    let first = vertices[0].to_array();
-    // Differences are taken in double precision: what is left of a position in a small voxel is exact enough.
-    let edge = |v: &DVec3| {
-        let v = v.to_array();
-        [(v[x] - first[x]) as f32, (v[y] - first[y]) as f32]
-    };
-    let (mut twice, mut previous) = (0.0, [0.0; 2]);
-    for v in &vertices[1..] {
-        let next = edge(v);
-        twice += previous[0] * next[1] - previous[1] * next[0];
-        previous = next;
-    }
-    0.5 * twice.abs() * stretch
-}
-
-/// The same, and the centroid (the mean of the vertices of a polygon without area).
-pub fn area_and_centroid(vertices: &[DVec3], normal: Vec3A) -> (f32, DVec3) {
-    let (x, y, stretch) = projection(normal);
-    let (mut twice, mut moment, mut previous) = (0.0, Vec3A::ZERO, Vec3A::ZERO);
-    for v in &vertices[1..] {
-        let next = (*v - vertices[0]).as_vec3a();
-        let (a, b) = (previous.to_array(), next.to_array());
-        let part = a[x] * b[y] - a[y] * b[x];
-        // Twice the area and thrice the centroid of each triangle of a fan around the first vertex.
-        moment += (previous + next) * part;
-        twice += part;
-        previous = next;
-    }
-    let centroid = vertices[0] + (moment / (3.0 * twice)).as_dvec3();
-    if twice != 0.0 && centroid.is_finite() {
-        return (0.5 * twice.abs() * stretch, centroid);
-    }
-    (0.0, vertices.iter().sum::<DVec3>() / vertices.len() as f64)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn areas_and_centroids_of_polygons_in_space() {
-        for normal in [DVec3::X, DVec3::NEG_Y, DVec3::new(1.0, -2.0, 3.0), DVec3::new(-5.0, 0.1, 4.9)] {
-            let normal = normal.normalize();
-            let (u, v) = normal.any_orthonormal_pair();
-            let middle = DVec3::new(0.3, 0.7, 0.4);
-            // A rectangle of 0.02 by 0.06 with a corner cut off: 1/8 of it.
-            let corners = [(-0.01, -0.03), (0.01, -0.03), (0.01, 0.0), (0.0, 0.03), (-0.01, 0.03)];
-            let polygon = corners.map(|(x, y)| middle + u * x + v * y);
-            let (found, centroid) = area_and_centroid(&polygon, normal.as_vec3a());
-            let expected = 0.0012 - 0.5 * 0.01 * 0.03;
-            assert!((found - expected).abs() < 1e-8 && (area(&polygon, normal.as_vec3a()) - expected).abs() < 1e-8);
-            let cut = (0.5 * 0.01 * 0.03) / f64::from(expected);
-            let off = -cut * (u * (0.01 - 0.01 / 3.0) + v * (0.03 - 0.01));
-            assert!((centroid - middle - off).length() < 1e-7, "{centroid} for {}", middle + off);
-        }
-        let line = [DVec3::ZERO, DVec3::X, DVec3::X * 0.5];
-        assert_eq!(area_and_centroid(&line, Vec3A::Z), (0.0, DVec3::X * 0.5));
     }
 }

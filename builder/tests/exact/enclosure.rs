@@ -1,14 +1,15 @@
 //! Whether a contour encloses the surface in its voxel, in integers.
 //!
-//! What a triangle and a cube have in common is a convex polygon. Each of its corners is a corner of the triangle, or where
-//! an edge of the triangle meets a face of the cube, or where an edge of the cube meets the triangle. All of these are
+//! The intersection of a triangle and a cube is a convex polygon. Each of its corners is a corner of the triangle, or the
+//! intersection of an edge of the triangle with a face of the cube, or of an edge of the cube with the triangle. All of these
+//! are fractions of integers, and all of them are tested.
 //! fractions of integers; all of them are looked at.
 
 use num_bigint::BigInt;
 
 use super::integers::{Vector, cross, dot, sub};
 
-/// A contour's slab, decoded from its word by the specification's text, in units of `2^-28`.
+/// A contour's slab, decoded from its word as the specification says, in units of `2^-28`.
 pub struct Slab {
     normal: Vector<BigInt>,
     lo: BigInt,
@@ -31,7 +32,7 @@ pub struct Cube {
     pub edge: BigInt,
 }
 
-/// A point as integers over one that is positive.
+/// A point: integer coordinates divided by a positive integer.
 struct Fraction {
     p: Vector<BigInt>,
     over: BigInt,
@@ -49,9 +50,9 @@ impl Fraction {
         })
     }
 
-    /// `None` if the point is in the slab of the cube, else whether it is below.
+    /// `None` if the point is in the slab of the cube, else whether it is below the slab.
     fn is_outside(&self, slab: &Slab, cube: &Cube) -> Option<bool> {
-        // n·(p - centre) against lo and hi in units of the cube's edge; all of it twice.
+        // Compares n·(p - centre) with lo and hi, in units of the cube's edge; everything times two.
         let from_centre: Vector<BigInt> =
             std::array::from_fn(|axis| &self.p[axis] * 2 - (&cube.corner[axis] * 2 + &cube.edge) * &self.over);
         let at = dot(&slab.normal, &from_centre);
@@ -66,7 +67,7 @@ impl Fraction {
     }
 }
 
-/// The corners of what triangle and cube have in common, some more than once, on to `visit`.
+/// Passes the corners of the intersection of triangle and cube to `visit`, some more than once.
 fn corners(triangle: &[Vector<BigInt>; 3], cube: &Cube, visit: &mut dyn FnMut(&Fraction)) {
     let faces: [[BigInt; 2]; 3] = std::array::from_fn(|i| [cube.corner[i].clone(), &cube.corner[i] + &cube.edge]);
     let mut found = |point: Fraction| {
@@ -103,7 +104,7 @@ fn corners(triangle: &[Vector<BigInt>; 3], cube: &Cube, visit: &mut dyn FnMut(&F
             let mut p = [BigInt::ZERO, BigInt::ZERO, BigInt::ZERO];
             p[axis] = &at - &normal[j] * y - &normal[k] * z;
             (p[j], p[k]) = (y * over, z * over);
-            // In the plane of the triangle, seen along the axis: on which side of the three edges?
+            // In the plane of the triangle, seen along the axis: on which side of the three edges is the point?
             let sides = [0, 1, 2].map(|i| {
                 let (a, b) = (&triangle[i], &triangle[(i + 1) % 3]);
                 (&b[j] - &a[j]) * (z - &a[k]) - (&b[k] - &a[k]) * (y - &a[j])
@@ -116,7 +117,7 @@ fn corners(triangle: &[Vector<BigInt>; 3], cube: &Cube, visit: &mut dyn FnMut(&F
     }
 }
 
-/// Whether all of the triangle that is in the cube is in the slab.
+/// Whether the part of the triangle in the cube is completely in the slab.
 pub fn encloses(slab: &Slab, cube: &Cube, triangle: &[Vector<BigInt>; 3]) -> bool {
     let mut all = true;
     corners(triangle, cube, &mut |point| all &= point.is_outside(slab, cube).is_none());

@@ -1,12 +1,12 @@
-//! Doubles as integers: every finite double is an integer times a power of two, so that sums and products of them can be
-//! had without any rounding.
+//! Doubles as integers: every finite double is an integer times a power of two, so sums and products of doubles can be
+//! computed without rounding.
 
 use std::fmt::Debug;
 use std::ops::{Add, Mul, Neg, Sub};
 
 use num_bigint::BigInt;
 
-/// Integers to compute with: `BigInt` always holds the result, `i128` is faster and panics if it does not.
+/// Integer types to compute with: `BigInt` can hold every result; `i128` is faster and panics if it overflows.
 pub trait Integer:
     Clone
     + Debug
@@ -28,7 +28,7 @@ pub type Vector<T> = [T; 3];
 /// `x * 2^exponent`.
 ///
 /// # Panics
-/// That is no integer: `exponent` is below [`exponent_of`] it.
+/// If the result is no integer: `exponent` is less than [`exponent_of`] it.
 pub fn integer(x: f64, exponent: i32) -> BigInt {
     let (mantissa, power) = parts(x);
     let shift = power + exponent;
@@ -36,7 +36,7 @@ pub fn integer(x: f64, exponent: i32) -> BigInt {
     BigInt::from(mantissa) << shift.max(0) as u32
 }
 
-/// The least exponent with which `x` is an integer; 0 at least.
+/// The smallest exponent, at least 0, for which `x * 2^exponent` is an integer.
 pub fn exponent_of(x: f64) -> i32 {
     let (mantissa, power) = parts(x);
     if mantissa == 0 { 0 } else { (-power).max(0) }

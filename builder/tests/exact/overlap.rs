@@ -1,5 +1,5 @@
-//! Which voxels meet a set of triangles, by the separating axis theorem in integers: thirteen directions, and both the
-//! triangle and the cube closed. Nothing in here rounds, and nothing is shared with the builder.
+//! Which voxels meet a set of triangles, by the separating axis theorem in integers: thirteen directions, with both the
+//! triangle and the cube closed. Nothing here rounds, and no code is shared with the builder.
 
 use std::collections::HashSet;
 
@@ -8,32 +8,32 @@ use num_bigint::BigInt;
 
 use super::integers::{Integer, Vector, cross, dot, exponent_of, integer, sub};
 
-/// The root cube and the unit that everything is an integer in.
+/// The root cube, and the unit in which all coordinates are integers.
 pub struct Space<T> {
-    /// Units are `2^-exponent` of the mesh's.
+    /// One unit is `2^-exponent` of the mesh's unit.
     exponent: i32,
     pub origin: Vector<T>,
     /// Edge of the root cube.
     extent: BigInt,
 }
 
-/// What of a cube belongs to it.
+/// Which points of a cube belong to it.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Cube {
-    /// All of it.
+    /// All points.
     Closed,
-    /// Not its upper faces. This is wrong; it is here to be noticed.
+    /// All points except the upper faces. This is wrong: the tests must notice it.
     HalfOpen,
 }
 
-/// A triangle, seen along each of the directions that can separate it from a cube.
+/// A triangle, projected to each of the directions that can separate it from a cube.
 pub struct Projected<T> {
     axes: Vec<Axis<T>>,
 }
 
 struct Axis<T> {
     direction: Vector<T>,
-    /// The triangle's extent, twice.
+    /// The triangle's extent, times two.
     lo: T,
     hi: T,
     /// Extent of a cube of edge 1.
@@ -42,7 +42,8 @@ struct Axis<T> {
 }
 
 impl<T: Integer> Space<T> {
-    /// A space in which this cube, its cubes of `levels` levels, `extra_bits` more, and these points are integers.
+    /// A space in which this cube, its cubes down to level `levels`, `2^-extra_bits` of its edge, and these points
+    /// are integers.
     pub fn new(origin: DVec3, extent: f64, points: impl Iterator<Item = DVec3>, levels: u32, extra_bits: i32) -> Self {
         let mut exponent = exponent_of(extent) + (levels as i32).max(extra_bits);
         for p in points.chain([origin]) {
@@ -75,7 +76,7 @@ impl<T: Integer> Projected<T> {
         Self { axes }
     }
 
-    /// Whether a cube, given by its lower corner and edge, meets it.
+    /// Whether the triangle meets a cube, given by its lower corner and edge.
     pub fn meets(&self, corner: &Vector<T>, edge: &T, cube: Cube) -> bool {
         let centre: Vector<T> = std::array::from_fn(|i| corner[i].clone() + corner[i].clone() + edge.clone());
         self.axes.iter().all(|axis| {
@@ -105,7 +106,7 @@ impl<T: Integer> Axis<T> {
 /// A voxel: its level and its position in voxels of that level.
 pub type Voxel = (u32, [u32; 3]);
 
-/// Every voxel of levels `1..=levels` that meets one of the triangles. A cube that meets none has no part that does.
+/// Every voxel of levels `1..=levels` that meets one of the triangles. Only children of such voxels can meet one.
 pub fn voxels<T: Integer>(space: &Space<T>, triangles: &[Projected<T>], levels: u32, cube: Cube) -> HashSet<Voxel> {
     struct Walk<'a, T> {
         space: &'a Space<T>,

@@ -1,14 +1,14 @@
-//! glTF: scenes, accessors, materials and what can be wrong with them.
+//! glTF: scenes, accessors, materials, and errors.
 
 use crate::support::{Files, data_uri, png};
 
-/// Positions of a triangle, then of its texture coordinates, as a buffer of 60 bytes.
+/// A buffer of 60 bytes: positions of a triangle, then its texture coordinates.
 fn triangle_bytes() -> Vec<u8> {
     let values = [0.0f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.25, 0.25, 0.75, 0.25, 0.25, 0.75];
     values.iter().flat_map(|x| x.to_le_bytes()).collect()
 }
 
-/// A document with that triangle as mesh 0; each part can be replaced.
+/// A document with that triangle as mesh 0. Each part can be replaced.
 struct Document {
     buffers: String,
     views: &'static str,
@@ -86,7 +86,7 @@ fn buffers_in_files_and_binary_chunks() {
     assert_eq!(files.accept("a.gltf", beside.json()).triangle_count(), 1);
     let inside = Document { buffers: r#"{"byteLength":60}"#.into(), ..Document::default() };
     assert_eq!(files.accept("a.glb", glb(&inside.json(), &triangle_bytes())).triangle_count(), 1);
-    // The container under the other extension.
+    // The binary container with the extension of the text format.
     assert_eq!(files.accept("b.gltf", glb(&inside.json(), &triangle_bytes())).triangle_count(), 1);
     assert_eq!(
         files.refuse("c.glb", glb(&inside.json(), &triangle_bytes()[..56])),
@@ -109,7 +109,7 @@ fn nodes_place_instances() {
     let near = |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).all(|(x, y)| (x - y).abs() < 1e-6);
     assert!(near(mesh.positions[1], [10.0, 2.0, 0.0]), "{:?}", mesh.positions);
     assert!(near(mesh.positions[4], [9.0, 0.0, 5.0]), "{:?}", mesh.positions);
-    // The mirrored one keeps its outside.
+    // The mirrored instance keeps its outside.
     assert_eq!(mesh.triangles, [[0, 1, 2], [3, 5, 4]]);
 }
 
@@ -213,7 +213,7 @@ fn buffers_must_be_there() {
 
 #[test]
 fn sparse_accessors_replace_values() {
-    // The index 2 lies in the last byte of the buffer; the new value is the second vertex.
+    // The index 2 is in the last byte of the buffer. The new value is the second vertex.
     let mut bytes = triangle_bytes();
     bytes.extend([2, 0, 0, 0]);
     let buffers = format!(r#"{{"byteLength":64,"uri":"{}"}}"#, data_uri(&bytes));
@@ -270,7 +270,7 @@ fn indices_are_checked() {
     let mesh = document(vertices, indexed).mesh();
     assert_eq!(mesh.triangles, [[0, 1, 2]]);
     assert_eq!(mesh.warnings, ["mesh 0, primitive 0 has 1 corners left over after its last triangle"]);
-    // A strip ends in a triangle of no area, which only joins.
+    // Repeated vertices: triangles without area that only join strips.
     let strip = document(vertices, r#""attributes":{"POSITION":0},"indices":1,"mode":5"#).mesh();
     assert_eq!((strip.triangles.as_slice(), strip.warnings.len()), (&[[0, 1, 2]][..], 0));
     assert_eq!(
@@ -357,7 +357,7 @@ fn other_versions_and_other_json_are_refused() {
     assert!(refuse(&Document::default().json()[..200]).starts_with("a.gltf: not a glTF document: EOF while parsing"));
 }
 
-/// A textured document: the material's JSON and an image of two texels side by side.
+/// A textured document: the material's JSON, and an image of two texels side by side.
 fn textured(material: &str, texels: &[[u8; 4]; 2]) -> Document {
     let image = data_uri(&png(2, 1, texels));
     Document {
@@ -442,14 +442,14 @@ fn only_the_vertices_in_use_are_kept() {
         views: r#"{"buffer":0,"byteLength":60}"#,
         ..Document::default()
     };
-    // Five vertices without indices: one triangle and two corners left over.
+    // Five vertices without indices: one triangle, and two corners left over.
     let mesh = mesh.mesh();
     assert_eq!((mesh.positions.len(), mesh.triangle_count(), mesh.warnings.len()), (3, 1, 1));
 }
 
 #[test]
 fn instances_without_end_are_refused_before_they_are_made() {
-    // A strip of a million vertices that take no bytes, two hundred times.
+    // Two hundred instances of a strip of a million vertices that take no bytes in the file.
     let nodes: Vec<String> = (0..200).map(|_| r#"{"mesh":0}"#.to_owned()).collect();
     let starts: Vec<String> = (0..200).map(|i| i.to_string()).collect();
     let mut bytes = triangle_bytes();
@@ -469,7 +469,7 @@ fn instances_without_end_are_refused_before_they_are_made() {
     );
 }
 
-/// The material's normal map, after that of a textured document whose image leans to the right.
+/// A document with this normal map in its material, next to the colour texture; the normals lean to the right.
 fn normal_mapped(material: &str) -> esvo_builder::Mesh {
     const LEANING: [u8; 4] = [204, 128, 230, 255];
     textured(material, &[LEANING, LEANING]).mesh()
@@ -483,11 +483,11 @@ fn normal_maps_are_read_with_their_scale_and_transform() {
     assert!((x - 0.3).abs() < 1e-6 && (z - 0.8).abs() < 5e-3, "{x} {z}");
     assert_eq!(map.uv_transform, esvo_builder::UvTransform::IDENTITY);
     assert!(mesh.materials[0].texture.is_none());
-    // Alone, its transform is in the coordinates of the mesh.
+    // Without a colour texture, its transform is applied to the coordinates of the mesh.
     let transform = r#""extensions":{"KHR_texture_transform":{"scale":[2,4],"offset":[0.5,0]}}"#;
     let mesh = normal_mapped(&format!(r#""normalTexture":{{"index":0,{transform}}}"#));
     assert_eq!(mesh.uvs, [[1.0, 1.0], [2.0, 1.0], [1.0, 3.0]]);
-    // Beside a colour texture it is in the map.
+    // With a colour texture, its transform is in the map.
     let mesh = normal_mapped(&format!(r#"{COLOR},"normalTexture":{{"index":0,{transform}}}"#));
     assert_eq!(mesh.uvs[0], [0.25, 0.25]);
     let map = mesh.materials[0].normal_map.as_ref().unwrap();
@@ -508,7 +508,7 @@ fn normal_maps_are_read_with_their_scale_and_transform() {
 
 #[test]
 fn tangents_are_read_where_they_are_of_use_and_move_with_the_nodes() {
-    // Positions (which serve as normals, too), texture coordinates, then tangents along y of either handedness.
+    // Positions (also used as normals), texture coordinates, then tangents along y of either handedness.
     let mut bytes = triangle_bytes();
     for w in [1.0f32, -1.0, 1.0] {
         bytes.extend([0.0, 2.0, 0.0, w].iter().flat_map(|x| x.to_le_bytes()));
@@ -524,7 +524,7 @@ fn tangents_are_read_where_they_are_of_use_and_move_with_the_nodes() {
     document.nodes = r#"{"mesh":0,"scale":[1,-3,1]}"#;
     let mesh = document.mesh();
     assert_eq!(mesh.tangents, [[0.0, -1.0, 0.0, -1.0], [0.0, -1.0, 0.0, 1.0], [0.0, -1.0, 0.0, -1.0]]);
-    // Without normals they mean nothing.
+    // Without normals, tangents are ignored.
     document.primitive = r#""attributes":{"POSITION":0,"TEXCOORD_0":1,"TANGENT":2},"material":0"#;
     assert!(document.mesh().tangents.is_empty());
 }

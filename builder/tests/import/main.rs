@@ -1,4 +1,4 @@
-//! The importer seen from outside: small files of every kind, good and bad, and the real scenes where they are at hand.
+//! The importer through its public interface: small files of every kind, valid and invalid, and the real scenes if found.
 
 mod gltf;
 mod obj;

@@ -1,4 +1,4 @@
-//! OBJ and the errors common to all kinds of files.
+//! OBJ, and the errors common to all kinds of files.
 
 use crate::support::{Files, png};
 
@@ -43,7 +43,7 @@ fn text_may_be_utf_16_or_carry_a_mark() {
     ] {
         assert_eq!(files.accept("a.obj", bytes).triangle_count(), 1);
     }
-    // An odd byte at the end is not a character.
+    // An odd byte at the end is no character.
     assert_eq!(files.refuse("a.obj", b"\xff\xfev"), "a.obj: the mesh has no triangles");
 }
 
@@ -82,7 +82,7 @@ fn faces_with_and_without_attributes_do_not_mix_up() {
     assert_eq!(mesh.uvs[corner(3, 2)], [0.0, 0.0]);
     assert_eq!(mesh.normals[corner(1, 0)], [0.0, 0.0, 1.0]);
     assert_eq!(mesh.normals[corner(2, 2)], [0.0, 0.0, 1.0]);
-    // Made up where the file has none.
+    // Computed where the file has no normal.
     assert_eq!(mesh.normals[corner(0, 0)], [0.0, -1.0, 0.0]);
     assert_eq!(mesh.normals[corner(3, 1)], [1.0, 0.0, 0.0]);
 }
@@ -158,7 +158,7 @@ fn missing_materials_leave_a_plain_colour_and_a_warning() {
         .collect();
     assert_eq!(colors[0], ("red", [1.0, 0.0, 0.0, 1.0]));
     assert_eq!(colors[1], ("default", [0.8, 0.8, 0.8, 1.0]));
-    // Kd is a display value: half of it is 0.214 of the light.
+    // Kd is sRGB-encoded: 0.5 decodes to 0.214.
     assert_eq!(colors[2], ("half", [0.214_041_14, 0.214_041_14, 0.214_041_14, 0.25]));
     assert_eq!(
         mesh.warnings,
@@ -210,7 +210,7 @@ fn textures_that_cannot_be_decoded_are_errors() {
     let good = png(8, 8, &[[1, 2, 3, 4]; 64]);
     files.write("bad.png", &good[..good.len() / 2]);
     assert!(files.error("a.obj").starts_with("a.obj: cannot decode the image bad.png: "), "{}", files.error("a.obj"));
-    // A header that promises more texels than allowed.
+    // A header that declares more texels than allowed.
     let mut huge = good;
     huge[16..24].copy_from_slice(&[0, 1, 0, 0, 0, 1, 0, 0]);
     files.write("bad.png", huge);
@@ -234,7 +234,7 @@ fn opacity_maps_become_alpha() {
 fn maps_of_detail_are_read() {
     let files = Files::new();
     files.write("height.png", png(2, 1, &[[0, 0, 0, 255], [255, 255, 255, 255]]));
-    // Leaning to the right, and straight up.
+    // Normals that lean to the right, and straight up.
     files.write("normal.png", png(2, 1, &[[204, 128, 230, 255], [128, 128, 255, 255]]));
     files.write(
         "my lib.mtl",

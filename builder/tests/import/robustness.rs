@@ -1,4 +1,4 @@
-//! Damaged files: whatever the damage, a mesh or one line of error, at once.
+//! Damaged files: for any damage, the importer quickly returns a mesh or an error of one line.
 
 use std::time::{Duration, Instant};
 
@@ -6,7 +6,7 @@ use esvo_builder::import::load_mesh;
 
 use crate::support::{Files, data_uri, png};
 
-/// Small numbers from a fixed seed (the generator SplitMix64).
+/// Small pseudo-random numbers from a fixed seed (the generator SplitMix64).
 struct Random(u64);
 
 impl Random {
@@ -19,7 +19,7 @@ impl Random {
     }
 }
 
-/// Words that numbers and names in text files are replaced with.
+/// Words that replace numbers and names in text files.
 const NASTY: [&str; 16] = [
     "-1",
     "0",
@@ -51,7 +51,7 @@ fn damage(bytes: &[u8], random: &mut Random) -> Vec<u8> {
             1 => bytes[at] = random.below(256) as u8,
             2 => bytes[at] ^= 1 << random.below(8),
             3 => {
-                // A whole number becomes another.
+                // One number becomes another.
                 let digit = |b: &u8| b.is_ascii_digit() || *b == b'-' || *b == b'.';
                 let Some(start) = bytes[at..].iter().position(digit).map(|p| at + p) else { continue };
                 let end = bytes[start..].iter().position(|b| !digit(b)).map_or(bytes.len(), |p| start + p);
@@ -66,7 +66,7 @@ fn damage(bytes: &[u8], random: &mut Random) -> Vec<u8> {
     bytes
 }
 
-/// Loads `rounds` damaged copies of a good file.
+/// Loads `rounds` damaged copies of a valid file.
 fn survive(name: &str, good: &[u8], rounds: usize) {
     let files = Files::new();
     files.write("t.png", png(2, 2, &[[9, 9, 9, 9]; 4]));
@@ -110,7 +110,7 @@ fn damaged_material_libraries() {
     let mut random = Random(2);
     for _ in 0..300 {
         files.write("m.mtl", damage(good, &mut random));
-        // Nothing in a library but an image that cannot be read costs the triangles.
+        // A damaged library never costs the triangles, except by an image that cannot be decoded.
         if let Err(error) = load_mesh(&files.path("a.obj")) {
             assert!(error.to_string().contains("cannot decode the image"), "{error}");
         }
@@ -139,7 +139,7 @@ fn damaged_ply_files() {
     survive("a.ply", &binary, 600);
 }
 
-/// A document that uses most of what is read: sparse and plain accessors, indices, nodes, a texture with a transform.
+/// A document that uses most features: sparse and plain accessors, indices, nodes, a texture with a transform.
 fn gltf(buffer: &str) -> String {
     let image = data_uri(&png(2, 2, &[[200, 100, 50, 128]; 4]));
     format!(

@@ -1,4 +1,4 @@
-//! The real scenes, where they are at hand: `$ESVO_SCENES`, or beside the repository.
+//! The real scenes, if they are found: in `$ESVO_SCENES`, or next to the repository.
 
 use std::path::{Path, PathBuf};
 

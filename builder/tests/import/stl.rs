@@ -1,4 +1,4 @@
-//! STL: both encodings, several solids, and what can be wrong.
+//! STL: both encodings, several solids, and errors.
 
 use crate::support::Files;
 

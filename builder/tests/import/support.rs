@@ -1,4 +1,4 @@
-//! Files in a temporary directory, and the importer's answer to them.
+//! Files in a temporary directory, and what the importer makes of them.
 
 use std::fs;
 use std::path::PathBuf;
@@ -25,14 +25,14 @@ impl Files {
         self
     }
 
-    /// The mesh in a file that must be good.
+    /// The mesh in a valid file.
     pub(crate) fn mesh(&self, name: &str) -> Mesh {
         let mesh = load_mesh(&self.path(name)).unwrap_or_else(|e| panic!("{e}"));
         mesh.validate().unwrap();
         mesh
     }
 
-    /// The error for a file that must be bad, without the directory of the test.
+    /// The error for an invalid file, without the directory of the test.
     pub(crate) fn error(&self, name: &str) -> String {
         let error = load_mesh(&self.path(name)).map(|m| m.triangle_count()).expect_err("the file must be refused");
         error.to_string().replace(&format!("{}/", self.0.path().display()), "")

@@ -1,0 +1,131 @@
+//! Reads files as bytes and text, and finds out the kind of a mesh file by its extension and by its content.
+
+use std::borrow::Cow;
+use std::fs;
+use std::path::Path;
+
+use super::error::ImportError;
+
+/// The whole content of a regular file. Devices and pipes are refused: they may never end.
+pub(super) fn read_file(path: &Path) -> Result<Vec<u8>, ImportError> {
+    let metadata = fs::metadata(path).map_err(|source| ImportError::Read { path: path.into(), source })?;
+    if !metadata.is_file() {
+        return Err(ImportError::NotAFile { path: path.into() });
+    }
+    fs::read(path).map_err(|source| ImportError::Read { path: path.into(), source })
+}
+
+/// The kind of a mesh file by its extension.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    Obj,
+    Gltf,
+    Glb,
+    Ply,
+    Stl,
+}
+
+impl Kind {
+    pub(super) fn of_extension(path: &Path) -> Option<Self> {
+        match path.extension()?.to_str()?.to_ascii_lowercase().as_str() {
+            "obj" => Some(Self::Obj),
+            "gltf" => Some(Self::Gltf),
+            "glb" => Some(Self::Glb),
+            "ply" => Some(Self::Ply),
+            "stl" => Some(Self::Stl),
+            _ => None,
+        }
+    }
+
+    pub(super) fn description(self) -> &'static str {
+        match self {
+            Self::Obj => "an OBJ text file",
+            Self::Gltf => "a glTF JSON file",
+            Self::Glb => "a binary glTF file",
+            Self::Ply => "a PLY file",
+            Self::Stl => "an STL file",
+        }
+    }
+
+    pub(super) fn allows(self, content: Content) -> bool {
+        match self {
+            Self::Obj => matches!(content, Content::Text | Content::Utf16),
+            // Text that does not start like JSON goes to the JSON parser: its message contains line and column.
+            Self::Gltf => matches!(content, Content::Json | Content::Text | Content::Glb),
+            Self::Glb => content == Content::Glb,
+            Self::Ply => content == Content::Ply,
+            // The header of a binary file may contain any text.
+            Self::Stl => matches!(content, Content::Text | Content::Json | Content::Binary),
+        }
+    }
+}
+
+/// The kind of a file by its first bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Content {
+    Png,
+    Jpeg,
+    Archive,
+    Glb,
+    Ply,
+    Json,
+    Text,
+    Utf16,
+    Binary,
+}
+
+impl Content {
+    pub(super) fn of(bytes: &[u8]) -> Self {
+        let head = &bytes[..bytes.len().min(4096)];
+        let text = head.strip_prefix(b"\xef\xbb\xbf").unwrap_or(head);
+        if head.starts_with(b"\x89PNG") {
+            Self::Png
+        } else if head.starts_with(b"\xff\xd8\xff") {
+            Self::Jpeg
+        } else if head.starts_with(b"PK\x03\x04")
+            || head.starts_with(b"\x1f\x8b")
+            || head.starts_with(b"\x28\xb5\x2f\xfd")
+        {
+            Self::Archive
+        } else if head.starts_with(b"glTF") {
+            Self::Glb
+        } else if head.starts_with(b"ply\n") || head.starts_with(b"ply\r") || head.starts_with(b"ply ") {
+            Self::Ply
+        } else if head.starts_with(b"\xff\xfe") || head.starts_with(b"\xfe\xff") {
+            Self::Utf16
+        } else if head.contains(&0) {
+            Self::Binary
+        } else if text.trim_ascii_start().starts_with(b"{") {
+            Self::Json
+        } else {
+            Self::Text
+        }
+    }
+
+    pub(super) fn description(self) -> &'static str {
+        match self {
+            Self::Png => "a PNG image",
+            Self::Jpeg => "a JPEG image",
+            Self::Archive => "a compressed archive",
+            Self::Glb => "a binary glTF file",
+            Self::Ply => "a PLY file",
+            Self::Json => "JSON text",
+            Self::Text => "a text file",
+            Self::Utf16 => "UTF-16 text",
+            Self::Binary => "a binary file",
+        }
+    }
+}
+
+/// Decodes text: UTF-8, or UTF-16 with a byte order mark. Invalid sequences are replaced.
+pub(super) fn text_of(bytes: &[u8]) -> Cow<'_, str> {
+    let wide = |word: fn([u8; 2]) -> u16| {
+        let words: Vec<u16> = bytes[2..].as_chunks::<2>().0.iter().map(|&pair| word(pair)).collect();
+        Cow::Owned(String::from_utf16_lossy(&words))
+    };
+    match bytes {
+        [0xff, 0xfe, ..] => wide(u16::from_le_bytes),
+        [0xfe, 0xff, ..] => wide(u16::from_be_bytes),
+        _ => String::from_utf8_lossy(bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes)),
+    }
+}
