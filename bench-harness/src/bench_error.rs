@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use esvo_core::CastError;
+use esvo_engines::{EngineId, OpenError};
 use esvo_format::FormatError;
 
 /// Why the harness gave up. Each message is one line: what, where, what to do.
@@ -44,21 +45,16 @@ pub enum BenchError {
         source: FormatError,
     },
     /// A caster that had worked failed.
-    #[error("caster {backend}: {source}")]
+    #[error("engine {engine}: {source}")]
     Cast {
-        /// Name of the caster.
-        backend: &'static str,
+        /// The engine.
+        engine: EngineId,
         /// What it said.
         source: CastError,
     },
     /// An engine that this program was built without, or that finds no device.
-    #[error("backend {backend}: {what}")]
-    Backend {
-        /// Its name.
-        backend: &'static str,
-        /// What is missing, and how to get it.
-        what: String,
-    },
+    #[error(transparent)]
+    Open(OpenError),
 }
 
 impl BenchError {

@@ -3,7 +3,6 @@
 //! [`run::run`](paper_bench::run::run) takes a [`Matrix`] and gives a [`Report`], from which
 //! [`tables`](paper_bench::tables) makes what is printed and [`output`] what is written.
 
-mod backend;
 mod bench_error;
 pub mod build_bench;
 pub mod build_summary;
@@ -22,7 +21,6 @@ pub mod text;
 pub mod timing;
 mod units;
 
-pub use backend::Backend;
 pub use bench_error::BenchError;
 pub use paper_bench::matrix::Matrix;
 pub use paper_bench::report::PaperReport;

@@ -2,11 +2,11 @@
 
 use std::sync::Arc;
 
-use esvo_bench::Backend;
 use esvo_bench::paper_bench::check::check;
 use esvo_builder::BuildSettings;
 use esvo_core::reference::ReferenceCaster;
 use esvo_core::{CastError, CastOptions, Caster, Device, FrameTime, Hit, View};
+use esvo_engines::{EngineId, OpenOptions};
 use esvo_format::Octree;
 
 /// Does something to every picture of the reference caster.
@@ -54,7 +54,7 @@ fn views(octree: &Octree) -> Vec<View> {
     vec![view(false), view(true)]
 }
 
-fn passes(break_it: impl FnMut(&mut Vec<Hit>) + Send, backend: Backend) -> bool {
+fn passes(break_it: impl FnMut(&mut Vec<Hit>) + Send, backend: EngineId) -> bool {
     let octree = octree();
     let mut caster = Broken { inner: ReferenceCaster::default(), break_it };
     caster.load(&octree).unwrap();
@@ -67,13 +67,13 @@ fn first_hit(hits: &mut [Hit]) -> &mut Hit {
 
 #[test]
 fn right_answers_pass() {
-    assert!(passes(|_| {}, Backend::Cpu));
-    assert!(passes(|_| {}, Backend::Ash));
+    assert!(passes(|_| {}, EngineId::Cpu));
+    assert!(passes(|_| {}, EngineId::Ash));
 }
 
 #[test]
 fn one_wrong_pixel_is_caught() {
-    for backend in [Backend::Cpu, Backend::Wgpu] {
+    for backend in [EngineId::Cpu, EngineId::Wgpu] {
         assert!(!passes(|hits| first_hit(hits).slot += 1, backend), "another parent");
         assert!(!passes(|hits| first_hit(hits).voxel ^= 1, backend), "another child");
         assert!(!passes(|hits| *first_hit(hits) = Hit::miss(1), backend), "a hole");
@@ -87,16 +87,16 @@ fn one_wrong_pixel_is_caught() {
 #[test]
 fn the_cpu_may_not_even_round_differently() {
     let nudge = |hits: &mut Vec<Hit>| first_hit(hits).t = first_hit(hits).t.next_up();
-    assert!(!passes(nudge, Backend::Cpu));
-    assert!(passes(nudge, Backend::Ash));
+    assert!(!passes(nudge, EngineId::Cpu));
+    assert!(passes(nudge, EngineId::Ash));
 }
 
 #[test]
 fn the_cpu_caster_agrees() {
     let octree = octree();
-    let mut caster = Backend::Cpu.open(Some(2)).unwrap();
+    let mut caster = EngineId::Cpu.open(&OpenOptions { threads: Some(2), ..OpenOptions::default() }).unwrap();
     caster.load(&octree).unwrap();
-    let agreement = check(&mut *caster, &octree, &views(&octree), Backend::Cpu.allowed()).unwrap();
+    let agreement = check(&mut *caster, &octree, &views(&octree), EngineId::Cpu.allowed()).unwrap();
     assert!(agreement.passed(), "{agreement:?}");
     assert_eq!(agreement.pixels, 2 * 96 * 72);
 }

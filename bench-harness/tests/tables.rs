@@ -1,11 +1,10 @@
 //! The layout of the tables, on a report with made-up figures.
 
-use esvo_bench::Backend;
 use esvo_bench::build_summary::KindBytes;
 use esvo_bench::error::depth::{DepthError, Summary};
 use esvo_bench::error::image::ImageError;
 use esvo_bench::matrix_parts::LeftOut;
-use esvo_bench::paper_bench::check::{Agreement, Allowed};
+use esvo_bench::paper_bench::check::Agreement;
 use esvo_bench::paper_bench::matrix::{Matrix, Variant};
 use esvo_bench::paper_bench::report::{
     CheckRow, DeviceRecord, ErrorRow, PaperReport, SCHEMA, SceneReport, Table1Row, TimeCell,
@@ -14,7 +13,9 @@ use esvo_bench::paper_bench::tables;
 use esvo_bench::scene::NamedView;
 use esvo_bench::system::machine::Machine;
 use esvo_bench::timing::{Samples, Spread};
+use esvo_core::testing::compare::Allowed;
 use esvo_core::{Camera, DeviceKind};
+use esvo_engines::EngineId;
 use esvo_scenes::SceneVariant;
 
 fn fake_report() -> PaperReport {
@@ -40,9 +41,9 @@ fn fake_report() -> PaperReport {
         },
         matrix,
         devices: vec![
-            device(Backend::Cpu, "Example Processor", DeviceKind::Cpu, "2 threads"),
-            device(Backend::Wgpu, "llvmpipe", DeviceKind::SoftwareGpu, "Mesa 1"),
-            device(Backend::Ash, "Example GPU", DeviceKind::Gpu, "driver 2"),
+            device(EngineId::Cpu, "Example Processor", DeviceKind::Cpu, "2 threads"),
+            device(EngineId::Wgpu, "llvmpipe", DeviceKind::SoftwareGpu, "Mesa 1"),
+            device(EngineId::Ash, "Example GPU", DeviceKind::Gpu, "driver 2"),
         ],
         scenes: vec![scene("SIBENIK", SceneVariant::Real, 1.0), scene("HAIRBALL", SceneVariant::StandIn, 2.0)],
         left_out: vec![LeftOut { what: "SIBENIK-D".into(), reason: "displacement is not supported yet".into() }],
@@ -121,16 +122,16 @@ fn scene(name: &str, mesh: SceneVariant, factor: f64) -> SceneReport {
             pictures: vec![picture],
         });
     }
-    for backend in [Backend::Cpu, Backend::Wgpu, Backend::Ash] {
+    for backend in [EngineId::Cpu, EngineId::Wgpu, EngineId::Ash] {
         for (k, variant) in Variant::ALL.into_iter().enumerate() {
             if variant == Variant::Triangles {
-                if backend == Backend::Cpu {
+                if backend == EngineId::Cpu {
                     report.times.extend(times(backend, variant, 8.0 / factor));
                 }
                 continue;
             }
             // One wrong engine, on one scene.
-            let wrong = backend == Backend::Ash && variant == Variant::Beam && mesh == SceneVariant::Real;
+            let wrong = backend == EngineId::Ash && variant == Variant::Beam && mesh == SceneVariant::Real;
             let (pixels, different_voxel) = (196_608, if wrong { 1234 } else { 0 });
             let allowed = Allowed { share: 1e-5, t: 0.0 };
             let agreement = Agreement { pixels, different_voxel, largest_t_difference: 0.0, other_size: 0, allowed };
@@ -143,7 +144,7 @@ fn scene(name: &str, mesh: SceneVariant, factor: f64) -> SceneReport {
     report
 }
 
-fn times(backend: Backend, variant: Variant, mrays: f64) -> Vec<TimeCell> {
+fn times(backend: EngineId, variant: Variant, mrays: f64) -> Vec<TimeCell> {
     let cell = |size: [u32; 2]| {
         let rays = f64::from(size[0] * size[1]) / 1e6;
         let samples = Samples {
@@ -181,7 +182,7 @@ fn wrong_answers_are_failures() {
     let mut report = fake_report();
     assert!(!report.passed());
     let failures: Vec<_> = report.failures().map(|(scene, c)| (scene.to_string(), c.backend, c.variant)).collect();
-    assert_eq!(failures, [("SIBENIK".to_string(), Backend::Ash, Variant::Beam)]);
+    assert_eq!(failures, [("SIBENIK".to_string(), EngineId::Ash, Variant::Beam)]);
     report.scenes.remove(0);
     assert!(report.passed());
     // A caster that failed has compared nothing.

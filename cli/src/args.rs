@@ -1,7 +1,6 @@
 //! What can be typed: the list of commands. Each command has its options next to what it does, in [`crate::commands`].
 
-use clap::{Parser, Subcommand, ValueEnum};
-use esvo_bench::Backend;
+use clap::{Parser, Subcommand};
 
 use crate::commands::ambient::AmbientArguments;
 use crate::commands::bench::BenchArguments;
@@ -48,30 +47,6 @@ pub(crate) enum Command {
     Bench(Box<BenchArguments>),
     Completions(CompletionsArguments),
     Man(ManArguments),
-}
-
-/// An engine, as it is typed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum Engine {
-    /// The definition of a correct hit: one thread
-    Reference,
-    /// All cores
-    Cpu,
-    /// The GPU through wgpu
-    Wgpu,
-    /// The GPU through Vulkan
-    Ash,
-}
-
-impl From<Engine> for Backend {
-    fn from(engine: Engine) -> Self {
-        match engine {
-            Engine::Reference => Self::Reference,
-            Engine::Cpu => Self::Cpu,
-            Engine::Wgpu => Self::Wgpu,
-            Engine::Ash => Self::Ash,
-        }
-    }
 }
 
 #[cfg(test)]

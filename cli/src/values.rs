@@ -2,6 +2,19 @@
 
 use std::path::PathBuf;
 
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use esvo_engines::EngineId;
+
+/// Reads the name of an engine. Help lists every engine and says which are not built in.
+pub(crate) fn engine() -> impl TypedValueParser<Value = EngineId> {
+    let value = |id: &EngineId| {
+        let engine = id.engine();
+        let absent = if engine.is_built_in() { "" } else { " (not built into this program)" };
+        PossibleValue::new(engine.name).help(format!("{}{absent}", engine.description))
+    };
+    PossibleValuesParser::new(EngineId::ALL.iter().map(value)).try_map(|name| name.parse::<EngineId>())
+}
+
 /// Gigabytes of 10^9 bytes, above 0.
 pub(crate) fn parse_gigabytes(text: &str) -> Result<f64, String> {
     let number = text.parse::<f64>().map_err(|e| e.to_string())?;

@@ -2,6 +2,8 @@
 
 use std::sync::LazyLock;
 
+use esvo_engines::EngineId;
+
 /// Version, commit and engines.
 pub(crate) fn long_version() -> &'static str {
     static TEXT: LazyLock<String> = LazyLock::new(|| {
@@ -13,12 +15,5 @@ pub(crate) fn long_version() -> &'static str {
 
 /// Names of the engines that this program was built with.
 fn engines() -> Vec<&'static str> {
-    let mut names = vec!["reference", "cpu"];
-    if cfg!(feature = "wgpu") {
-        names.push("wgpu");
-    }
-    if cfg!(feature = "ash") {
-        names.push("ash");
-    }
-    names
+    EngineId::ALL.iter().filter(|id| id.engine().is_built_in()).map(|id| id.name()).collect()
 }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use esvo_core::reference::ReferenceCaster;
-use esvo_core::testing::compare::Comparison;
+use esvo_core::testing::compare::{Allowed, Comparison};
 use esvo_core::{CastError, Caster, View};
 use esvo_format::Octree;
 use serde::{Deserialize, Serialize};
@@ -21,15 +21,6 @@ pub struct Agreement {
     pub other_size: u64,
     /// What may differ.
     pub allowed: Allowed,
-}
-
-/// What may differ from the reference caster.
-#[derive(Clone, Copy, PartialEq, Debug, Default, Serialize, Deserialize)]
-pub struct Allowed {
-    /// Share of the pixels that may name another voxel.
-    pub share: f64,
-    /// Difference of `t` where the voxel is the same, as a fraction of the far plane's.
-    pub t: f64,
 }
 
 impl Agreement {

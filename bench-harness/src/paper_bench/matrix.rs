@@ -2,10 +2,11 @@
 
 use std::path::Path;
 
+use esvo_engines::EngineId;
 use serde::{Deserialize, Serialize};
 
+use crate::BenchError;
 use crate::matrix_parts::{LeftOut, SceneLevels, check_scenes, parse_toml, select_scenes};
-use crate::{Backend, BenchError};
 
 /// The matrix of a run.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
@@ -30,7 +31,7 @@ pub struct Matrix {
     /// Columns of Table 2.
     pub variants: Vec<Variant>,
     /// Engines. Those that find no device are left out, and the report says so.
-    pub backends: Vec<Backend>,
+    pub backends: Vec<EngineId>,
     /// Rows.
     #[serde(rename = "scene")]
     pub scenes: Vec<SceneLevels>,

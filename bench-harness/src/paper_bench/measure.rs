@@ -9,6 +9,7 @@ use esvo_core::shading::shade;
 use esvo_core::{Camera, CastError, CastOptions, Caster, Picture, View};
 use esvo_cpu::CpuCaster;
 use esvo_cpu::triangles::TriangleScene;
+use esvo_engines::EngineId;
 use esvo_format::Octree;
 
 use crate::build_summary::KindBytes;
@@ -21,7 +22,7 @@ use crate::paper_bench::report::{CheckRow, ErrorRow, Table1Row};
 use crate::picture_bench::mesh_picture;
 use crate::scene::NamedView;
 use crate::scene::Scene;
-use crate::{Backend, BenchError, Progress};
+use crate::{BenchError, Progress};
 
 /// Builds one octree of a scene.
 pub(crate) fn build(
@@ -153,7 +154,7 @@ pub(crate) fn view(camera: &Camera, octree: &Octree, variant: Variant, [w, h]: [
 /// The answers of one engine on one variant. A caster that fails has compared nothing, and so does not pass.
 pub(crate) fn check(
     caster: &mut dyn Caster,
-    backend: Backend,
+    backend: EngineId,
     octree: &Arc<Octree>,
     views: &[View],
     variant: Variant,

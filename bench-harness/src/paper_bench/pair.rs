@@ -3,9 +3,9 @@
 use std::sync::Arc;
 
 use esvo_core::Caster;
+use esvo_engines::EngineId;
 use esvo_format::Octree;
 
-use crate::Backend;
 use crate::paper_bench::matrix::Variant;
 
 /// Picture size of checks and errors.
@@ -13,9 +13,9 @@ pub const CHECK_SIZE: [u32; 2] = [512, 384];
 /// Size of the pictures that are kept.
 pub const PICTURE_SIZE: [u32; 2] = [1024, 768];
 
-/// An engine twice over, so that two octrees can be timed in turn.
+/// Two casters of one engine, so that two octrees can be timed in turn.
 pub(crate) struct EnginePair {
-    pub(crate) backend: Backend,
+    pub(crate) backend: EngineId,
     pub(crate) cubical: Box<dyn Caster>,
     pub(crate) contours: Box<dyn Caster>,
 }

@@ -1,9 +1,11 @@
 //! The record of a run: `report.json`. Everything that the tables say is computed from it.
 
 use esvo_core::DeviceKind;
+use esvo_engines::EngineId;
 use esvo_scenes::SceneVariant;
 use serde::{Deserialize, Serialize};
 
+use crate::BenchError;
 use crate::build_summary::KindBytes;
 use crate::error::depth::DepthError;
 use crate::error::image::ImageError;
@@ -15,7 +17,6 @@ use crate::scene::NamedView;
 use crate::system::machine::Machine;
 use crate::timing::{Samples, Spread};
 use crate::units::MIB;
-use crate::{Backend, BenchError};
 
 /// Version of the record's layout. Fields may be added without a new one.
 pub const SCHEMA: u32 = 1;
@@ -51,7 +52,7 @@ pub struct PaperOutcome {
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 pub struct DeviceRecord {
     /// The engine.
-    pub backend: Backend,
+    pub backend: EngineId,
     /// Name as the driver or the processor gives it.
     pub name: String,
     /// What kind of device it is.
@@ -62,7 +63,7 @@ pub struct DeviceRecord {
 
 impl DeviceRecord {
     /// The record of a device.
-    pub fn new(backend: Backend, device: &esvo_core::Device) -> Self {
+    pub fn new(backend: EngineId, device: &esvo_core::Device) -> Self {
         Self { backend, name: device.name.clone(), kind: device.kind, detail: device.detail.clone() }
     }
 
@@ -181,7 +182,7 @@ impl ErrorRow {
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct CheckRow {
     /// The engine.
-    pub backend: Backend,
+    pub backend: EngineId,
     /// What was cast.
     pub variant: Variant,
     /// Limit on the levels.
@@ -199,7 +200,7 @@ pub struct CheckRow {
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct TimeCell {
     /// The engine; for triangles the CPU.
-    pub backend: Backend,
+    pub backend: EngineId,
     /// What was cast.
     pub variant: Variant,
     /// Limit on the levels; 0 for triangles.
@@ -248,12 +249,12 @@ impl PaperReport {
 
 impl SceneReport {
     /// The check of a cell.
-    pub fn check(&self, backend: Backend, variant: Variant) -> Option<&CheckRow> {
+    pub fn check(&self, backend: EngineId, variant: Variant) -> Option<&CheckRow> {
         self.checks.iter().find(|c| c.backend == backend && c.variant == variant)
     }
 
     /// A cell of Table 2.
-    pub fn time(&self, backend: Backend, variant: Variant, size: [u32; 2]) -> Option<&TimeCell> {
+    pub fn time(&self, backend: EngineId, variant: Variant, size: [u32; 2]) -> Option<&TimeCell> {
         self.times.iter().find(|c| c.backend == backend && c.variant == variant && c.size == size)
     }
 

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use esvo_core::exact::CameraRays;
 use esvo_core::{CastError, View};
 use esvo_cpu::triangles::TriangleScene;
+use esvo_engines::{EngineId, OpenOptions};
 use esvo_format::Octree;
 use esvo_scenes::SceneManifest;
 
@@ -23,7 +24,7 @@ use crate::system::clock::Clock;
 use crate::system::machine::Machine;
 use crate::system::proc::resident_bytes;
 use crate::units::GB;
-use crate::{Backend, BenchError, Progress};
+use crate::{BenchError, Progress};
 
 /// What a run is told.
 #[derive(Clone, Debug)]
@@ -34,6 +35,12 @@ pub struct PaperBenchOptions {
     pub scenes_dir: Option<PathBuf>,
     /// Threads of the CPU caster; `None`: all.
     pub threads: Option<usize>,
+}
+
+impl PaperBenchOptions {
+    fn open_options(&self) -> OpenOptions {
+        OpenOptions { threads: self.threads, ..OpenOptions::default() }
+    }
 }
 
 /// Runs a matrix.
@@ -90,7 +97,7 @@ struct PaperRun<'a> {
     options: &'a PaperBenchOptions,
     progress: &'a Progress,
     /// Those that have a device.
-    backends: Vec<Backend>,
+    backends: Vec<EngineId>,
     left_out: Vec<LeftOut>,
     pictures: Vec<NamedPicture>,
 }
@@ -106,13 +113,12 @@ impl PaperRun<'_> {
         let mut missing: Vec<(&str, String)> = Vec::new();
         for &backend in &self.options.matrix.backends {
             self.progress.say(format!("opening {}", backend.name()));
-            match backend.open(self.options.threads) {
+            match backend.open(&self.options.open_options()) {
                 Ok(caster) => {
                     devices.push(DeviceRecord::new(backend, caster.device()));
                     self.backends.push(backend);
                 }
-                Err(BenchError::Backend { what, .. }) => missing.push((backend.name(), what)),
-                Err(e) => missing.push((backend.name(), e.to_string())),
+                Err(error) => missing.push((backend.name(), error.reason.to_string())),
             }
         }
         // One line: what keeps one GPU engine from running keeps the others too, and each says it in its own words.
@@ -254,7 +260,7 @@ impl PaperRun<'_> {
         // Opened for one scene at a time: while the next one is built, nothing of this one is held.
         let mut engines = Vec::new();
         for &backend in &self.backends {
-            let open = || backend.open(self.options.threads);
+            let open = || backend.open(&self.options.open_options()).map_err(BenchError::Open);
             engines.push(EnginePair { backend, cubical: open()?, contours: open()? });
         }
         // Answers first.

@@ -3,13 +3,14 @@
 use esvo_core::View;
 use esvo_core::exact::CameraRays;
 use esvo_cpu::triangles::TriangleScene;
+use esvo_engines::EngineId;
 
 use crate::paper_bench::matrix::{Matrix, Variant};
 use crate::paper_bench::pair::EnginePair;
 use crate::paper_bench::report::TimeCell;
 use crate::system::clock::Clock;
 use crate::timing::{Samples, Spread};
-use crate::{Backend, BenchError, Progress};
+use crate::{BenchError, Progress};
 
 /// One row of Table 2: a picture size, and everything that is cast at it.
 pub(crate) struct TimedRow {
@@ -81,7 +82,7 @@ impl TimedRow {
         let pixels = u64::from(self.size[0]) * u64::from(self.size[1]);
         let size = self.size;
         let finish = |cell: TimedCell| TimeCell {
-            backend: cell.engine.map_or(Backend::Cpu, |e| engines[e].backend),
+            backend: cell.engine.map_or(EngineId::Cpu, |e| engines[e].backend),
             variant: cell.variant,
             levels: cell.levels,
             size,
@@ -102,10 +103,10 @@ impl TimedCell {
         match self.engine {
             None => total.extend(self.rays.iter().map(|r| triangles.time(r).as_secs_f64())),
             Some(engine) => {
-                let backend = engines[engine].backend.name();
+                let id = engines[engine].backend;
                 let caster = engines[engine].caster(self.variant);
                 for view in &self.views {
-                    let time = caster.time(view).map_err(|source| BenchError::Cast { backend, source })?;
+                    let time = caster.time(view).map_err(|source| BenchError::Cast { engine: id, source })?;
                     total.push(time.total.as_secs_f64());
                     coarse.push(time.coarse.as_secs_f64());
                 }

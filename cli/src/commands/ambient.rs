@@ -5,12 +5,13 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use clap::Args;
-use esvo_bench::{Backend, Progress};
+use esvo_bench::Progress;
 use esvo_core::ambient::{Ambient as Values, AmbientSettings};
+use esvo_engines::{EngineId, OpenOptions};
 
-use crate::args::Engine;
 use crate::fail::{Failure, print};
 use crate::files::{check_extension, check_not_input, check_output, name_file, open};
+use crate::values::engine;
 use crate::words::count;
 
 /// Compute ambient occlusion: how much light from all around reaches each voxel.
@@ -42,8 +43,8 @@ pub(crate) struct AmbientArguments {
     #[arg(long)]
     pub(crate) no_contours: bool,
     /// The engine
-    #[arg(short, long, value_enum, default_value_t = Engine::Cpu)]
-    pub(crate) backend: Engine,
+    #[arg(short, long, value_parser = engine(), default_value_t = EngineId::Cpu)]
+    pub(crate) backend: EngineId,
 }
 
 pub(crate) fn run_ambient(arguments: &AmbientArguments) -> Result<(), Failure> {
@@ -59,7 +60,7 @@ pub(crate) fn run_ambient(arguments: &AmbientArguments) -> Result<(), Failure> {
     check_not_input(&arguments.output, &arguments.input)?;
     let octree = Arc::new(open(&arguments.input)?);
     let progress = Progress::terminal();
-    let mut caster = Backend::from(arguments.backend).open(None)?;
+    let mut caster = arguments.backend.open(&OpenOptions::default())?;
     let leaves: u64 = octree.objects().iter().map(|o| o.leaf_voxels).sum();
     let rays = leaves as f64 * f64::from(settings.rays);
     let start = Instant::now();

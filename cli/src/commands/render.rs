@@ -4,18 +4,18 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
-use esvo_bench::{Backend, Progress, scene};
+use esvo_bench::{Progress, scene};
 use esvo_core::camera::viewpoint;
 use esvo_core::picture::write_png;
 use esvo_core::{Camera, CastOptions, View, shading};
+use esvo_engines::{EngineId, OpenOptions};
 use esvo_format::Octree;
 use esvo_scenes::SceneVariant;
 use glam::DVec3;
 
-use crate::args::Engine;
 use crate::fail::{Failure, complain, print};
 use crate::files::{check_extension, check_not_input, check_output, name_file, open};
-use crate::values::{parse_numbers, parse_size};
+use crate::values::{engine, parse_numbers, parse_size};
 
 /// Iterations that `--view-mode iterations` shows as white: about what grazing rays take at 12 levels.
 const MOST_ITERATIONS: u32 = 100;
@@ -36,8 +36,8 @@ pub(crate) struct RenderArguments {
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: PathBuf,
     /// The engine
-    #[arg(short, long, value_enum, default_value_t = Engine::Cpu)]
-    pub(crate) backend: Engine,
+    #[arg(short, long, value_parser = engine(), default_value_t = EngineId::Cpu)]
+    pub(crate) backend: EngineId,
     /// Eye and viewing direction: ex,ey,ez,fx,fy,fz and if wanted the field of view in degrees
     #[arg(long, value_name = "NUMBERS", allow_hyphen_values = true, conflicts_with = "scene")]
     pub(crate) camera: Option<String>,
@@ -107,7 +107,7 @@ pub(crate) fn run_render(arguments: &RenderArguments) -> Result<(), Failure> {
     let view = View::new(&camera, octree.octree_to_mesh(0), root, arguments.size.into(), &options)?;
     let progress = Progress::terminal();
     progress.say("rendering");
-    let mut caster = Backend::from(arguments.backend).open(None)?;
+    let mut caster = arguments.backend.open(&OpenOptions::default())?;
     caster.load(&octree).map_err(|e| name_file(&arguments.file, e))?;
     let mut hits = Vec::new();
     caster.cast(&view, &mut hits)?;

@@ -1,8 +1,17 @@
 //! Compares what two casters found.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::Hit;
+
+/// What may differ between the hits of an engine and those of the reference caster.
+#[derive(Clone, Copy, PartialEq, Debug, Default, Serialize, Deserialize)]
+pub struct Allowed {
+    /// Share of the rays that may end at another voxel, 0 to 1.
+    pub share: f64,
+    /// Difference of `t` where the voxel is the same, as a fraction of the far plane's distance.
+    pub t: f64,
+}
 
 /// How the hits of one frame differ from those of another.
 #[derive(Clone, Copy, PartialEq, Debug, Default, Serialize)]

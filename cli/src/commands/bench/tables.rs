@@ -5,12 +5,12 @@ use std::path::PathBuf;
 use clap::Args;
 use esvo_bench::output::check_writable;
 use esvo_bench::paper_bench::{PaperBenchOptions, run_paper_bench, tables, write_paper_record};
-use esvo_bench::{Backend, Matrix, Progress};
+use esvo_bench::{Matrix, Progress};
+use esvo_engines::EngineId;
 
-use crate::args::Engine;
 use crate::commands::bench::selection::Selection;
 use crate::fail::{Failure, complain, print};
-use crate::values::parse_size;
+use crate::values::{engine, parse_size};
 
 /// What `esvo bench` measures, and where its record goes.
 #[derive(Debug, Args)]
@@ -21,8 +21,8 @@ pub(crate) struct TablesArguments {
     #[command(flatten)]
     pub(crate) selection: Selection,
     /// Only these engines
-    #[arg(long, value_enum, value_delimiter = ',')]
-    pub(crate) backends: Vec<Engine>,
+    #[arg(long, value_parser = engine(), value_delimiter = ',')]
+    pub(crate) backends: Vec<EngineId>,
     /// These picture sizes
     #[arg(long, value_name = "WxH,...", value_delimiter = ',', value_parser = parse_size)]
     pub(crate) resolutions: Vec<[u32; 2]>,
@@ -92,7 +92,7 @@ fn matrix(arguments: &TablesArguments) -> Result<Matrix, Failure> {
     }
     selection.apply(&mut matrix.scenes, &mut matrix.memory_gb, &mut matrix.time_limit_seconds);
     if !arguments.backends.is_empty() {
-        matrix.backends = arguments.backends.iter().map(|&b| Backend::from(b)).collect();
+        matrix.backends = arguments.backends.clone();
         matrix.backends.dedup();
     }
     if !arguments.resolutions.is_empty() {

@@ -1,0 +1,31 @@
+//! The engines of esvo: which there are, and opening one by name.
+//!
+//! ```
+//! use esvo_engines::{EngineId, OpenOptions};
+//!
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let engine: EngineId = "cpu".parse()?;
+//! let caster = engine.open(&OpenOptions { threads: Some(2), ..OpenOptions::default() })?;
+//! println!("{} on {}", caster.name(), caster.device().name);
+//! # Ok(()) }
+//! ```
+//!
+//! # What is where
+//! - [`EngineId`]: the name of an engine, as a type. It is written, read and typed as `reference`, `cpu`, `wgpu` or `ash`.
+//! - [`Engine`]: what is known of an engine without opening it: description, cargo feature, what may differ from the
+//!   reference caster. `table.rs` holds the table of them.
+//! - [`OpenOptions`]: threads, GPU. [`EngineId::open`] opens an engine; [`OpenError`] says why it cannot.
+//!
+//! # Adding an engine
+//! Write a crate with a type that implements [`Caster`](esvo_core::Caster), add it to this crate as an optional
+//! dependency with a feature of the same name, and add one line to the table in `table.rs`.
+
+mod id;
+mod open;
+mod options;
+mod table;
+
+pub use id::UnknownEngine;
+pub use open::{OpenError, OpenFailure};
+pub use options::OpenOptions;
+pub use table::{Engine, EngineId};

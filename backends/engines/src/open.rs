@@ -1,0 +1,46 @@
+//! Opening an engine.
+
+use esvo_core::{CastError, Caster};
+
+use crate::options::OpenOptions;
+use crate::table::EngineId;
+
+/// An engine that could not be opened.
+#[derive(Debug, thiserror::Error)]
+#[error("engine {engine}: {reason}")]
+pub struct OpenError {
+    /// The engine.
+    pub engine: EngineId,
+    /// Why.
+    #[source]
+    pub reason: OpenFailure,
+}
+
+/// Why an engine could not be opened.
+#[derive(Debug, thiserror::Error)]
+pub enum OpenFailure {
+    /// This program was built without it.
+    #[error("this program was built without it; build it with `cargo build --features {feature}`")]
+    NotBuiltIn {
+        /// The cargo feature that builds it in.
+        feature: &'static str,
+    },
+    /// The engine failed. The text says what to install.
+    #[error(transparent)]
+    Cast(#[from] CastError),
+}
+
+impl EngineId {
+    /// Opens the engine.
+    ///
+    /// # Errors
+    /// The program was built without it, or it finds no device.
+    pub fn open(self, options: &OpenOptions) -> Result<Box<dyn Caster>, OpenError> {
+        let engine = self.engine();
+        let opened = match engine.opener {
+            Some(open) => open(options).map_err(OpenFailure::Cast),
+            None => Err(OpenFailure::NotBuiltIn { feature: engine.feature.unwrap_or(engine.name) }),
+        };
+        opened.map_err(|reason| OpenError { engine: self, reason })
+    }
+}

@@ -1,0 +1,106 @@
+//! The table of the engines.
+
+use esvo_core::reference::ReferenceCaster;
+use esvo_core::testing::compare::Allowed;
+use esvo_core::{CastError, Caster};
+use esvo_cpu::CpuCaster;
+
+use crate::OpenOptions;
+
+/// No ray may end elsewhere and `t` must agree in every bit. The CPU caster computes in the same order as the reference,
+/// with the same roundings.
+const EXACT: Allowed = Allowed { share: 0.0, t: 0.0 };
+/// One ray in 100,000 may end at another voxel, and `t` may differ by 1/8192 of the far plane's distance (2^11 units in
+/// the last place of `t` = 1) where the voxel is the same. A GPU may fuse or reorder operations within the rules of its
+/// shading language, so that a ray through an edge can fall to the other side.
+const GPU: Allowed = Allowed { share: 1e-5, t: 1.0 / 8192.0 };
+
+engines! {
+    // Id, name, description, what may differ from the reference, cargo feature, opener.
+    Reference, "reference", "The definition of a correct hit: one thread", EXACT, always, |_| Ok(ReferenceCaster::default());
+    Cpu, "cpu", "All cores", EXACT, always, |options| CpuCaster::new(options.threads);
+    Wgpu, "wgpu", "The GPU through wgpu", GPU, "wgpu", |options| esvo_wgpu::WgpuCaster::new(&options.gpu);
+    Ash, "ash", "The GPU through Vulkan", GPU, "ash", |options| esvo_ash::AshCaster::new(&options.gpu);
+}
+
+/// Opens an engine.
+pub(crate) type Opener = fn(&OpenOptions) -> Result<Box<dyn Caster>, CastError>;
+
+/// What is known of an engine without opening it.
+#[derive(Debug)]
+pub struct Engine {
+    /// Its id.
+    pub id: EngineId,
+    /// Its name: what is typed, and what stands in reports and matrices. Lower-case letters.
+    pub name: &'static str,
+    /// What it is, in a few words, without a full stop.
+    pub description: &'static str,
+    /// What may differ between its hits and those of the reference caster.
+    pub allowed: Allowed,
+    /// The cargo feature of this crate, of `esvo-bench` and of `esvo` that builds it in; `None` if it is always there.
+    pub feature: Option<&'static str>,
+    /// `None` if this program was built without it.
+    pub(crate) opener: Option<Opener>,
+}
+
+impl Engine {
+    /// Whether this program was built with it.
+    pub fn is_built_in(&self) -> bool {
+        self.opener.is_some()
+    }
+}
+
+/// Makes [`EngineId`] and the table from the lines above.
+macro_rules! engines {
+    ($($id:ident, $name:literal, $description:literal, $allowed:expr, $feature:tt, $open:expr;)+) => {
+        /// An engine that casts rays at octrees, by name. Ordered as in the table of the engines.
+        #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, PartialOrd, Ord)]
+        pub enum EngineId {
+            $(#[doc = concat!("`", $name, "`: ", $description, ".")] $id,)+
+        }
+
+        impl EngineId {
+            /// Every engine, whether this program was built with it or not.
+            pub const ALL: &'static [Self] = &[$(Self::$id),+];
+        }
+
+        /// In the order of [`EngineId::ALL`].
+        pub(crate) const TABLE: &[Engine] = &[$(Engine {
+            id: EngineId::$id,
+            name: $name,
+            description: $description,
+            allowed: $allowed,
+            feature: feature_name!($feature),
+            opener: opener!($feature, $open),
+        }),+];
+    };
+}
+
+/// The name of a cargo feature.
+macro_rules! feature_name {
+    (always) => {
+        None
+    };
+    ($feature:literal) => {
+        Some($feature)
+    };
+}
+
+/// An [`Opener`] that boxes the caster, if the feature is on.
+macro_rules! opener {
+    (always, $open:expr) => {
+        Some(|options| {
+            let open: fn(&OpenOptions) -> Result<_, CastError> = $open;
+            Ok(Box::new(open(options)?))
+        })
+    };
+    ($feature:literal, $open:expr) => {{
+        #[cfg(feature = $feature)]
+        let opener: Option<Opener> = opener!(always, $open);
+        #[cfg(not(feature = $feature))]
+        let opener: Option<Opener> = None;
+        opener
+    }};
+}
+
+use {engines, feature_name, opener};
