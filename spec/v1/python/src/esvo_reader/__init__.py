@@ -1,0 +1,68 @@
+"""Reads esvo files: sparse voxel octrees in the layout in which ray casters read them.
+
+An implementation of version 1 of the specification, written from its text alone. `open` maps a file and reads its
+tables; an `Octree` has everything else.
+"""
+
+from __future__ import annotations
+
+import os
+from typing import List, Union
+
+from .blocks import Block
+from .codecs import CONTOUR, decode_contours, interpolate_corners
+from .errors import EsvoError, Finding
+from .octree import Descriptor, Octree, from_bytes
+from .octree import open_file as open
+from .records import (
+    ATTACHMENT_ENTRY,
+    BLOCK_ENTRY,
+    DESCRIPTOR,
+    HEADER,
+    INFO_SECTION,
+    NO_PARENT,
+    NODE,
+    OBJECT_ENTRY,
+    SECTION_ENTRY,
+    field,
+)
+from .voxels import Voxels
+
+__version__ = "1.0.0"
+
+__all__ = [
+    "ATTACHMENT_ENTRY",
+    "BLOCK_ENTRY",
+    "CONTOUR",
+    "DESCRIPTOR",
+    "HEADER",
+    "INFO_SECTION",
+    "NODE",
+    "NO_PARENT",
+    "OBJECT_ENTRY",
+    "SECTION_ENTRY",
+    "Block",
+    "Descriptor",
+    "EsvoError",
+    "Finding",
+    "Octree",
+    "Voxels",
+    "decode_contours",
+    "field",
+    "from_bytes",
+    "interpolate_corners",
+    "open",
+    "validate",
+]
+
+
+def validate(path: Union[str, os.PathLike[str]]) -> List[Finding]:
+    """All findings about a file, whether it can be opened or not. It is sound if none has the severity "error".
+
+    A part that is broken hides what depends on it: a file with a damaged header has findings about the header only.
+    Raises `OSError` where the file cannot be read.
+    """
+    try:
+        return open(path).validate()
+    except EsvoError as error:
+        return error.findings
