@@ -1,5 +1,6 @@
 //! Checks of what a file says.
 
+pub(crate) mod metadata;
 pub(crate) mod report;
 pub(crate) mod tables;
 pub(crate) mod topology;

@@ -22,10 +22,8 @@ pub(crate) fn check_objects(objects: &[ObjectEntry], at: u64) -> Result<(), Brok
 }
 
 fn check_object(object: &ObjectEntry) -> Result<(), Fault> {
-    let transform = glam::DMat4::from_cols_array(&object.octree_to_mesh);
-    let affine = transform.row(3) == glam::DVec4::W;
-    if !transform.is_finite() || !affine || !transform.determinant().is_normal() {
-        return Err((ids::OBJECT_TRANSFORM, 0, format!("transform {transform}")));
+    if !is_usable(&object.octree_to_mesh) {
+        return Err((ids::OBJECT_TRANSFORM, 0, format!("transform {:?}", object.octree_to_mesh)));
     }
     if !(1..=23).contains(&object.levels) {
         return Err((ids::OBJECT_LEVELS, 132, format!("{} levels", object.levels)));
@@ -34,6 +32,15 @@ fn check_object(object: &ObjectEntry) -> Result<(), Fault> {
         return Err((ids::OBJECT_RESERVED, 176, "reserved fields are not zero".into()));
     }
     Ok(())
+}
+
+/// Whether a transform, stored by columns, is finite and affine and can be inverted (O004). The order of evaluation is
+/// that of the specification: with huge elements another one can overflow where this one does not.
+pub(crate) fn is_usable(m: &[f64; 16]) -> bool {
+    let affine = [m[3], m[7], m[11], m[15]] == [0.0, 0.0, 0.0, 1.0];
+    let determinant =
+        m[0] * (m[5] * m[10] - m[9] * m[6]) - m[4] * (m[1] * m[10] - m[9] * m[2]) + m[8] * (m[1] * m[6] - m[5] * m[2]);
+    m.iter().all(|x| x.is_finite()) && affine && determinant.is_normal()
 }
 
 /// Checks the entries of a block table that starts at byte `at`; the blocks must fill an image of so many bytes, if that
@@ -158,10 +165,11 @@ fn cube_fits(block: &BlockEntry, blocks: &[BlockEntry]) -> bool {
     }
     let size = 1u32 << block.cube_scale;
     let inside = |low: u32, outer_low: u32, outer: u32| low >= outer_low && low - outer_low <= outer - size.min(outer);
-    let (outer_position, outer) = match blocks.get(block.parent as usize) {
-        Some(parent) => (parent.cube_position, 1u32 << parent.cube_scale.min(23)),
-        None => ([0; 3], 1 << 23),
+    let Some(parent) = blocks.get(block.parent as usize) else {
+        // A root block has the root cube.
+        return (block.cube_position, block.cube_scale) == ([0; 3], 23);
     };
+    let (outer_position, outer) = (parent.cube_position, 1u32 << parent.cube_scale.min(23));
     (0..3).all(|axis| {
         block.cube_position[axis].is_multiple_of(size) && inside(block.cube_position[axis], outer_position[axis], outer)
     }) && size <= outer

@@ -6,6 +6,7 @@ use std::path::Path;
 use rayon::prelude::*;
 
 use crate::block::BlockParts;
+use crate::check::metadata;
 use crate::check::report::Report;
 use crate::check::topology::{Bits, Step, Visitor, Walked, ones, walk};
 use crate::check::validate_values::check_values;
@@ -115,11 +116,21 @@ fn check(octree: &Octree, report: &mut Report) {
 }
 
 fn check_meta(octree: &Octree, report: &mut Report) {
-    if !octree.meta().is_empty()
-        && let Err(error) = serde_json::from_str::<serde_json::Map<String, serde_json::Value>>(octree.meta())
-    {
-        let at = octree.origin.map_or(0, |origin| origin.meta);
-        report.add(Broken::new(ids::META_JSON, at, format!("the metadata is not a JSON object: {error}")));
+    if octree.meta().is_empty() {
+        return;
+    }
+    let start = octree.origin.map_or(0, |origin| origin.meta);
+    match metadata::parse(octree.meta().as_bytes()) {
+        Ok(found) => {
+            for (at, name) in found.not_strings {
+                let what = format!("the metadata: the value of {name:?} is not a string");
+                report.add(Broken::new(ids::META_MEMBERS, start + at as u64, what));
+            }
+        }
+        // Only of an octree in memory: one that was read has been refused.
+        Err((at, what)) => {
+            report.add(Broken::new(ids::META_JSON, start + at as u64, format!("the metadata: {what}")));
+        }
     }
 }
 

@@ -38,7 +38,7 @@ pub(crate) fn check_values(
         let (first, count, fits) = match *entry {
             [mask, first] => {
                 let count = NodeCorners { mask, first: 0 }.count();
-                (first as usize, count, mask < OWN_CUBE << 1 && (count > 0 || first == 0))
+                (first as usize, count, mask < OWN_CUBE << 1 && first.is_multiple_of(2) && (count > 0 || first == 0))
             }
             _ => {
                 let (mask, first) = plain_entry(entry[0]);

@@ -6,6 +6,7 @@ use std::path::Path;
 use memmap2::Mmap;
 use rayon::prelude::*;
 
+use crate::check::metadata;
 use crate::check::tables::{check_blocks, check_objects, check_stored, compressed, stored_ranges};
 use crate::file::compression;
 use crate::file::*;
@@ -184,7 +185,10 @@ impl Contents {
             match section.tag {
                 TAG_OBJECTS | TAG_BLOCKS | TAG_DATA => {}
                 TAG_META => {
-                    meta = String::from_utf8_lossy(slice(section)).into_owned();
+                    let found = metadata::parse(slice(section)).map_err(|(at, what)| {
+                        broken(ids::META_JSON, section.offset + at as u64, format!("the metadata: {what}"))
+                    })?;
+                    meta = found.text.to_owned();
                     origin.meta = section.offset;
                 }
                 tag => unknown.push(UnknownSection { tag, flags: section.flags, bytes: slice(section).to_vec() }),

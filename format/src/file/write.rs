@@ -8,9 +8,10 @@ use std::sync::{Mutex, PoisonError};
 
 use rayon::prelude::*;
 
+use crate::check::metadata;
 use crate::file::compression;
 use crate::file::*;
-use crate::{FormatError, Octree, UnknownSection};
+use crate::{FormatError, Octree, UnknownSection, ids};
 
 /// How a file is written.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -54,6 +55,12 @@ impl Octree {
     /// # Errors
     /// Those of `out`; a compression level that there is not, or any without the crate's feature `zstd`.
     pub fn write_to_with(&self, out: &mut dyn Write, options: &WriteOptions) -> std::io::Result<()> {
+        if !self.meta.is_empty()
+            && let Err((at, what)) = metadata::parse(self.meta.as_bytes())
+        {
+            let what = format!("the metadata breaks rule {}: {what}, at byte {at}", ids::META_JSON);
+            return Err(Error::new(ErrorKind::InvalidInput, what));
+        }
         let image: &[u8] = bytemuck::cast_slice(self.slots());
         let stored = self.blocks.par_iter().map(|block| {
             let image = &image[block.image_offset as usize..(block.image_offset + block.image_size) as usize];

@@ -72,8 +72,7 @@ fn read_objects(words: &[u32]) -> Result<Vec<Object>, FormatError> {
                 transform.w_axis.truncate().extend(1.0),
             );
         }
-        let usable = transform.is_finite() && transform.row(3) == DVec4::W && transform.determinant().is_normal();
-        if !usable {
+        if !crate::check::tables::is_usable(&transform.to_cols_array()) {
             return Err(broken(&format!("object {index} has a transform that cannot be inverted")));
         }
         let root = match head[32] as i32 {
