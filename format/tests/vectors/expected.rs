@@ -95,7 +95,7 @@ impl File<'_> {
         let (cu, cv) = (c[(us >> (2 * texel) & 3) as usize], c[(vs >> (2 * texel) & 3) as usize]);
         let (ua, va) = (axis(axes << 16), axis(axes));
         let sum = [0, 1, 2].map(|k| base[k] + cu * ua[k] + cv * va[k]);
-        Some(json!(normalised(sum)))
+        Some(direction(sum))
     }
 
     /// The word of a voxel in the plain attachment at `at`.
@@ -112,7 +112,7 @@ impl File<'_> {
         if let Some(at) = block.plain_colors {
             let [r, g, b, alpha] = self.plain(at, slot, child, valid).to_le_bytes();
             voxel["color"] = json!([r, g, b].map(|c| f64::from(c) / 255.0));
-            voxel["alpha"] = json!(alpha);
+            voxel["alpha"] = json!(f64::from(alpha) / 255.0);
         }
         if let Some(at) = block.plain_normals {
             voxel["normal"] = json!(normalised(raw_normal(self.plain(at, slot, child, valid))));
@@ -149,7 +149,7 @@ impl File<'_> {
         });
         voxel["corners"] = json!(shown);
         let q = [0, 1, 2].map(|axis| if own { 0.5 } else { (bit(child, axis) as f64 + 0.5) / 2.0 });
-        let (mut total, mut color, mut normal) = (0.0, [0.0; 3], [0.0; 3]);
+        let (mut total, mut color, mut normal) = (0.0, [0.0; 4], [0.0; 3]);
         for (k, [r, g, b, alpha, raw]) in shown.into_iter().enumerate() {
             if alpha == 0 {
                 continue;
@@ -158,18 +158,22 @@ impl File<'_> {
             total += weight;
             let unit = normalised(raw_normal(raw));
             for axis in 0..3 {
-                color[axis] += weight * f64::from([r, g, b][axis]) / 255.0;
                 normal[axis] += weight * unit[axis];
+            }
+            for (sum, channel) in color.iter_mut().zip([r, g, b, alpha]) {
+                *sum += weight * f64::from(channel) / 255.0;
             }
         }
         if total > 0.0 {
-            voxel["color"] = json!(color.map(|c| c / total));
-            voxel["normal"] = json!(normalised(normal));
+            let [r, g, b, alpha] = color.map(|c| c / total);
+            voxel["color"] = json!([r, g, b]);
+            voxel["alpha"] = json!(alpha);
+            voxel["normal"] = direction(normal);
         }
     }
 
     /// One line for the descriptor at `slot` of the image, then those below it, in the order of the slots.
-    fn node(&self, slot: usize, path: &str, position: [u32; 3], index: usize, out: &mut Vec<Value>) {
+    fn node(&self, slot: usize, path: &str, position: [u32; 3], index: usize, place: &Place, out: &mut Vec<Value>) {
         let level = path.len();
         let block = self.block(index);
         let local = slot - block.start / 8;
@@ -181,7 +185,10 @@ impl File<'_> {
         for child in (0..8).filter(|child| valid >> child & 1 != 0) {
             let mut voxel = json!({ "slot": child, "leaf": leaf >> child & 1 != 0 });
             if contours >> child & 1 != 0 {
-                voxel["contour"] = contour(u32_at(self.image, contour_at));
+                let edge = 2f64.powi(-1 - level as i32);
+                let centre = [0, 1, 2]
+                    .map(|k| f64::from(position[k]) * 2f64.powi(-23) + edge * (f64::from(child as u8 >> k & 1) + 0.5));
+                voxel["contour"] = contour(u32_at(self.image, contour_at), centre, edge, place);
                 contour_at += 4;
             }
             let attributes =
@@ -212,7 +219,7 @@ impl File<'_> {
         for child in (0..8).filter(|child| valid & !leaf & 1 << child != 0) {
             let half = 1u32 << (22 - level);
             let corner = [0, 1, 2].map(|k| position[k] + half * (child >> k & 1));
-            self.node(first, &format!("{path}{child}"), corner, below, out);
+            self.node(first, &format!("{path}{child}"), corner, below, place, out);
             first += 1;
         }
     }
@@ -235,13 +242,53 @@ fn normalised(n: [f64; 3]) -> [f64; 3] {
     if length == 0.0 { [0.0, 0.0, 1.0] } else { n.map(|x| x / length) }
 }
 
-fn contour(w: u32) -> Value {
+/// A vector of length 1, or "any" where rounding decides which.
+fn direction(n: [f64; 3]) -> Value {
+    let length = dot(n, n).sqrt();
+    if length < 2f64.powi(-12) { json!("any") } else { json!(n.map(|x| x / length)) }
+}
+
+fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [0, 1, 2].map(|k| a[(k + 1) % 3] * b[(k + 2) % 3] - a[(k + 2) % 3] * b[(k + 1) % 3])
+}
+
+/// The transform of an object: the images of the axes and of the origin.
+struct Place {
+    axes: [[f64; 3]; 3],
+    origin: [f64; 3],
+}
+
+impl Place {
+    fn new(m: &[f64]) -> Self {
+        let column = |c: usize| [0, 1, 2].map(|r| m[4 * c + r]);
+        Self { axes: [0, 1, 2].map(column), origin: column(3) }
+    }
+
+    /// The transposed inverse of the linear part, times `n`.
+    fn plane(&self, n: [f64; 3]) -> [f64; 3] {
+        let [x, y, z] = self.axes;
+        let cofactors = [cross(y, z), cross(z, x), cross(x, y)];
+        let determinant = dot(x, cofactors[0]);
+        [0, 1, 2].map(|k| (0..3).map(|c| cofactors[c][k] * n[c]).sum::<f64>() / determinant)
+    }
+}
+
+/// A contour as it is stored, what it decodes to, and where it is in mesh space: all points between two planes.
+fn contour(w: u32, centre: [f64; 3], edge: f64, place: &Place) -> Value {
     let signed = |shift: u32| f64::from((w << shift) as i32);
+    let n = [signed(14) * 2f64.powi(-26), signed(20) * 2f64.powi(-26), signed(26) * 2f64.powi(-26)];
+    let (position, thickness) = (signed(7) * 2f64.powi(-25) * 0.75, f64::from(w) * 2f64.powi(-25) * 0.75);
+    let m = place.plane(n);
+    let length = dot(m, m).sqrt();
+    let offset = dot(n, centre) + dot(m, place.origin);
+    let plane = |side: f64| (offset + edge * (position + side * thickness)) / length;
     json!({
-        "word": w,
-        "normal": [signed(14) * 2f64.powi(-26), signed(20) * 2f64.powi(-26), signed(26) * 2f64.powi(-26)],
-        "position": signed(7) * 2f64.powi(-25) * 0.75,
-        "thickness": f64::from(w) * 2f64.powi(-25) * 0.75,
+        "word": w, "normal": n, "position": position, "thickness": thickness,
+        "mesh": { "normal": m.map(|x| x / length), "low": plane(-0.5), "high": plane(0.5) },
     })
 }
 
@@ -258,7 +305,8 @@ pub(crate) fn describe(name: &str, about: &str, bytes: &[u8], image: &[u8]) -> S
     line(&mut text, "optional_features", json!(u64_at(bytes, 24)));
     let directory = u64_at(bytes, 40) as usize;
     let sections = (0..u32_at(bytes, 48) as usize).map(|i| directory + 32 * i).map(|at| {
-        let tag = String::from_utf8_lossy(&bytes[at..at + 4]);
+        // Each byte as the character of this number.
+        let tag: String = bytes[at..at + 4].iter().map(|byte| char::from(*byte)).collect();
         json!({ "tag": tag, "flags": u32_at(bytes, at + 4), "bytes": u64_at(bytes, at + 16) })
     });
     list(&mut text, "sections", sections.collect());
@@ -290,7 +338,8 @@ pub(crate) fn describe(name: &str, about: &str, bytes: &[u8], image: &[u8]) -> S
             line(&mut text, name, json!(u64_at(entry, 144 + 8 * k)));
         }
         let mut nodes = Vec::new();
-        file.node(u64_at(entry, 136) as usize, "", [0; 3], u32_at(entry, 128) as usize, &mut nodes);
+        let (root, place) = (u64_at(entry, 136) as usize, Place::new(&transform));
+        file.node(root, "", [0; 3], u32_at(entry, 128) as usize, &place, &mut nodes);
         let lines: Vec<String> = nodes.iter().map(Value::to_string).collect();
         write!(text, "\"nodes\": [\n{}\n]\n}}", lines.join(",\n")).unwrap();
     }

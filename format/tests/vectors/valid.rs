@@ -1,8 +1,9 @@
 //! The valid vectors: every feature alone, then together.
 
-mod attributes;
+pub(crate) mod attributes;
 mod container;
-mod topology;
+mod spaces;
+pub(crate) mod topology;
 
 use esvo_format::{AssembleOptions, assemble};
 use glam::{DMat4, DVec3};
@@ -10,6 +11,7 @@ use glam::{DMat4, DVec3};
 use super::common::samples::samples;
 use super::common::{Colors, Shape, bytes_of};
 use super::writer::{Block, Codec, Order, Plan};
+pub(crate) use container::{ENTROPY_LEVELS, entropy_coded, extra};
 
 /// A vector: name, what it is for, the bytes of the file, the image.
 pub(crate) struct Vector {
@@ -40,9 +42,13 @@ pub(crate) fn vectors() -> Vec<Vector> {
     attributes::contours(&mut add);
     attributes::attributes(&mut add);
     attributes::values(&mut add);
+    attributes::edges(&mut add);
+    spaces::transforms(&mut add);
     container::objects(&mut add);
     container::container(&mut add);
+    container::metadata(&mut add);
     container::compressed(&mut add);
+    container::frames(&mut add);
     // What the library writes.
     for (name, octree) in samples() {
         let name = format!("written_{name}");
@@ -78,6 +84,6 @@ fn random(seed: u64) -> Vector {
     written(format!("random_{seed}"), "written by the library: noise", &octree.expect("a small tree"))
 }
 
-fn one(levels: u32, block: Block) -> Plan {
+pub(crate) fn one(levels: u32, block: Block) -> Plan {
     Plan::new(levels, vec![block])
 }

@@ -2,11 +2,13 @@
 //! that each is a test of the other, and reaches what the library never writes.
 
 /// How the bytes of a block are stored.
-#[derive(Clone, Copy, PartialEq)]
+#[derive(Clone, PartialEq)]
 pub(crate) enum Codec {
     Raw,
-    /// A Zstandard frame of stored stretches and of runs of one byte, which every decoder reads.
+    /// A Zstandard frame of stored stretches and of runs of one byte, made by [`zstd_frame`].
     Zstd,
+    /// Codec 1 with these bytes, whether they are a frame or not.
+    Frame(Vec<u8>),
 }
 
 /// One block, made slot by slot.
@@ -78,6 +80,16 @@ impl Block {
         self
     }
 
+    /// The same block, stored as these bytes with codec 1.
+    pub(crate) fn framed(&self, frame: Vec<u8>) -> Self {
+        Self { codec: Codec::Frame(frame), ..self.clone() }
+    }
+
+    /// Valid mask of the descriptor at `slot`.
+    pub(crate) fn valid(&self, slot: usize) -> u8 {
+        (self.array[slot] >> 8) as u8
+    }
+
     /// A descriptor all of whose voxels are leaves.
     pub(crate) fn leaves(&mut self, slot: usize, valid: u8) -> &mut Self {
         self.node(slot, valid, valid)
@@ -122,7 +134,7 @@ impl Block {
     }
 
     /// The bytes in memory; `starts` are the first slots of all blocks.
-    fn image(&self, index: usize, starts: &[u64]) -> Vec<u8> {
+    pub(crate) fn image(&self, index: usize, starts: &[u64]) -> Vec<u8> {
         let mut array = self.array.clone();
         for &(slot, far, block) in &self.links {
             array[far] = starts[block] + 2 - (starts[index] + slot as u64);
@@ -194,6 +206,8 @@ pub(crate) struct Plan {
     pub(crate) flags: u32,
     /// Compressed blocks are stored last first.
     pub(crate) stored_reversed: bool,
+    /// Zero bytes of BLKS before the first block and after the last one; the former a multiple of 8192.
+    pub(crate) spare: (usize, usize),
 }
 
 pub(crate) const IDENTITY: [f64; 16] = [1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1.];
@@ -210,6 +224,7 @@ impl Plan {
             order: Order::Usual,
             flags: 1,
             stored_reversed: false,
+            spare: (0, 0),
         }
     }
 
@@ -223,12 +238,16 @@ impl Plan {
             starts.push(starts[index] + block.image(index, &nowhere).len() as u64 / 8);
         }
         let images: Vec<Vec<u8>> = self.blocks.iter().enumerate().map(|(i, b)| b.image(i, &starts)).collect();
-        let compressed = self.blocks.iter().any(|b| b.codec == Codec::Zstd);
+        let compressed = self.blocks.iter().any(|b| b.codec != Codec::Raw);
         let stored: Vec<Vec<u8>> = (self.blocks.iter().zip(&images))
-            .map(|(b, image)| if b.codec == Codec::Zstd { zstd_frame(image) } else { image.clone() })
+            .map(|(b, image)| match &b.codec {
+                Codec::Raw => image.clone(),
+                Codec::Zstd => zstd_frame(image, true),
+                Codec::Frame(bytes) => bytes.clone(),
+            })
             .collect();
         // Where each block lies in the section.
-        let mut data = Vec::new();
+        let mut data = vec![0; self.spare.0];
         let mut places = vec![0; stored.len()];
         let mut order: Vec<usize> = (0..stored.len()).collect();
         if self.stored_reversed {
@@ -239,6 +258,7 @@ impl Plan {
             data.extend(&stored[block]);
             data.resize(data.len().next_multiple_of(8192), 0);
         }
+        data.resize(data.len() + self.spare.1, 0);
         let objects = self.object_table();
         let table_bytes = 72 * self.blocks.len();
         let mut sections: Vec<([u8; 4], u32, Vec<u8>)> =
@@ -339,7 +359,7 @@ impl Plan {
             for long in [image.0, image.1, base + places[index], stored[index].len() as u64] {
                 table.extend(long.to_le_bytes());
             }
-            table.extend(u32::from(block.codec == Codec::Zstd).to_le_bytes());
+            table.extend(u32::from(block.codec != Codec::Raw).to_le_bytes());
             table.extend(crc32fast::hash(&stored[index]).to_le_bytes());
             table.extend([0; 8]);
         }
@@ -349,10 +369,16 @@ impl Plan {
 
 /// A Zstandard frame (RFC 8878) without entropy coding: stretches as they are, and runs of zeros. The same bytes on
 /// every machine and with every version of any library.
-fn zstd_frame(content: &[u8]) -> Vec<u8> {
-    // Single segment, content size in four bytes.
-    let mut frame = vec![0x28, 0xb5, 0x2f, 0xfd, 0xa0];
-    frame.extend((content.len() as u32).to_le_bytes());
+pub(crate) fn zstd_frame(content: &[u8], with_size: bool) -> Vec<u8> {
+    // Magic number and descriptor: a single segment with the content size in four bytes, or a window of 64 KiB.
+    let mut frame = vec![0x28, 0xb5, 0x2f, 0xfd];
+    if with_size {
+        frame.push(0xa0);
+        frame.extend((content.len() as u32).to_le_bytes());
+    } else {
+        assert!(content.len() <= 1 << 16);
+        frame.extend([0x00, 6 << 3]);
+    }
     let mut blocks: Vec<(bool, &[u8])> = Vec::new();
     for slot in content.chunks(8) {
         let zero = slot.iter().all(|b| *b == 0);
@@ -364,6 +390,9 @@ fn zstd_frame(content: &[u8]) -> Vec<u8> {
             }
             _ => blocks.push((zero, slot)),
         }
+    }
+    if blocks.is_empty() {
+        blocks.push((false, content));
     }
     let last = blocks.len() - 1;
     for (index, (run, bytes)) in blocks.into_iter().enumerate() {

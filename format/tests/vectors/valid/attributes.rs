@@ -141,6 +141,27 @@ pub(super) fn attributes(add: &mut Add<'_>) {
     add("levels_23_everything", "23 levels, far pointers, contours, colours and normals", one(23, block));
 }
 
+/// What lies at the edges of others, and directions that cancel out.
+pub(super) fn edges(add: &mut Add<'_>) {
+    let mut block = smallest(4);
+    block.attachment(0x8000, Vec::new()).attachment(0x8001, vec![1; 16]).attachment(0x8002, Vec::new());
+    add("vendor_attachments_empty", "attachments of no bytes where another starts and where it ends", one(1, block));
+    // All eight corners of child 5 of the root, those with x = 0 the opposite of those with x = 1.
+    let mut block = smallest(4);
+    let lattice = [10, 11, 13, 14, 19, 20, 22, 23];
+    let mask = lattice.iter().fold(0u32, |mask, bit| mask | 1 << bit);
+    let mut words = vec![0u32; 8];
+    (words[4], words[5]) = (mask, 8);
+    for k in 0..8u32 {
+        // Raw normals: u and v, or their negatives with the sign bit.
+        let (u, v) = (0x0fab << 14, 0x0123);
+        let opposite = 1 << 31 | (0u32.wrapping_sub(u | v) & 0x1fff_ffff);
+        words.extend([0xff00_0000 | k * 0x20_1008, if k % 2 == 0 { u | v } else { opposite }]);
+    }
+    block.attachment(7, words.iter().flat_map(|word| word.to_le_bytes()).collect());
+    add("corners_opposite", "normals at corners that cancel out in the centre of the voxel", one(1, block));
+}
+
 /// Plain values: for each slot with a descriptor, the mask and as many values as it takes; the entries of `order` are
 /// the places of their values.
 fn plain(block: &Block, entries: &[(usize, u8, &[u32])], order: &[usize]) -> Vec<u8> {
@@ -154,7 +175,7 @@ fn plain(block: &Block, entries: &[(usize, u8, &[u32])], order: &[usize]) -> Vec
 }
 
 /// The same with all values of the three-level octree on their own, noise.
-fn plain_noise(block: &Block, seed: u64) -> Vec<u8> {
+pub(super) fn plain_noise(block: &Block, seed: u64) -> Vec<u8> {
     let mut rng = Rng(seed);
     let masks = [(2, 0b0100_1010u8), (4, 0b1001_0001), (5, 0b1111_0000), (6, 1), (7, 0b1000_0100)];
     let values: Vec<Vec<u32>> =
@@ -165,7 +186,7 @@ fn plain_noise(block: &Block, seed: u64) -> Vec<u8> {
 }
 
 /// Corners: for each slot with a descriptor, the mask, and noise as values.
-fn corners(block: &Block, entries: &[(usize, u32)], seed: u64) -> Vec<u8> {
+pub(super) fn corners(block: &Block, entries: &[(usize, u32)], seed: u64) -> Vec<u8> {
     let mut rng = Rng(seed);
     let mut words = vec![0u32; 2 * block.slots()];
     for &(slot, mask) in entries {

@@ -1,6 +1,7 @@
 //! Objects, sections and compression.
 
-use super::super::writer::{Block, Codec, Extra, IDENTITY, Order, Plan};
+use super::super::common::Rng;
+use super::super::writer::{Block, Codec, Extra, IDENTITY, Order, Plan, zstd_frame};
 use super::attributes::with_noise;
 use super::topology::{branching, smallest};
 use super::{Add, one};
@@ -27,7 +28,7 @@ pub(super) fn objects(add: &mut Add<'_>) {
     add("two_objects_three_blocks", "the second object's block comes first, the first object has two", plan);
 }
 
-fn extra(tag: &[u8; 4], flags: u32, bytes: &[u8]) -> Extra {
+pub(crate) fn extra(tag: &[u8; 4], flags: u32, bytes: &[u8]) -> Extra {
     Extra { tag: *tag, flags, bytes: bytes.to_vec() }
 }
 
@@ -57,6 +58,32 @@ pub(super) fn container(add: &mut Add<'_>) {
     plan.order = Order::DataFirst;
     plan.extra = vec![extra(b"META", 0, b"{}"), extra(b"note", 0, b"odd")];
     add("sections_reversed", "block data first, tables behind it, the directory last", plan);
+}
+
+/// What JSON allows and metadata may have.
+pub(super) fn metadata(add: &mut Add<'_>) {
+    let mut add = |name: &str, about: &'static str, text: &str| {
+        add(name, about, Plan { extra: vec![extra(b"META", 0, text.as_bytes())], ..one(1, smallest(4)) });
+    };
+    add("meta_empty", "metadata without members", "{}");
+    add("meta_white_space", "metadata between white space of every kind", " \t\r\n{ \"title\" :\n\t\"A voxel\"\r} \n");
+    add(
+        "meta_escapes",
+        "every escape, a surrogate pair, and characters that need none",
+        r#"{"\u0074itle":"\"\\\/\b\f\n\r\t\u20AC\uD834\uDD1E","":"\uFFFF𝄞"}"#,
+    );
+    add(
+        "meta_numbers",
+        "the greatest number that binary64 holds, one that rounds to it, and one that rounds to zero",
+        r#"{"numbers":[1.7976931348623157e308,1.797693134862315807e308,-0,0.5E+1,1e-999,9007199254740993]}"#,
+    );
+    let nested = format!(r#"{{"a":{}{}}}"#, "[".repeat(63), "]".repeat(63));
+    add("meta_nested", "arrays nested as deep as they may be", &nested);
+    add(
+        "meta_names",
+        "the same name in different objects, and names that differ in case or form",
+        r#"{"a":{"a":[{"a":1},{"a":2}]},"A":0,"é":1,"é":2}"#,
+    );
 }
 
 pub(super) fn compressed(add: &mut Add<'_>) {
@@ -100,4 +127,46 @@ pub(super) fn compressed(add: &mut Add<'_>) {
         "far pointers where child pointers do not reach, contours far away",
         one(3, zstd(block)),
     );
+}
+
+/// Levels that the octree of [`entropy_coded`] has.
+pub(crate) const ENTROPY_LEVELS: u32 = 4;
+
+/// A block that compresses well, and two frames of it with entropy coding, the second with a checksum. The frames were
+/// made once by Zstandard 1.5 at level 19 and are kept, as other versions make others.
+pub(crate) fn entropy_coded() -> (Block, Vec<u8>, Vec<u8>) {
+    let mut rng = Rng(19);
+    let mut block = Block::new(590);
+    block.node(2, 0xff, 0).near(2, 4);
+    let mut leaf_masks = || [0x0f, 0xf0, 0x33, 0xcc, 0x55, 0xaa, 0x11, 0xff][(rng.bits() & rng.bits() & 7) as usize];
+    for k in 0..8 {
+        block.node(4 + k, 0xff, 0).near(4 + k, 12 + 8 * k);
+        for child in 12 + 8 * k..20 + 8 * k {
+            let first = 76 + 8 * (child - 12);
+            block.node(child, 0xff, 0).near(child, first);
+            for slot in first..first + 8 {
+                block.leaves(slot, leaf_masks());
+            }
+        }
+    }
+    // Every descriptor with leaves gives its first one a contour; few differ.
+    for slot in 76..588 {
+        let first = block.valid(slot) & block.valid(slot).wrapping_neg();
+        block.contour(slot, first, &[0x0de1_ec10 + ((slot as u32 % 3) << 18)]);
+    }
+    (block, include_bytes!("../frames/plain.zst").to_vec(), include_bytes!("../frames/checksum.zst").to_vec())
+}
+
+/// Frames that an encoder need not make and a decoder must read.
+pub(super) fn frames(add: &mut Add<'_>) {
+    let (block, plain, checksum) = entropy_coded();
+    add("compressed_entropy", "a frame with entropy coding", one(ENTROPY_LEVELS, block.framed(plain)));
+    add("compressed_checksum", "the same with a checksum in the frame", one(ENTROPY_LEVELS, block.framed(checksum)));
+    let block = branching(8);
+    let frame = zstd_frame(&block.image(0, &[0]), false);
+    add("compressed_without_size", "a frame that does not say how long its content is", one(3, block.framed(frame)));
+    let mut plan = one(3, branching(8));
+    plan.blocks[0].codec = Codec::Zstd;
+    plan.spare = (8192, 8200);
+    add("compressed_room", "room before and after the only block of the block data", plan);
 }

@@ -5,7 +5,7 @@ use super::attributes::{noise, used_pairs};
 use super::{Add, one};
 
 /// The root with one leaf voxel, in an array of so many slots.
-pub(super) fn smallest(slots: usize) -> Block {
+pub(crate) fn smallest(slots: usize) -> Block {
     let mut block = Block::new(slots);
     block.leaves(2, 1 << 5);
     block
@@ -20,7 +20,7 @@ pub(super) fn leaf_children(block: &mut Block, masks: &[u8], slot: usize, first:
 }
 
 /// Three levels: the root's voxels 1 (two non-leaf children) and 6 (none), 3 a leaf.
-pub(super) fn branching(slots: usize) -> Block {
+pub(crate) fn branching(slots: usize) -> Block {
     let mut block = Block::new(slots);
     block.node(2, 0b0100_1010, 0b0000_1000).near(2, 4);
     block.node(4, 0b1001_0001, 0b0001_0000).near(4, 6);

@@ -1,0 +1,208 @@
+//! Invalid vectors that take a file of the generator: what the library's samples do not have, such as second pages,
+//! compressed blocks and sections of no bytes. The others are in `common/breaks.rs`.
+
+use super::common::breaks::{Broken, broken_files, change_low};
+use super::common::patch::File;
+use super::valid::topology::{branching, smallest};
+use super::valid::{ENTROPY_LEVELS, entropy_coded, extra, one};
+use super::writer::{Block, Codec, IDENTITY, Plan, zstd_frame};
+
+/// Every invalid vector, in the order of their numbers.
+pub(crate) fn broken_vectors() -> Vec<Broken> {
+    let mut list = broken_files();
+    let mut add = |rule: &'static str, bytes: Vec<u8>| list.push(Broken { rule, sample: "the generator", bytes });
+    container(&mut add);
+    pages(&mut add);
+    frames(&mut add);
+    list
+}
+
+type Add<'a> = dyn FnMut(&'static str, Vec<u8>) + 'a;
+
+/// The file of a plan, changed, with all checksums put right.
+fn changed(plan: &Plan, change: impl FnOnce(&mut File)) -> Vec<u8> {
+    let mut file = File(plan.write().0);
+    change(&mut file);
+    file.seal();
+    file.0
+}
+
+fn container(add: &mut Add<'_>) {
+    let with = |extras| Plan { extra: extras, ..one(1, smallest(4)) };
+    // A section of no bytes inside the object table, and one of 8 that is the first bytes of the directory.
+    add(
+        "D003",
+        changed(&with(vec![extra(b"none", 0, b"")]), |f| {
+            let (entry, objects) = (f.entry(b"none"), f.section(b"OBJT").0);
+            f.set_u64(entry + 8, objects as u64 + 8);
+        }),
+    );
+    add(
+        "D003",
+        changed(&with(vec![extra(b"note", 2, &[0; 8])]), |f| {
+            let entry = f.entry(b"note");
+            f.set_u64(entry + 8, 64);
+        }),
+    );
+    let twice = vec![extra(b"note", 0, b"once"), extra(b"note", 0, b"twice")];
+    add("D006", changed(&with(twice), |_| ()));
+    add(
+        "D009",
+        changed(&with(vec![extra(b"odd ", 0, b"3 b")]), |f| {
+            let (at, length) = f.section(b"odd ");
+            f.0[at + length] = 1;
+        }),
+    );
+    // The parent of a block is one of another object.
+    let mut first = smallest(4);
+    first.object = 1;
+    let mut root = Block::new(4);
+    root.node(2, 0x10, 0).link(2, 3, 2);
+    let mut below = Block::below(4, 1, ([0; 3], 23));
+    below.leaves(2, 0x3c);
+    let mut plan = Plan::new(2, vec![first, root, below]);
+    plan.objects.push((1, IDENTITY));
+    add(
+        "B007",
+        changed(&plan, |f| {
+            let parent = f.block(2) + 4;
+            f.set_u32(parent, 0);
+        }),
+    );
+    // An attachment of no bytes inside another.
+    let mut block = smallest(4);
+    block.attachment(0x8000, vec![1; 16]).attachment(0x8001, Vec::new());
+    add(
+        "A001",
+        changed(&one(1, block), |f| {
+            let (first, second) = (f.attachment(0, 0), f.attachment(0, 1));
+            let inside = f.u32(first + 4) + 8;
+            f.set_u32(second + 4, inside);
+        }),
+    );
+}
+
+fn pages(add: &mut Add<'_>) {
+    // The only child of the root is in the first page, its child in the second.
+    let two_pages = |mask: u8, first: usize| {
+        let mut block = Block::new(1030);
+        block.node(2, 1 << 3, 0).near(2, 4).node(4, mask, 0).near(4, first);
+        block
+    };
+    let mut in_use = two_pages(1, 1026);
+    in_use.leaves(1026, 0x24);
+    for header in [7, 1 << 32 | 6, 0] {
+        add("P001", changed(&one(3, in_use.clone()), |f| f.set_u64(f.slot(1024), header)));
+    }
+    add("P001", changed(&one(1, smallest(1030)), |f| f.set_u64(f.slot(1024), 5)));
+    // The attachment directory leaves the block.
+    add(
+        "P002",
+        changed(&one(1, smallest(1019)), |f| {
+            let count = f.info(0) + 20;
+            f.set_u32(count, 1);
+        }),
+    );
+    // Three siblings, the last of which is the page header; a child there; a far pointer there.
+    let mut straddling = two_pages(0b111, 1022);
+    straddling.leaves(1022, 1).leaves(1023, 1);
+    add("C003", changed(&one(3, straddling), |_| ()));
+    add("C003", changed(&one(3, two_pages(1, 1024)), |_| ()));
+    add("C003", changed(&one(3, two_pages(1, 1024)), |f| change_low(f, 4, |low| low | 1 << 16)));
+    // A far pointer to the first descriptor of a block that another block is the parent of.
+    let mut root = Block::new(4);
+    root.node(2, 0x01, 0).link(2, 3, 1);
+    let mut middle = Block::below(4, 0, ([0; 3], 23));
+    middle.node(2, 0x01, 0).link(2, 3, 2);
+    let mut bottom = Block::below(4, 1, ([0; 3], 22));
+    bottom.leaves(2, 0x01);
+    add("C008", changed(&Plan::new(3, vec![root, middle, bottom]), |f| f.set_u64(f.slot(3), 2048)));
+}
+
+/// Blocks stored with codec 1.
+fn frames(add: &mut Add<'_>) {
+    let block = branching(8);
+    let image = block.image(0, &[0]);
+    let whole = zstd_frame(&image, true);
+    let plan = |frame: Vec<u8>| one(3, branching(8).framed(frame));
+    // Places: the section ends where the frame does; two blocks at one place; a byte after a frame.
+    add(
+        "B004",
+        changed(&plan(whole.clone()), |f| {
+            let entry = f.entry(b"BLKS");
+            f.set_u64(entry + 16, whole.len() as u64);
+        }),
+    );
+    let mut root = Block::new(4);
+    root.node(2, 0x10, 0).link(2, 3, 1);
+    let mut below = Block::below(4, 0, ([0; 3], 23));
+    below.leaves(2, 0x0f);
+    (root.codec, below.codec) = (Codec::Zstd, Codec::Zstd);
+    add(
+        "B004",
+        changed(&Plan::new(2, vec![root, below]), |f| {
+            let (first, second) = (f.u64(f.block(0) + 40), f.block(1) + 40);
+            f.set_u64(second, first);
+        }),
+    );
+    add(
+        "D009",
+        changed(&plan(whole.clone()), |f| {
+            let end = f.slot(0) + whole.len();
+            f.0[end] = 1;
+        }),
+    );
+    let mut damaged = plan(whole.clone()).write().0;
+    let last = File(damaged.clone()).slot(0) + whole.len() - 1;
+    damaged[last] ^= 1;
+    add("B006", damaged);
+    add(
+        "B005",
+        changed(&plan(whole.clone()), |f| f.set_u64(16, 0)), // the feature bit is clear
+    );
+    // More bytes than any frame of this length can have.
+    add(
+        "B005",
+        changed(&plan(whole.clone()), |f| {
+            let size = f.block(0) + 32;
+            f.set_u64(size, 40_000 * 8192);
+        }),
+    );
+    let edit = |change: fn(&mut Vec<u8>)| {
+        let mut frame = whole.clone();
+        change(&mut frame);
+        frame
+    };
+    const SKIPPABLE: [u8; 12] = [0x50, 0x2a, 0x4d, 0x18, 4, 0, 0, 0, 1, 2, 3, 4];
+    let mut bad = vec![
+        edit(|frame| frame[0] ^= 1), // no frame
+        edit(|frame| {
+            frame.pop(); // cut
+        }),
+        edit(|frame| frame.push(0)), // more than the frame
+        [&whole[..], &zstd_frame(&[], true)].concat(),
+        [&SKIPPABLE[..], &whole].concat(),
+        [&whole[..], &SKIPPABLE].concat(),
+        edit(|frame| frame[5] ^= 1), // another content size than the content has
+        edit(|frame| frame[9] |= 6), // a block of the reserved type
+        zstd_frame(&image[..image.len() - 8], true),
+        zstd_frame(&[&image[..], &[0; 8]].concat(), true),
+        zstd_frame(&image[..image.len() - 8], false),
+        zstd_frame(&[&image[..], &[0; 8]].concat(), false),
+    ];
+    // A dictionary: its number in one byte after the descriptor.
+    let mut with_dictionary = whole.clone();
+    with_dictionary[4] |= 1;
+    with_dictionary.insert(5, 77);
+    bad.push(with_dictionary);
+    for frame in bad {
+        add("B005", changed(&plan(frame), |_| ()));
+    }
+    // A wrong checksum inside of a frame, and damage to what is entropy-coded.
+    let (block, _, mut checked) = entropy_coded();
+    *checked.last_mut().unwrap() ^= 1;
+    add("B005", changed(&one(ENTROPY_LEVELS, block.framed(checked)), |_| ()));
+    let (_, mut plain, _) = entropy_coded();
+    plain.truncate(plain.len() / 2);
+    add("B005", changed(&one(ENTROPY_LEVELS, block.framed(plain)), |_| ()));
+}
