@@ -1,9 +1,8 @@
 #!/usr/bin/env bash
-# Fuzzes every target for some seconds each, from the test vectors and the seeds: ./run.sh [SECONDS] [TARGET...]
+# Fuzzes every target for SECONDS (default 60), starting from the test vectors and the seeds: ./run.sh [SECONDS] [TARGET...]
 #
-# Needs a nightly compiler and cargo-fuzz (cargo install cargo-fuzz). Exit code 1 as soon as something is found; the
-# input that did it is in artifacts/. Put it into seeds/TARGET once it is mended: the tests run all seeds with the stable
-# compiler.
+# Needs a nightly compiler and cargo-fuzz (cargo install cargo-fuzz). Stops with exit code 1 at the first failure and leaves
+# the input in artifacts/. After the fix, add the input to seeds/TARGET: the tests run all seeds with the stable compiler.
 set -euo pipefail
 cd "$(dirname "$0")"
 seconds=${1:-60}

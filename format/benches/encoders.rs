@@ -1,9 +1,9 @@
-//! Time of encoding a block of sixteen colours or normals, by what is in it.
+//! Time to encode a block of sixteen colours or normals, for different contents.
 //!
 //! `cargo bench -p esvo-format --bench encoders`
 
 #[path = "../tests/encoders/blocks.rs"]
-#[allow(dead_code)]
+#[allow(dead_code, reason = "the tests use more of it")]
 mod blocks;
 
 use std::hint::black_box;

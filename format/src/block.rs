@@ -1,6 +1,6 @@
-//! The parts of a block.
+//! The places of the parts of a block.
 
-/// Where the parts of a block lie in the image; made from its info section.
+/// The places of the parts of a block in the image, from its info section.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct BlockParts {
     /// First slot of the block in the image.

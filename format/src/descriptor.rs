@@ -7,16 +7,16 @@ pub const MAX_NEAR_POINTER: u32 = (1 << 15) - 1;
 /// Largest distance, in 32-bit words, that the 24-bit contour pointer can express.
 pub const MAX_CONTOUR_POINTER: u32 = (1 << 24) - 1;
 
-/// One non-leaf voxel, seen through its eight child slots. Takes one 8-byte slot of the descriptor array.
+/// The eight child slots of one non-leaf voxel. Takes one 8-byte slot of the descriptor array.
 ///
 /// ```text
 /// low word   31..17 child pointer | 16 far bit | 15..8 valid mask | 7..0 leaf mask
 /// high word  31..8  contour pointer                               | 7..0 contour mask
 /// ```
 ///
-/// Bit `i` of a mask belongs to child slot `i` (x = 1, y = 2, z = 4). A slot whose valid bit is clear is empty, one
-/// with both bits set is a leaf voxel, one with only the valid bit set is a voxel with a descriptor of its own. A leaf bit
-/// without its valid bit, and a descriptor of empty slots alone, break rule C001.
+/// Bit `i` of a mask belongs to child slot `i` (x = 1, y = 2, z = 4). A child slot is empty if its valid bit is clear,
+/// a leaf voxel if both bits are set, and a voxel with its own descriptor if only the valid bit is set. A leaf bit
+/// without its valid bit and a descriptor with only empty slots break rule C001.
 #[repr(transparent)]
 #[derive(Clone, Copy, PartialEq, Eq, Pod, Zeroable, Default)]
 pub struct ChildDescriptor(pub u64);
@@ -40,33 +40,33 @@ impl ChildDescriptor {
         (self.0 >> 32) as u32
     }
 
-    /// Which child slots hold a voxel.
+    /// Mask of the child slots that hold a voxel.
     pub const fn valid_mask(self) -> u8 {
         (self.0 >> 8) as u8
     }
 
-    /// Which of the voxels are leaves; a subset of the valid mask.
+    /// Mask of the leaf voxels; a subset of the valid mask.
     pub const fn leaf_mask(self) -> u8 {
         self.0 as u8
     }
 
-    /// Which child slots hold a voxel that has a descriptor of its own.
+    /// Mask of the voxels that have a descriptor.
     pub const fn nonleaf_mask(self) -> u8 {
         self.valid_mask() & !self.leaf_mask()
     }
 
-    /// Distance in slots to the first child descriptor, or to the far pointer if [`far`](Self::far); 0 without non-leaf
-    /// children (C002, C006).
+    /// Distance in slots to the first child descriptor, or to the far pointer if [`far`](Self::far) is set; 0 if there
+    /// are no non-leaf children (C002, C006).
     pub const fn child_ptr(self) -> u32 {
         self.low() >> 17
     }
 
-    /// Whether the child pointer leads to a 32-bit far pointer.
+    /// Whether the child pointer refers to a 32-bit far pointer.
     pub const fn far(self) -> bool {
         self.0 & 1 << 16 != 0
     }
 
-    /// Which child slots have a contour.
+    /// Mask of the child slots that have a contour.
     pub const fn contour_mask(self) -> u8 {
         self.high() as u8
     }
@@ -76,12 +76,12 @@ impl ChildDescriptor {
         self.high() >> 8
     }
 
-    /// How many siblings with descriptors come before child slot `child`.
+    /// Number of siblings with descriptors before child slot `child`.
     pub const fn child_rank(self, child: u8) -> u32 {
         (self.nonleaf_mask() & lower_bits(child)).count_ones()
     }
 
-    /// How many contour values come before that of child slot `child`.
+    /// Number of contour values before that of child slot `child`.
     pub const fn contour_rank(self, child: u8) -> u32 {
         (self.contour_mask() & lower_bits(child)).count_ones()
     }

@@ -1,30 +1,30 @@
-//! What can be wrong with a file.
+//! Errors of this crate.
 
 use std::path::PathBuf;
 
 /// Why a file could not be opened, read or written.
 #[derive(Debug, thiserror::Error)]
 pub enum FormatError {
-    /// The operating system refused.
+    /// An error of the operating system.
     #[error("{}: {source}", path.display())]
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
-    /// What a [`StreamReader`](crate::StreamReader) reads from failed.
-    #[error("reading at byte {offset}: {source}")]
+    /// The source of a [`StreamReader`](crate::StreamReader) failed.
+    #[error("cannot read at byte {offset}: {source}")]
     Source {
-        /// Where in the file.
+        /// Offset in the file in bytes.
         offset: u64,
-        /// What the source said.
+        /// The error of the source.
         source: std::io::Error,
     },
     /// The bytes break a rule of the specification.
     #[error(transparent)]
     Broken(#[from] Broken),
-    /// A file of the paper's authors (`.oct`) is damaged, or holds what this library does not take.
+    /// A file of the paper's authors (`.oct`) is damaged, or contains something that this library does not support.
     #[error(".oct file, {place}: {what}")]
     Oct {
         /// The part of the file.
@@ -32,7 +32,7 @@ pub enum FormatError {
         /// What was found there.
         what: String,
     },
-    /// Something that the format cannot express, or a limit that was reached.
+    /// A value out of range, something that the format cannot express, or a limit that was exceeded.
     #[error("{0}")]
     Limit(String),
 }
@@ -43,7 +43,7 @@ pub enum FormatError {
 pub struct Broken {
     /// Id of the rule, as in the specification.
     pub rule: &'static str,
-    /// Offset in the file in bytes; for what lies in a compressed block, the offset in the image.
+    /// Offset in the file in bytes. Within a compressed block: offset in the image.
     pub offset: u64,
     /// What was found.
     pub what: String,

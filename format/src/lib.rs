@@ -1,12 +1,12 @@
 //! Reader, writer, validator and codecs of the esvo sparse voxel octree format.
 //!
-//! The bytes are laid down in the specification, version 1 (`spec/v1/README.md`, also [`esvo_spec::TEXT_V1`]). Errors and
-//! findings cite its numbered rules ([`ids`]), and so do these pages: "H004" is a rule, "spec 4.1" a section.
+//! The specification, version 1, defines the bytes (`spec/v1/README.md`, also [`esvo_spec::TEXT_V1`]). Errors, findings and
+//! these pages cite its numbered rules ([`ids`]): "H004" is a rule, "spec 4.1" a section.
 //!
 //! # Reading
 //!
-//! [`Octree::open`] maps a file, [`Octree::from_bytes`] takes bytes from anywhere. Both check everything but the
-//! descriptors: these are checked once by [`Octree::sound`], and what is sound can be walked without fear.
+//! [`Octree::open`] maps a file, [`Octree::from_bytes`] reads a file in memory. Both check everything except the
+//! descriptors. [`Octree::sound`] checks those once; walking a sound octree cannot fail.
 //!
 //! ```
 //! # use esvo_format::*;
@@ -22,10 +22,10 @@
 //! let octree = Octree::from_bytes(&bytes)?; // or Octree::open("sibenik.esvo".as_ref())?
 //! octree.sound()?;
 //!
-//! // Every leaf voxel of the first object: its lower corner and its edge in the space of the mesh, and its colour.
+//! // For every leaf voxel of the first object: its lower corner in mesh space, its edge in octree space, and its colour.
 //! let object = &octree.objects()[0];
 //! let to_mesh = octree.octree_to_mesh(0);
-//! // Slot of a descriptor, and lower corner and edge of its voxel in octree space, where the root cube is [0, 1]³.
+//! // Slot of a descriptor; lower corner and edge of its voxel in octree space, in which the root cube is [0, 1]³.
 //! let mut stack = vec![(object.root_slot as u32, glam::DVec3::ZERO, 1.0)];
 //! while let Some((slot, corner, edge)) = stack.pop() {
 //!     let descriptor = octree.descriptor(slot);
@@ -36,7 +36,7 @@
 //!         match octree.child(slot, child) {
 //!             Some(below) => stack.push((below, corner, edge)),
 //!             None => {
-//!                 let colour = octree.color(slot, child); // sRGB, 0 to 1, if the octree has colours
+//!                 let colour = octree.color(slot, child); // sRGB, 0 to 1; None if the octree has no colours
 //!                 println!("{} {edge} {colour:?}", to_mesh.transform_point3(corner));
 //! #               leaves.push((corner.to_array(), edge, colour));
 //!             }
@@ -52,7 +52,7 @@
 //! ```
 //! use esvo_format::{AssembleOptions, Octree, Tree, Voxel, assemble};
 //!
-//! // One voxel in the corner of the root cube, red, without a contour.
+//! // One red voxel without a contour, in the corner of the root cube.
 //! let mut tree = Tree::default();
 //! let voxel = Voxel { color: Some([255, 0, 0]), leaf: true, ..Voxel::default() };
 //! let mut children = [None; 8];
@@ -74,33 +74,46 @@
 //! | read a whole file | [`Octree`] |
 //! | read some blocks of a file, from a disk or an object store | [`StreamReader`], [`RangeRead`] |
 //! | find out which rules a file breaks | [`validate_file`], [`validate_bytes`], [`Report`] |
-//! | make an octree | [`Tree`], [`assemble`]; in parts, with little memory: [`pack`](pack()) |
+//! | make an octree | [`Tree`], [`assemble`]; block by block, with little memory: [`pack`](pack()), [`BlockStore`] |
 //! | encode and decode values | [`Contour`], [`ColorBlock`], [`NormalBlock`], [`RawNormal`], [`AmbientBlock`] |
-//! | go between sRGB and linear light | [`srgb`] |
-//! | take a descriptor apart | [`ChildDescriptor`] |
-//! | upload to a device | [`Octree::slots`], as it is; [`Octree::needs`] |
+//! | convert between sRGB and linear light | [`srgb`] |
+//! | read the fields of a descriptor | [`ChildDescriptor`] |
+//! | upload to a device | [`Octree::slots`], unchanged; [`Octree::needs`] |
 //! | count, show, compare | [`stats`](stats()), [`dump`], [`diff`] |
 //! | read and write the files of the paper's authors | [`oct`] |
-//! | know the bytes of headers and tables | [`file`](mod@file) |
+//! | see the layout of headers and tables | [`file`](mod@file) |
+//!
+//! In the source code:
+//!
+//! | folder or file | subject |
+//! |---|---|
+//! | `values/` | encodings of the values of voxels: contours, colours, normals, ambient occlusion, plain values, sRGB |
+//! | `file/` | records of headers and tables; opening, writing, compression |
+//! | `octree.rs`, `block.rs`, `descriptor.rs`, `needs.rs` | an octree in memory, and access to its voxels |
+//! | `check/` | the rules of the specification: tables, topology (the walk along all pointers), validation and its report |
+//! | `layout/` | from a tree to blocks: planning, placing, encoding, packing; adding an attachment |
+//! | `stream/` | reading parts of a file |
+//! | `inspect/` | dumps, differences, statistics |
+//! | `oct/` | the files of the paper's authors |
 //!
 //! # Words and units
 //!
-//! A *slot* is 8 bytes, a *word* 4; slots of the image are numbered from 0, and the low word of slot `s` is word `2 s`. A
-//! *child slot*, 0 to 7, is a place in a cube: `x + 2 y + 4 z`. The root cube is `[0, 1]³` in *octree space* and level 0;
-//! the transform of an object leads from there to the space of its mesh. Offsets are bytes unless something else is said.
+//! A *slot* has 8 bytes, a *word* 4. The slots of the image are numbered from 0; the low word of slot `s` is word `2 s`. A
+//! *child slot*, 0 to 7, is an octant of a cube: `x + 2 y + 4 z`. The root cube is `[0, 1]³` in *octree space* and has
+//! level 0. The transform of an object maps octree space to the space of its mesh. Offsets are in bytes unless another unit
+//! is given.
 //!
-//! # Hostile input
+//! # Untrusted input
 //!
-//! Nothing here panics, hangs or reads out of bounds on bytes that nobody vouches for, with one exception that the
-//! functions name: a slot that comes from an octree which is not [sound](Octree::sound). Memory is bounded by
-//! [`OpenOptions::memory_limit`].
+//! No function panics, hangs or reads out of bounds on untrusted bytes, with one exception: methods that take the slot of a
+//! descriptor may panic if the octree is not [sound](Octree::sound). [`OpenOptions::memory_limit`] bounds the memory.
 //!
 //! # Features
 //!
-//! `zstd` (on by default): compressed blocks. Without it, files that have any are refused (H003).
+//! `zstd` (on by default): compressed blocks. Without it, files with compressed blocks are refused (H003).
 
 #[cfg(target_endian = "big")]
-compile_error!("the image is viewed in place as little-endian words; a big-endian reader would have to swap them");
+compile_error!("esvo-format needs a little-endian target: it views the image in place as little-endian words");
 
 mod block;
 mod check;
@@ -142,3 +155,8 @@ pub use values::contour::{Contour, Slab};
 pub use values::normal::{NormalBlock, RawNormal};
 pub use values::plain::{CornerCell, CornerValue, NodeCorners};
 pub use values::srgb;
+
+/// Compiles the example of the README.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -1,4 +1,4 @@
-//! An octree in memory: the image as the casters walk it, and the tables around it.
+//! An octree in memory: the image that casters walk, and its tables.
 
 use std::sync::OnceLock;
 
@@ -13,7 +13,7 @@ use crate::{
     NodeCorners, NormalBlock, RawNormal,
 };
 
-/// The image: every block, uncompressed, one after the other, in slots of 8 bytes.
+/// The image: all blocks, uncompressed and contiguous, in slots of 8 bytes.
 pub(crate) enum Image {
     Owned(Vec<u64>),
     Mapped { map: Mmap, offset: usize, bytes: usize },
@@ -34,12 +34,13 @@ pub(crate) struct Origin {
     pub(crate) image: u64,
     pub(crate) objects: u64,
     pub(crate) meta: u64,
-    /// Some block is compressed: the block data is not the image, and all checksums have been checked on reading.
+    /// Whether any block is compressed. The block data is not the image then, and all checksums were checked on
+    /// reading.
     pub(crate) compressed: bool,
 }
 
 impl Origin {
-    /// Where the first byte of a block lies in the file, or in the image if it is compressed.
+    /// Offset of a block in the file, or in the image if the block is compressed.
     fn of_block(&self, block: &BlockEntry) -> u64 {
         match block.codec {
             _ if !self.compressed => self.image + block.image_offset,
@@ -49,12 +50,12 @@ impl Origin {
     }
 }
 
-/// A section that this library does not know; kept when a file is rewritten.
+/// A section that this library does not know. Kept when a file is rewritten.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct UnknownSection {
     /// Four ASCII characters.
     pub tag: [u8; 4],
-    /// As in the directory.
+    /// The flags in the directory.
     pub flags: u32,
     /// The bytes.
     pub bytes: Vec<u8>,
@@ -62,8 +63,8 @@ pub struct UnknownSection {
 
 /// An octree: the image, mapped from a file or held in memory, with its object and block tables.
 ///
-/// Opening checks the header, the tables and the info sections. What the descriptors say is checked by
-/// [`validate`](crate::validate()), or once and briefly by [`sound`](Self::sound), which every caster calls before it walks.
+/// Opening checks the header, the tables and the info sections. The descriptors are checked by
+/// [`validate`](crate::validate()), or faster by [`sound`](Self::sound), which every caster calls before it walks.
 pub struct Octree {
     pub(crate) objects: Vec<ObjectEntry>,
     pub(crate) blocks: Vec<BlockEntry>,
@@ -71,18 +72,18 @@ pub struct Octree {
     pub(crate) meta: String,
     pub(crate) unknown: Vec<UnknownSection>,
     pub(crate) image: Image,
-    /// Where this lay in the file that it comes from.
+    /// Offsets in the file that the octree was read from.
     pub(crate) origin: Option<Origin>,
     pub(crate) sound: OnceLock<Result<(), Broken>>,
 }
 
 impl Octree {
-    /// An octree from tables and an image. File offsets, stored sizes and checksums of the blocks are not looked at;
-    /// writing the octree sets them.
+    /// An octree from tables and an image. File offsets, stored sizes and checksums of the blocks are ignored; writing
+    /// the octree sets them.
     ///
     /// # Errors
-    /// Entries that break a rule of the object or block table, blocks that do not fill the image, info sections that do
-    /// not fit the blocks. Offsets in them count from the start of the image.
+    /// A broken rule of the object table, the block table or an info section, or blocks that do not fill the image.
+    /// Offsets in errors count from the start of the image.
     pub fn from_parts(
         objects: Vec<ObjectEntry>,
         blocks: Vec<BlockEntry>,
@@ -93,7 +94,7 @@ impl Octree {
         Self::new(objects, blocks, String::new(), Vec::new(), Image::Owned(image), None)
     }
 
-    /// The tables have been checked.
+    /// Reads the parts of the blocks. The tables must have been checked.
     pub(crate) fn new(
         objects: Vec<ObjectEntry>,
         blocks: Vec<BlockEntry>,
@@ -107,7 +108,7 @@ impl Octree {
             .map(|(index, block)| {
                 let start = block.image_offset;
                 let at = origin.map_or(start, |origin| origin.of_block(block));
-                // The table says that the block lies in the image.
+                // In range, as the table has been checked.
                 let bytes = &bytes[start as usize..(start + block.image_size) as usize];
                 crate::check::tables::block_parts(bytes, start, at, index)
             })
@@ -115,8 +116,8 @@ impl Octree {
         Ok(Self { objects, blocks, parts, meta, unknown, image, origin, sound: OnceLock::new() })
     }
 
-    /// Where byte `at` of the image lies in the file that it comes from; in the image if it comes from none, or from a
-    /// compressed block.
+    /// Offset of byte `at` of the image in the file that the octree was read from. `at` itself if there is no file, or
+    /// in a compressed block.
     pub(crate) fn offset(&self, at: u64) -> u64 {
         let Some(origin) = self.origin else { return at };
         if !origin.compressed {
@@ -141,7 +142,7 @@ impl Octree {
         &self.parts
     }
 
-    /// The metadata, a JSON object, or empty.
+    /// The metadata: a JSON object, or empty.
     pub fn meta(&self) -> &str {
         &self.meta
     }
@@ -151,7 +152,7 @@ impl Octree {
         self.meta = meta;
     }
 
-    /// Sections of the file that this library does not know.
+    /// The sections of the file that this library does not know.
     pub fn unknown_sections(&self) -> &[UnknownSection] {
         &self.unknown
     }
@@ -166,12 +167,12 @@ impl Octree {
         bytemuck::cast_slice(self.slots())
     }
 
-    /// Octree space (root cube `[0, 1]³`) to mesh space of object `object`.
+    /// The transform of object `object` from octree space (root cube `[0, 1]³`) to mesh space.
     pub fn octree_to_mesh(&self, object: usize) -> DMat4 {
         DMat4::from_cols_array(&self.objects[object].octree_to_mesh)
     }
 
-    /// What casting this octree takes.
+    /// The features that this octree uses.
     pub fn needs(&self) -> Needs {
         let kind = |kinds: &[u32]| self.parts.iter().any(|p| p.attachments.iter().any(|a| kinds.contains(&a.0)));
         Needs {
@@ -184,8 +185,8 @@ impl Octree {
         }
     }
 
-    /// The descriptor at slot `slot` of the image. All methods that take a slot want one that holds a descriptor: an
-    /// object's root slot, or what [`child`](Self::child) returns.
+    /// The descriptor at slot `slot` of the image. This and all other methods with a parameter `slot` expect the slot
+    /// of a descriptor: the root slot of an object, or a result of [`child`](Self::child).
     ///
     /// # Panics
     /// Slots outside the image.
@@ -193,23 +194,23 @@ impl Octree {
         ChildDescriptor(self.slots()[slot as usize])
     }
 
-    /// Slot of the first child descriptor of the descriptor at `slot`; meaningless if it has no non-leaf child.
+    /// Slot of the first child descriptor of the descriptor at `slot`. Meaningless if it has no non-leaf child.
     pub fn first_child(&self, slot: u32) -> u32 {
         let descriptor = self.descriptor(slot);
         let near = slot + descriptor.child_ptr();
         if descriptor.far() { slot.wrapping_add(self.slots()[near as usize] as u32) } else { near }
     }
 
-    /// Slot of the descriptor of child slot `child`, 0..8, if it has one: neither an empty slot nor a leaf voxel does.
+    /// Slot of the descriptor of child slot `child` (0..8). `None` for empty slots and leaf voxels.
     ///
     /// # Panics
-    /// Slots outside the image, and pointers out of it in an octree that is not [sound](Self::sound).
+    /// Slots outside the image. Invalid pointers, if the octree is not [sound](Self::sound).
     pub fn child(&self, slot: u32, child: u8) -> Option<u32> {
         let descriptor = self.descriptor(slot);
         (descriptor.nonleaf_mask() >> child & 1 != 0).then(|| self.first_child(slot) + descriptor.child_rank(child))
     }
 
-    /// Contour of child `child` of the descriptor at `slot`, if it has one.
+    /// Contour of child `child` of the descriptor at `slot`. `None` if it has none.
     pub fn contour(&self, slot: u32, child: u8) -> Option<Contour> {
         let descriptor = self.descriptor(slot);
         (descriptor.contour_mask() >> child & 1 != 0).then(|| {
@@ -218,20 +219,20 @@ impl Octree {
         })
     }
 
-    /// Index of the block that the descriptor at `slot` lies in, by its page header.
+    /// Index of the block of the descriptor at `slot`, read through its page header.
     pub fn block_of(&self, slot: u32) -> u32 {
         let page = slot & !(PAGE_SLOTS - 1);
         let info = page + self.slots()[page as usize] as u32;
         self.words()[info as usize * 2]
     }
 
-    /// Colour of child `child` of the descriptor at `slot`: sRGB-encoded, channels in `0.0..=1.0`. Where colours are those
-    /// of corners, that in the middle of the voxel.
+    /// Colour of child `child` of the descriptor at `slot`: sRGB-encoded, channels in `0.0..=1.0`. With values at
+    /// corners: the colour at the centre of the voxel. `None` if the octree has no colours.
     pub fn color(&self, slot: u32, child: u8) -> Option<[f32; 3]> {
         self.color_at(slot, child, Vec3::splat(0.5))
     }
 
-    /// Like [`color`](Self::color), at a point of the voxel, whose corners are 0 and 1.
+    /// Like [`color`](Self::color), at a point of the voxel. Coordinates are 0 to 1 within the voxel.
     pub fn color_at(&self, slot: u32, child: u8, point: Vec3) -> Option<[f32; 3]> {
         if let Some([r, g, b, _]) = self.plain_color(slot, child) {
             return Some([r, g, b].map(|c| f32::from(c) / 255.0));
@@ -246,8 +247,8 @@ impl Octree {
         Some([r, g, b])
     }
 
-    /// Red, green, blue and alpha of child `child` of the descriptor at `slot`, where they are stored as they are: in a
-    /// plain attachment, or as a constant, which is opaque.
+    /// Red, green, blue and alpha of child `child` of the descriptor at `slot`, sRGB-encoded. `None` unless the block
+    /// has plain colours or a constant colour, which is opaque.
     pub fn plain_color(&self, slot: u32, child: u8) -> Option<[u8; 4]> {
         let parts = &self.parts[self.block_of(slot) as usize];
         if let Some(word) = parts.words(attachment::COLOR_CONSTANT) {
@@ -257,7 +258,7 @@ impl Octree {
         Some(self.plain(parts, attachment::COLORS_PLAIN, slot, child)?.to_le_bytes())
     }
 
-    /// Normal of child `child` of the descriptor at `slot`, where it is stored as it is.
+    /// Normal of child `child` of the descriptor at `slot`. `None` unless the block has plain normals.
     pub fn plain_normal(&self, slot: u32, child: u8) -> Option<RawNormal> {
         let parts = &self.parts[self.block_of(slot) as usize];
         self.plain(parts, attachment::NORMALS_PLAIN, slot, child).map(RawNormal)
@@ -270,14 +271,14 @@ impl Octree {
         words.get(first + plain_rank(mask, child)).copied()
     }
 
-    /// Values at corners, and where among them child `child` of the descriptor at `slot` is.
+    /// The cell that child `child` of the descriptor at `slot` lies in. `None` unless the block has values at corners.
     pub fn corners(&self, slot: u32, child: u8) -> Option<CornerCell> {
         let parts = &self.parts[self.block_of(slot) as usize];
         let (corners, values) = self.corner_values(parts, slot)?;
         corners.cell(child, values)
     }
 
-    /// The corners of the children of the descriptor at `slot`, and the values that they begin with.
+    /// The corners of the children of the descriptor at `slot`, and the values from its first on.
     pub(crate) fn corner_values(&self, parts: &BlockParts, slot: u32) -> Option<(NodeCorners, &[CornerValue])> {
         let words = self.attachment_words(parts, attachment::CORNERS)?;
         let entry = words.get((slot - parts.start) as usize * 2..)?.first_chunk::<2>()?;
@@ -286,13 +287,13 @@ impl Octree {
         Some((NodeCorners { mask: entry[0], first: 0 }, values))
     }
 
-    /// The whole words of an attachment.
+    /// The words of an attachment.
     pub(crate) fn attachment_words(&self, parts: &BlockParts, kind: u32) -> Option<&[u32]> {
         let (_, at, size) = parts.attachments.iter().find(|(k, ..)| *k == kind)?;
         self.words().get((at / 4) as usize..)?.get(..(size / 4) as usize)
     }
 
-    /// Ambient light that reaches child `child` of the descriptor at `slot`: 0 is none, 1 is all of it.
+    /// The fraction of the ambient light that reaches child `child` of the descriptor at `slot`, 0 to 1.
     pub fn ambient(&self, slot: u32, child: u8) -> Option<f32> {
         let parts = &self.parts[self.block_of(slot) as usize];
         let (pair, texel) = pair_of(slot - parts.start, child);
@@ -300,13 +301,13 @@ impl Octree {
         Some(AmbientBlock(u64::from(words[1]) << 32 | u64::from(words[0])).decode(texel))
     }
 
-    /// Unit normal of child `child` of the descriptor at `slot`, in mesh orientation. Where normals are those of corners,
-    /// that in the middle of the voxel.
+    /// Unit normal of child `child` of the descriptor at `slot`, in mesh orientation. With values at corners: the
+    /// normal at the centre of the voxel. `None` if the octree has no normals.
     pub fn normal(&self, slot: u32, child: u8) -> Option<Vec3> {
         self.normal_at(slot, child, Vec3::splat(0.5))
     }
 
-    /// Like [`normal`](Self::normal), at a point of the voxel, whose corners are 0 and 1.
+    /// Like [`normal`](Self::normal), at a point of the voxel. Coordinates are 0 to 1 within the voxel.
     pub fn normal_at(&self, slot: u32, child: u8, point: Vec3) -> Option<Vec3> {
         let parts = &self.parts[self.block_of(slot) as usize];
         if let Some(first) = parts.words(attachment::NORMAL_BLOCKS) {
@@ -321,7 +322,7 @@ impl Octree {
     }
 }
 
-/// Compression block and place in it for child `child` of the descriptor at `slot` of its block.
+/// Index of the compression block of child `child` of the descriptor at `slot` of its block, and the texel in it.
 fn pair_of(slot: u32, child: u8) -> (usize, usize) {
     ((slot / 2) as usize, (child as u32 + 8 * (slot % 2)) as usize)
 }

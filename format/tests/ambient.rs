@@ -1,4 +1,4 @@
-//! Ambient occlusion: laid out with the octree, added to one that is there, through files of both kinds.
+//! Ambient occlusion: laid out with an octree, added to an existing octree, and through files of both formats.
 
 mod common;
 
@@ -26,7 +26,7 @@ const LAYOUTS: [AssembleOptions; 3] = [
     AssembleOptions { block_slots: 500, near_limit: 32767 },
 ];
 
-/// Some value for voxel number `voxel`, alike for neighbours.
+/// A value for voxel number `voxel`, similar for neighbours.
 fn value(voxel: usize) -> u8 {
     (voxel / 5 * 37 % 200 + voxel % 5 * 11) as u8
 }
@@ -61,7 +61,7 @@ fn added_later_is_as_laid_out_at_once() {
             assert!(bytes_of(&later) == bytes_of(&at_once), "seed {seed}, {layout:?}");
             for (slot, child, voxel) in voxels(&tree, &later) {
                 let found = later.ambient(slot, child).expect("every voxel has a value") * 255.0;
-                // No two values of 16 neighbours are further apart than 244.
+                // Values of 16 neighbours differ by at most 244.
                 assert!((found - f32::from(value(voxel))).abs() <= 245.0 / 14.0, "{found} for {}", value(voxel));
             }
             let differences = diff::diff(&without, &later, usize::MAX).unwrap();

@@ -1,5 +1,4 @@
-//! The inputs that fuzzing found worth keeping, and the test vectors, through the same bodies as the fuzz targets: what
-//! was once found stays found, without a nightly compiler.
+//! Runs the bodies of the fuzz targets on the committed seeds and on the test vectors, without a nightly compiler.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -11,7 +10,7 @@ fn folder(path: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(path)
 }
 
-/// Every file of a folder, in order.
+/// All files of a folder, in order.
 fn inputs(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     let mut paths: Vec<_> = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
     paths.sort();

@@ -1,4 +1,4 @@
-//! Damaged files: reading them never panics or hangs, and what a checksum covers is found.
+//! Damaged files: reading them never panics or hangs, and damage covered by a checksum is detected.
 
 mod common;
 
@@ -28,7 +28,7 @@ fn every_flipped_bit_of_header_directory_and_tables_is_found() {
         let bytes = bytes_of(&octree);
         let (data, _) = File(bytes.clone()).section(b"BLKS");
         let mut damaged = bytes.clone();
-        // Up to the block data there is nothing that is not checksummed or must be zero.
+        // Before the block data, every byte is covered by a checksum or must be zero.
         for bit in 0..data.min(1024) * 8 {
             damaged[bit / 8] ^= 1 << (bit % 8);
             assert!(survive(&damaged), "{name}: bit {} of byte {}", bit % 8, bit / 8);
@@ -45,7 +45,7 @@ fn every_flipped_bit_of_a_block_is_found() {
         let (data, length) = File(bytes.clone()).section(b"BLKS");
         let mut damaged = bytes.clone();
         for _ in 0..2000 {
-            // The first bytes of a block are where it is interesting.
+            // Mostly in the first bytes of a block, which have the most structure.
             let within = if rng.chance(200) { rng.below(512) } else { rng.below(length as u64) };
             let (byte, bit) = (data + within as usize, rng.below(8));
             damaged[byte] ^= 1 << bit;
@@ -87,7 +87,7 @@ fn damage_under_right_checksums_is_survived() {
 
 #[test]
 fn arbitrary_slots_are_survived() {
-    // Descriptors made of noise: pointers to anywhere.
+    // Random descriptors, with pointers to anywhere.
     let mut rng = Rng(13);
     for (_, octree) in samples() {
         let bytes = bytes_of(&octree);
@@ -119,7 +119,7 @@ fn other_kinds_of_file_are_named() {
         rule(b"ply\nformat ascii 1.0\nelement vertex 8\nproperty float x\nproperty float y\nend_header\n").rule,
         ids::IDENTIFIER
     );
-    // The two classical accidents of a text-mode transfer.
+    // The two classic kinds of damage by a text-mode transfer.
     let bytes = bytes_of(&samples()[0].1);
     let mut unix = bytes.clone();
     unix.remove(8);

@@ -1,4 +1,4 @@
-//! Dumps against the JSON of the vectors; differences that are there and differences that are not.
+//! Dumps compared with the JSON of the vectors; comparisons of equal and of different octrees.
 
 mod common;
 
@@ -12,7 +12,7 @@ use esvo_format::{AssembleOptions, Octree, Tree, Voxel, assemble, diff::diff};
 use glam::DMat4;
 use serde_json::Value;
 
-/// The valid vectors with what they decode to.
+/// The valid vectors with the values that they decode to.
 fn vectors() -> Vec<(String, Octree, Value)> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../spec/v1/vectors/valid");
     let mut paths: Vec<PathBuf> = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
@@ -57,7 +57,7 @@ fn dumps_show_what_the_vectors_say() {
         assert_eq!(count(|p| matches!(p, Purpose::FarPointer { .. })) as u64, far, "{name}");
         let pages: usize = blocks.iter().map(|b| b.slots.len().div_ceil(1024)).sum();
         assert_eq!(count(|p| matches!(p, Purpose::PageHeader { .. })), pages, "{name}");
-        // Text and JSON for all of it.
+        // Text and JSON of everything.
         assert!(!dump::tables(&octree).to_string().is_empty());
         assert_eq!(serde_json::to_value(&blocks[0]).unwrap()["slots"][0]["is"], "page_header");
         assert!(blocks[0].to_string().contains("descriptor of /"), "{name}");
@@ -124,7 +124,7 @@ fn layout_makes_no_difference() {
     assert!(diff(&one, &named, 10).unwrap().is_empty());
 }
 
-/// An octree of two levels: voxel 2 of the root divided into these.
+/// An octree of two levels: voxel 2 of the root has these children.
 fn two_levels(below: &[(usize, Voxel)], transform: DMat4) -> Octree {
     let (mut tree, mut top, mut children) = (Tree::default(), [None; 8], [None; 8]);
     let color = below[0].1.color;

@@ -1,4 +1,4 @@
-//! Files on disk: what is refused when opening, and what is left behind when writing fails.
+//! Files on disk: refused files, and the state after failed writes.
 
 mod common;
 
@@ -44,7 +44,7 @@ fn a_written_file_opens_and_can_be_replaced() {
     assert_eq!(opened.meta(), octree.meta());
     assert!(validate_file(&path).unwrap().findings.is_empty());
     assert_eq!(bytes_of(&opened), fs::read(&path).unwrap());
-    // A file that is mapped can be replaced: the map keeps the old one.
+    // A mapped file can be replaced, the map keeps the old one.
     samples().remove(0).1.write(&path).unwrap();
     assert_eq!(opened.slots(), octree.slots());
     assert_eq!(Octree::open(&path).unwrap().objects()[0].levels, 1);
@@ -72,7 +72,7 @@ fn what_is_not_a_whole_file_is_refused() {
         assert_eq!(report.findings.len(), 1);
         assert_eq!(report.findings[0].broken, broken);
     }
-    // The right length, but a hole where the end should be.
+    // The right length, but the end is a hole.
     fs::write(&path, &bytes[..8192]).unwrap();
     fs::File::options().write(true).open(&path).unwrap().set_len(bytes.len() as u64).unwrap();
     let Err(FormatError::Broken(broken)) = Octree::open(&path) else { panic!("a hole was opened") };
@@ -85,7 +85,7 @@ fn devices_are_neither_read_nor_replaced() {
     let full = Path::new("/dev/full");
     assert!(io_error(Octree::open(full), full).contains("not a regular file"));
     assert!(io_error(sample().write(full), full).contains("not a regular file"));
-    // And a full disk is an error, not a short file.
+    // A full disk is an error, not a short file.
     let mut device = fs::File::options().write(true).open(full).unwrap();
     let error = sample().write_to(&mut device).unwrap_err();
     assert_eq!(error.kind(), std::io::ErrorKind::StorageFull);
@@ -118,7 +118,7 @@ fn a_failed_write_keeps_the_old_file() {
 #[test]
 fn unknown_sections_survive_rewriting() {
     use common::patch::File;
-    // META under another tag is a section that nobody knows.
+    // META with another tag is an unknown section.
     for flags in [0, 2] {
         let mut file = File(bytes_of(&sample()));
         let entry = file.entry(b"META");
@@ -141,7 +141,7 @@ fn is_valid(bytes: &[u8]) -> bool {
 #[test]
 fn a_great_many_sections_are_refused_at_once() {
     use common::patch::File;
-    // A directory of a million entries: checked pair by pair it would take hours.
+    // A directory of a million entries. Checking every pair would take hours.
     let count = 1_000_000u32;
     let mut file = File(bytes_of(&sample()));
     file.0.resize(64 + 32 * count as usize, 0);

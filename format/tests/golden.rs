@@ -1,7 +1,7 @@
-//! Golden files: the bytes that the samples had when they were accepted, and what is decoded from them. Readers in
-//! other languages can test themselves against `golden/*.esvo` and `snapshots/*.snap`.
+//! Golden files: the accepted bytes of the samples, and the values decoded from them. Readers in other languages can be
+//! tested with `golden/*.esvo` and `snapshots/*.snap`.
 //!
-//! `ESVO_BLESS=1 INSTA_UPDATE=always cargo test -p esvo-format --test golden` accepts what is written today.
+//! `ESVO_BLESS=1 INSTA_UPDATE=always cargo test -p esvo-format --test golden` accepts the current bytes.
 
 mod common;
 
@@ -67,7 +67,7 @@ fn the_samples_cover_what_they_are_named_for() {
     assert!(stats("colors").bytes.colors > 8 && stats("normals").bytes.normals > 0);
 }
 
-/// The tables, and one line per voxel in depth-first order: path of child slots from the root, then what it has.
+/// The tables, and one line per voxel in depth-first order: path of child slots from the root, then its properties.
 fn describe(octree: &Octree) -> String {
     let mut text = String::new();
     for object in octree.objects() {

@@ -1,4 +1,5 @@
-//! A program that is told to stop while it writes. By itself in its process: the list of temporaries is the process's.
+//! A program that is asked to stop while it writes. Alone in its process, as the list of temporary files belongs to the
+//! process.
 
 #[test]
 fn what_is_begun_can_be_taken_back() {

@@ -1,8 +1,7 @@
-//! The test vectors, damaged in every place and in every way that comes to mind: nothing panics, hangs or takes memory
-//! without bounds, and every flipped bit is noticed.
+//! Damaged test vectors: nothing panics, hangs or takes unbounded memory, and every flipped bit is detected.
 //!
-//! A few seconds by default. `ESVO_MUTATIONS=10000000 cargo test --release -p esvo-format --test mutations` flips every
-//! bit of every vector and mutates at random as often as it says; `ulimit -v` bounds the memory.
+//! Takes a few seconds by default. `ESVO_MUTATIONS=10000000 cargo test --release -p esvo-format --test mutations` flips
+//! every bit of every vector and makes that number of random mutations; `ulimit -v` bounds the memory.
 
 mod common;
 
@@ -15,7 +14,7 @@ use common::patch::File;
 use common::survive::survive;
 use rayon::prelude::*;
 
-/// Longest time for one input, even in a debug build on a machine that is busy.
+/// Longest time for one input, also in a debug build on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(10);
 
 /// Number of random mutations.
@@ -23,7 +22,7 @@ fn wanted() -> u64 {
     std::env::var("ESVO_MUTATIONS").map_or(20_000, |text| text.parse().expect("ESVO_MUTATIONS is a number"))
 }
 
-/// Whether to flip every bit rather than some.
+/// Whether to flip every bit, or only some.
 fn thorough() -> bool {
     wanted() >= 1_000_000
 }
@@ -38,7 +37,7 @@ fn vectors(kind: &str) -> Vec<(String, Vec<u8>)> {
     paths.iter().map(|path| (name(path), fs::read(path).unwrap())).collect()
 }
 
-/// [`survive`] within a time that no small file may take.
+/// Runs [`survive`] and checks the time that it takes.
 fn survive_in_time(bytes: &[u8], what: &dyn Fn() -> String) -> bool {
     let start = Instant::now();
     let found = survive(bytes);
@@ -47,7 +46,7 @@ fn survive_in_time(bytes: &[u8], what: &dyn Fn() -> String) -> bool {
     found
 }
 
-/// Bytes that no checksum of version 1 covers and that need not be zero: unknown sections with checksums of their own.
+/// Bytes that no checksum of version 1 covers and that need not be zero: unknown sections with their own checksums.
 fn uncovered(file: &File, byte: usize) -> bool {
     let directory = file.u64(40) as usize;
     (0..file.sections()).map(|i| directory + 32 * i).any(|at| {
@@ -68,7 +67,7 @@ fn flip_bits(name: &str, bytes: &[u8]) -> u64 {
     let mut damaged = bytes.to_vec();
     let mut flips = 0;
     for byte in 0..bytes.len() {
-        // By default every byte near one that says something, and some of the zeros between.
+        // By default every byte near a byte that is not zero, and some of the zeros between.
         let near = &bytes[byte.saturating_sub(8)..(byte + 9).min(bytes.len())];
         let bits = match (thorough(), near.iter().any(|b| *b != 0) || byte % 509 == 0) {
             (true, _) => 0..8,
@@ -99,11 +98,11 @@ fn random_mutations_are_survived() {
         })
         .sum();
     println!("{} mutations, {noticed} noticed", batches * 1000);
-    // Some changes are harmless: another colour, a checksum that fits.
+    // Some changes are harmless: another colour, a matching checksum.
     assert!(noticed > batches * 500, "only {noticed} of {batches} thousand were noticed");
 }
 
-/// Values at which arithmetic and limits break.
+/// Values at the limits of arithmetic and of the format.
 const EDGES: [u64; 16] = [
     0,
     1,
@@ -130,7 +129,7 @@ fn mutate_once(seeds: &[(String, Vec<u8>)], rng: &mut Rng) -> bool {
     for _ in 0..=rng.below(6) {
         mutate(&mut bytes, seeds, rng);
     }
-    // Most mutations should get past the checksums.
+    // Correct the checksums of most mutations, so that they reach the code after the checks of checksums.
     if rng.chance(200) {
         let mut file = File(bytes);
         file.seal_whatever_is_there();
@@ -145,7 +144,7 @@ fn mutate(bytes: &mut Vec<u8>, seeds: &[(String, Vec<u8>)], rng: &mut Rng) {
         bytes.push(rng.bits() as u8);
         return;
     }
-    // Mostly where it matters: the beginning of the file and of a page.
+    // Mostly at the beginning of the file and of pages.
     let at = match rng.below(4) {
         0 => rng.below(length.min(640)),
         1 => rng.below(length),
@@ -161,7 +160,7 @@ fn mutate(bytes: &mut Vec<u8>, seeds: &[(String, Vec<u8>)], rng: &mut Rng) {
             put(bytes, at & !3, &nearby.wrapping_add(rng.below(9) as u32).wrapping_sub(4).to_le_bytes());
         }
         12 => {
-            // A slot or a stretch from elsewhere in the file.
+            // A slot or a range from elsewhere in the file.
             let (from, count) = (rng.below(length) as usize & !7, 8 << rng.below(5));
             let stretch = bytes[from..(from + count).min(bytes.len())].to_vec();
             put(bytes, at & !7, &stretch);
@@ -180,7 +179,7 @@ fn mutate(bytes: &mut Vec<u8>, seeds: &[(String, Vec<u8>)], rng: &mut Rng) {
     }
 }
 
-/// Overwrites what is there, as far as it reaches.
+/// Overwrites the bytes at an offset, up to the end of the file.
 fn put(bytes: &mut [u8], at: usize, new: &[u8]) {
     let end = (at + new.len()).min(bytes.len());
     bytes[at..end].copy_from_slice(&new[..end - at]);

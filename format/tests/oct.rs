@@ -1,4 +1,4 @@
-//! Files of the paper's authors: octrees of our own there and back, and damaged files.
+//! Files of the paper's authors: round trips of our octrees, and damaged files.
 
 mod common;
 
@@ -45,7 +45,7 @@ fn octrees_return_as_they_were() {
         assert!(validate(&back.octree).findings.is_empty(), "{:?}", validate(&back.octree).findings);
         assert_eq!(back.octree.octree_to_mesh(0), octree.octree_to_mesh(0));
         let (mut before, after) = (contents(&octree, 0), contents(&back.octree, 0));
-        // What the file cannot hold is what was listed, and no more.
+        // The losses must be exactly those that were listed.
         let neither = shape.colors == Colors::None && !shape.normals;
         for (missing, word) in [(shape.colors == Colors::None, "colour"), (!shape.normals, "normal")] {
             assert_eq!(lost.iter().any(|l| l.contains(&format!("no {word}"))), missing && !neither, "{lost:?}");
@@ -59,7 +59,7 @@ fn octrees_return_as_they_were() {
             }
         }
         same(&before, &after);
-        // The second way is without loss.
+        // The second export loses nothing.
         let (again, lost) = exported(&back.octree);
         assert!(lost.is_empty(), "{lost:?}");
         assert!(again == exported(&oct::from_bytes(&again).unwrap().octree).0);
@@ -139,7 +139,7 @@ fn other_files_are_refused_with_a_reason() {
         said(&bytes)
     };
     assert!(with(2, 3).contains("version 3"));
-    // The second chunk of the list is that of the objects; then comes slice 0.
+    // The second chunk of the list has the objects, the third is slice 0.
     assert!(with(7 + 6 + 3, 1).contains("compressed"));
     assert!(with(7 + 6 + 2, 0).contains("octree chunk") || with(7 + 6 + 2, 0).contains("used twice"));
     assert!(with(7 + 12 + 1, 99).contains("chunk 0 of group 2"));

@@ -1,5 +1,5 @@
-//! The files that the authors' builder made, with the counts that their loader reports. They are not in the repository:
-//! they are looked for in `$ESVO_REFERENCE`, then in `../shared/reference` beside it.
+//! Files made by the authors' builder, with the counts that their loader reports. The files are not in the repository.
+//! The tests look for them in `$ESVO_REFERENCE`, then in `../shared/reference` (relative to the repository).
 
 mod common;
 
@@ -64,7 +64,7 @@ fn what_is_exported_is_what_was_imported() {
         assert_eq!(back.octree.octree_to_mesh(0), octree.octree_to_mesh(0));
         same(&contents(&octree, 0), &contents(&back.octree, 0));
         assert!(diff::diff(&octree, &back.octree, 3).unwrap().is_empty(), "{name}");
-        // And through our own format; nothing of either has changed, so the bytes are equal too.
+        // Also through our own format. Nothing has changed, so the bytes are equal.
         let mut own = Vec::new();
         octree.write_to(&mut own).unwrap();
         let mut again = Vec::new();
@@ -74,7 +74,7 @@ fn what_is_exported_is_what_was_imported() {
     }
 }
 
-/// A slice as it stands in a file, but for gaps.
+/// The contents of a slice in a file, without the gaps between its parts.
 #[derive(Debug, PartialEq)]
 struct Parts {
     place: Vec<u32>,
@@ -85,7 +85,7 @@ struct Parts {
     attachments: BTreeMap<u32, Vec<u32>>,
 }
 
-/// A second reader, which shares nothing with the first.
+/// A second reader, independent of that of the library.
 fn slices(bytes: &[u8]) -> BTreeMap<u32, Parts> {
     let words = |bytes: &[u8]| -> Vec<u32> { bytes.as_chunks().0.iter().map(|w| u32::from_le_bytes(*w)).collect() };
     let file = words(bytes);
@@ -116,13 +116,13 @@ fn slices(bytes: &[u8]) -> BTreeMap<u32, Parts> {
     slices
 }
 
-/// What their builder wrote, our writer writes again: every slice with every word in it. What has been planned and not
-/// built is listed as lost, with the mesh that it would be built from.
+/// Our writer reproduces every slice of the authors' builder word by word. Slices that have not been built, and their
+/// mesh, are listed as lost.
 #[test]
 fn files_come_back_slice_by_slice() {
     for (name, ..) in &FILES {
         let Some(path) = file(name) else { continue };
-        // Through our own bytes too.
+        // Also through our own bytes.
         let mut own = Vec::new();
         oct::open(&path).unwrap().octree.write_to(&mut own).unwrap();
         let mut bytes = Vec::new();
@@ -130,7 +130,7 @@ fn files_come_back_slice_by_slice() {
         let (mut theirs, mut ours) = (slices(&std::fs::read(path).unwrap()), slices(&bytes));
         if name.ends_with("unoptimized") {
             theirs.retain(|_, slice| slice.place[1] == 2);
-            // Slices that are not built have numbers too; by their places, the others are the same.
+            // Unbuilt slices have numbers too, so the numbers differ; compare the other slices by place.
             for slices in [&mut theirs, &mut ours] {
                 *slices = std::mem::take(slices).into_values().map(unnumbered).zip(0..).map(|(s, k)| (k, s)).collect();
             }
@@ -142,7 +142,7 @@ fn files_come_back_slice_by_slice() {
     }
 }
 
-/// A slice without the numbers of slices.
+/// The contents of a slice, without the numbers of slices.
 fn unnumbered(mut slice: Parts) -> Parts {
     slice.place[0] = 0;
     slice.entries.clear();
@@ -162,7 +162,7 @@ fn blocks_and_contours_are_carried_over_bit_by_bit() {
         let color = &octree.words()[attachment(1) + 2 * pair..][..2];
         [color, &octree.words()[attachment(2) + 4 * pair..][..4]].concat()
     };
-    // Slice 0 is the root, slice 1 its eight children; none of these is a leaf.
+    // Slice 0 is the root, slice 1 its eight children. None of them is a leaf.
     assert_eq!(slice[&0].attachments[&1], block(root));
     let pairs: Vec<u32> = (0..8).step_by(2).flat_map(|k| block(octree.child(root, k).unwrap())).collect();
     assert_eq!(slice[&1].attachments[&1], pairs);
@@ -174,8 +174,8 @@ fn blocks_and_contours_are_carried_over_bit_by_bit() {
     assert_eq!(table[(table[1] >> 8) as usize], first.0);
 }
 
-/// The same mesh three times, with attributes in three ways: what they say of a voxel must be alike. Means of corners are
-/// smoother than what they are means of; normals that have nothing to do with each other are 90 degrees apart.
+/// The same mesh with three kinds of attachments: the attributes of each voxel must be similar. Interpolated corners
+/// are smoother than the values of voxels. Unrelated normals would be 90 degrees apart on average.
 #[test]
 fn blocks_palettes_and_corners_mean_the_same() {
     let open = |name: &str| Some(oct::open(&file(name)?).unwrap().octree);

@@ -1,4 +1,4 @@
-//! Colours and normals stored as they are: for voxels and for their corners, through files of both kinds.
+//! Plain colours and normals of voxels and of their corners, through files of both formats.
 
 mod common;
 
@@ -28,7 +28,7 @@ fn shape(seed: u64) -> Shape {
     }
 }
 
-/// A tree of plain values, in which about half of the voxels have what others have.
+/// A tree of plain values, in which about half of the voxels share their values.
 fn plain_tree(seed: u64) -> Tree {
     let mut tree = shape(seed).tree();
     tree.plain = true;
@@ -70,14 +70,14 @@ fn laid_out(tree: &Tree, options: &AssembleOptions) -> Octree {
     octree
 }
 
-/// There and back through the authors' files. Returns what the file does not hold.
+/// Exports to the authors' format and imports again. Returns what the export lists as lost.
 fn through_oct(octree: &Octree) -> (Octree, Vec<String>) {
     let mut bytes = Vec::new();
     let lost = oct::write_to(octree, &mut bytes).expect("a sound octree");
     let back = oct::from_bytes(&bytes).expect("our own file");
     assert!(back.lost.is_empty(), "{:?}", back.lost);
     assert!(validate(&back.octree).findings.is_empty(), "{}", validate(&back.octree));
-    // What they hold, they hold for good.
+    // Exporting again must give the same file.
     let mut again = Vec::new();
     assert!(oct::write_to(&back.octree, &mut again).unwrap().is_empty());
     assert!(again == bytes, "the same octree, the same file");
@@ -144,7 +144,7 @@ fn what_voxels_share_is_stored_once() {
     tree.normals.fill(RawNormal(7));
     tree.own.fill(0);
     assert_eq!(apart - bytes(&tree), 4 * (voxels - nodes) as u64);
-    // One colour for all takes eight bytes, plain or not; not if it can be seen through.
+    // A single colour takes eight bytes, plain or not, unless it is transparent.
     tree.colors = vec![[1, 2, 3]; voxels];
     assert_eq!(stats(&laid_out(&tree, &LAYOUTS[0])).bytes.colors, 8);
     tree.alphas = vec![254; voxels];
@@ -212,7 +212,7 @@ fn parts_of_a_file_have_the_values_of_the_whole() {
     }
 }
 
-/// Gives a tree noise at corners instead of other colours and normals: whole lattices, parts of them, none.
+/// Replaces colours and normals of a tree by noise at corners: whole lattices, parts of them, none.
 fn corners(tree: &mut Tree, seed: u64) {
     tree.colors.clear();
     tree.normals.clear();
@@ -264,7 +264,7 @@ fn corners_come_back() {
     }
 }
 
-/// A file of the authors' gives a voxel without corners those of the nearest voxel above: what is not so is listed.
+/// In the authors' format, a voxel without corners inherits those of the nearest ancestor. Differences are listed.
 #[test]
 fn corners_go_through_files_of_the_authors() {
     for seed in 0..12 {
@@ -280,12 +280,12 @@ fn corners_go_through_files_of_the_authors() {
         let of_corners = |what: &str| ["corners", "colour", "normal"].contains(&what);
         assert!(differences.list.iter().all(|d| of_corners(d.what)), "{:?}", differences.list.first());
         assert_eq!(differences.is_empty(), lost.is_empty(), "{:?}", differences.list.first());
-        // The second way is without loss.
+        // The second export loses nothing.
         let (last, lost) = through_oct(&back);
         assert!(lost.is_empty(), "{lost:?}");
         assert!(diff::diff(&back, &last, 3).unwrap().is_empty());
     }
-    // Whole lattices are the same in both.
+    // Whole lattices are the same in both formats.
     let mut tree = shape(7).tree();
     tree.colors.clear();
     tree.normals.clear();
@@ -299,7 +299,7 @@ fn corners_go_through_files_of_the_authors() {
     assert!(lost.is_empty() && diff::diff(&octree, &back, 3).unwrap().is_empty());
 }
 
-/// Blocks of one kind beside blocks of another: the file has a value for every voxel then.
+/// Blocks with different kinds of attachments: the file then has one value for every voxel.
 #[test]
 fn kinds_that_an_oct_file_does_not_mix_become_a_palette() {
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../spec/v1/vectors/valid");
@@ -348,7 +348,7 @@ fn trees_whose_values_do_not_fit_are_refused() {
     });
 }
 
-/// The eight corners of every voxel that is divided; their values begin so many places too late.
+/// Eight corners for every voxel with children, whose values begin `late` places too late.
 fn corners_of(tree: &mut Tree, late: u32) {
     tree.corners = (0..tree.nodes.len() as u32).map(|k| NodeCorners { mask: 1 << 27, first: 8 * k + late }).collect();
     tree.corner_values =

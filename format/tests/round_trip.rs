@@ -146,7 +146,7 @@ fn chains_reach_level_23_and_no_further() {
     }
     let error = assemble(&chain(24), DMat4::IDENTITY, &AssembleOptions::default()).err().expect("too deep");
     assert!(error.to_string().contains("24 levels"), "{error}");
-    // Deep enough to overflow a stack, if anything recursed.
+    // Deep enough to overflow the stack of a recursive function.
     let mut tree = Tree::default();
     for index in 0..1_000_000 {
         tree.open(&[
@@ -178,7 +178,7 @@ fn malformed_trees_and_options_are_refused() {
     let root = tree.open(&[None; 8]);
     tree.close(root);
     refused("not well-formed", &tree, &options);
-    // A non-leaf child that never came.
+    // A non-leaf child whose node is missing.
     let mut tree = Tree::default();
     let root = tree.open(&[Some(Default::default()); 8]);
     tree.close(root);

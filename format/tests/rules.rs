@@ -1,5 +1,4 @@
-//! A broken file for every rule, and nothing but that rule in the report: a validator that never objects, or objects to
-//! the wrong thing, fails here.
+//! A broken file for every rule; the report must contain that rule and no other.
 
 mod common;
 
@@ -37,7 +36,7 @@ fn every_rule_is_reported_when_it_is_broken_and_no_other() {
 
 #[test]
 fn siblings_do_not_share_a_far_pointer() {
-    // From one of them it leads astray as well, so this is no case of one broken rule.
+    // For one of them the pointer is wrong too, so this file breaks more than one rule.
     let mut file = sample("blocks");
     change_low(&mut file, 4, |low| low + (1 << 17));
     file.seal();
@@ -67,7 +66,7 @@ fn octrees_in_memory_are_validated_too() {
 fn a_report_is_capped_and_reads_well() {
     let mut file = sample("far_pointers");
     let array = file.u32(file.slot(0)) as usize;
-    // Garbage behind the parts of a block is one finding however long it is; unused slots are one each.
+    // Garbage after the parts of a block is one finding, whatever its length; each unused slot is one finding.
     set_slot(&mut file, array + 200, 1);
     set_slot(&mut file, array + 300, 1);
     set_slot(&mut file, 1, 1);

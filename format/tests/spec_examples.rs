@@ -1,8 +1,8 @@
-//! The bytes that the specification shows are those of its test vectors.
+//! The example bytes in the specification are those of its test vectors.
 
 use std::path::Path;
 
-/// The bytes of one line of an example, with their offset; `None` for a line that is no such thing.
+/// Offset and bytes of a line of an example. `None` if the line has no bytes.
 fn line(text: &str) -> Option<(usize, Vec<u8>)> {
     let (offset, rest) = text.split_once("  ")?;
     let bytes = rest.split("  ").next()?.split(' ').map(|byte| u8::from_str_radix(byte, 16));

@@ -1,4 +1,4 @@
-//! Loading a part of a file: what is read of it, what is made of it, and what is refused.
+//! Loading parts of a file: the bytes read, the resulting octrees, and refused files.
 
 mod common;
 
@@ -32,7 +32,7 @@ fn shape() -> impl Strategy<Value = Shape> {
         })
 }
 
-/// An octree of some dozens of blocks.
+/// An octree with dozens of blocks.
 fn many_blocks() -> Octree {
     let shape = Shape {
         seed: 4,
@@ -50,7 +50,7 @@ fn many_blocks() -> Octree {
     octree
 }
 
-/// Both octrees as objects of one.
+/// One octree with the objects of both.
 fn together(a: &Octree, b: &Octree) -> Octree {
     let mut objects = a.objects().to_vec();
     let mut blocks = a.blocks().to_vec();
@@ -75,7 +75,7 @@ fn together(a: &Octree, b: &Octree) -> Octree {
     Octree::from_parts(objects, blocks, image).unwrap()
 }
 
-/// Blocks and their ancestors, chosen at random.
+/// A random set of blocks with their ancestors.
 fn some_blocks(octree: &Octree, rng: &mut Rng, chance: u32) -> Vec<u32> {
     let mut chosen = vec![false; octree.blocks().len()];
     for (index, block) in octree.blocks().iter().enumerate() {
@@ -85,9 +85,9 @@ fn some_blocks(octree: &Octree, rng: &mut Rng, chance: u32) -> Vec<u32> {
     (0..chosen.len() as u32).filter(|index| chosen[*index as usize]).collect()
 }
 
-/// Walks a part beside the whole. Every voxel of the part must be one of the whole with the same contour, colour and
-/// normal, and each of its descriptors be there in the whole; leaves take the place of what lies in blocks not loaded,
-/// and of nothing else. Returns the number of descriptors of the part.
+/// Walks a part and the whole octree in parallel. Every voxel of the part must be in the whole with the same contour,
+/// colour and normal, and have a descriptor in the whole if it has one in the part. Only voxels whose children are in
+/// missing blocks may be leaves instead. Returns the number of descriptors of the part.
 fn compare(part: &Octree, part_object: usize, whole: &Octree, object: usize, loaded: &[u32]) -> u64 {
     let loaded: BTreeSet<u32> = loaded.iter().copied().collect();
     let mut stack = vec![(part.objects()[part_object].root_slot as u32, whole.objects()[object].root_slot as u32)];
@@ -134,13 +134,13 @@ proptest! {
         prop_assert!(report.findings.is_empty(), "{report}");
         prop_assert_eq!(part.blocks().len(), chosen.len());
         prop_assert_eq!(compare(&part, 0, &octree, 0, &chosen), part.objects()[0].descriptors);
-        // A part is a file like any other.
+        // A part can be written and read like any octree.
         let again = Octree::from_bytes(&bytes_of(&part)).unwrap();
         prop_assert!(validate(&again).findings.is_empty() && again.slots() == part.slots());
     }
 }
 
-/// All voxels: corner in units of 2^-23, level.
+/// All voxels: lower corner in units of 2^-23, level.
 fn voxels(octree: &Octree, object: usize) -> BTreeSet<([u32; 3], u32)> {
     let mut found = BTreeSet::new();
     let mut stack = vec![(octree.objects()[object].root_slot as u32, [0u32; 3], 1u32)];
@@ -200,7 +200,7 @@ fn every_object_is_there_or_not() {
     let first = reader.blocks_for(0, &Region::ALL, 5);
     let second = reader.blocks_for(1, &Region::ALL, 23);
     assert_eq!(second.len(), b.blocks().len());
-    // The second alone is what it was before they came together.
+    // The second object alone equals the original octree.
     let alone = reader.partial(&second).unwrap();
     assert!(alone.slots() == b.slots() && alone.objects() == b.objects());
     let both = [&second[..1], &first[..]].concat();
@@ -228,7 +228,7 @@ fn opening_reads_tables_and_nothing_else() {
     assert_eq!(block.slots(), &octree.slots()[(entry.image_offset / 8) as usize..][..(entry.image_size / 8) as usize]);
     assert_eq!(block.parts().array_slots, octree.parts()[7].array_slots);
     assert_eq!(block.parts().start, 0);
-    // The data need not be right, or there: only what is read is looked at.
+    // Only the bytes that are read are checked; the rest may be wrong or missing.
     let mut damaged = bytes.clone();
     damaged[data + 100] ^= 1;
     let reader = StreamReader::open(&damaged).unwrap();
@@ -252,7 +252,7 @@ fn metadata_is_read_when_it_is_asked_for() {
     assert_eq!(broken.rule, ids::SECTION_CHECKSUM);
 }
 
-/// A source that does not know its length, as of a store that is asked for ranges.
+/// A source of unknown length, such as a store that serves ranges.
 struct NoLength(Vec<u8>);
 
 impl RangeRead for NoLength {
@@ -295,7 +295,7 @@ fn what_is_not_there_is_an_error() {
         let Err(error) = StreamReader::open(&bytes[..length]) else { panic!("{length} bytes were opened") };
         let FormatError::Broken(broken) = error else { panic!("{error}") };
         assert_eq!(broken.rule, if length < HEADER_BYTES as usize { ids::IDENTIFIER } else { ids::FILE_LENGTH });
-        // Without a length, the end is found when it is met.
+        // Without a known length, the end is found only by reading.
         let end = |error| match error {
             FormatError::Source { source, .. } => assert_eq!(source.kind(), ErrorKind::UnexpectedEof),
             other => panic!("{other}"),
@@ -323,7 +323,7 @@ fn what_is_not_there_is_an_error() {
     let small_bytes = bytes_of(&samples()[0].1);
     let small = StreamReader::open(&small_bytes).unwrap();
     refused("is not of this file", small.partial_of([&large]));
-    // Room for three blocks.
+    // Enough for three blocks.
     let limited = StreamReader::open_with(&bytes, &OpenOptions { memory_limit: 3 * 8192 }).unwrap();
     assert!(limited.partial(&[0]).is_ok());
     refused("memory limit", limited.partial(&(0..9).collect::<Vec<_>>()));
@@ -343,10 +343,10 @@ fn a_source_that_fails_says_where() {
     let reader = StreamReader::open(Failing(bytes_of(&octree))).unwrap();
     let error = reader.read_block(1).unwrap_err().to_string();
     let at = reader.blocks()[1].file_offset;
-    assert_eq!(error, format!("reading at byte {at}: the line is dead"));
+    assert_eq!(error, format!("cannot read at byte {at}: the line is dead"));
 }
 
-/// Files that are wrong under right checksums: a part of them is refused, or sound.
+/// Invalid files with correct checksums: every part is refused or sound.
 #[test]
 fn parts_of_damaged_files_are_refused_or_sound() {
     let mut rng = Rng(3);

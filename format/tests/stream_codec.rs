@@ -1,4 +1,4 @@
-//! Compressed blocks: through a file and back, rewriting, determinism, damage, and what claims to be more than it is.
+//! Compressed blocks: round trips, rewriting, determinism, damage, false claims about sizes.
 #![cfg(feature = "zstd")]
 
 mod common;
@@ -20,7 +20,7 @@ fn compressed(octree: &Octree, level: i32) -> Vec<u8> {
     bytes
 }
 
-/// Random colours and contours would not get smaller: one colour, few contours.
+/// One colour and few contours, as random ones cannot be compressed.
 fn shape(seed: u64, nodes: usize) -> Shape {
     Shape { seed, levels: 9, valid: 110, leaf: 20, contour: 5, colors: Colors::One, normals: false, nodes }
 }
@@ -46,13 +46,13 @@ fn mixed_file() -> (Octree, File) {
     (octree, file)
 }
 
-/// A block of the file that is compressed: index, first byte, stored size.
+/// A compressed block of the file: index, offset, stored size.
 fn frame(file: &File) -> (usize, usize, usize) {
     let index = (0..file.blocks()).find(|index| file.u32(file.block(*index) + 56) == CODEC_ZSTD).unwrap();
     (index, file.u64(file.block(index) + 40) as usize, file.u64(file.block(index) + 48) as usize)
 }
 
-/// What opening and validating say of the bytes; they must agree.
+/// The result of opening and of validating the bytes, which must agree.
 fn broken(bytes: &[u8]) -> (&'static str, u64) {
     let Err(FormatError::Broken(broken)) = Octree::from_bytes(bytes) else { panic!("opened") };
     let report = validate_bytes(bytes).unwrap();
@@ -79,10 +79,10 @@ proptest! {
         prop_assert!(read.slots() == octree.slots());
         compare(&tree, &read);
         prop_assert_eq!(stats(&read), stats(&octree));
-        // Written again: compressed the same bytes, raw those that the octree had before.
+        // Writing it again gives the same bytes when compressed, and those of the original octree when uncompressed.
         prop_assert!(compressed(&read, level) == bytes);
         prop_assert!(bytes_of(&read) == bytes_of(&octree));
-        // And block by block.
+        // Also block by block.
         let all: Vec<u32> = (0..octree.blocks().len() as u32).collect();
         let streamed = StreamReader::open(&bytes).unwrap().partial(&all).unwrap();
         prop_assert!(streamed.slots() == octree.slots());
@@ -96,7 +96,7 @@ fn a_compressed_file_says_so_and_is_smaller() {
     let raw = bytes_of(&octree);
     assert!(file.0.len() < raw.len() * 9 / 10, "{} of {} bytes", file.0.len(), raw.len());
     assert_eq!(File(raw.clone()).u64(16), 0);
-    // Where nothing is gained, nothing is compressed, and the file is the raw one, which can be mapped.
+    // If compression saves no page, blocks stay uncompressed, and the file can be mapped.
     for (name, octree) in samples() {
         assert!(octree.blocks().iter().all(|block| block.image_size == 8192), "{name}");
         assert_eq!(compressed(&octree, 19), bytes_of(&octree), "{name}");
@@ -139,13 +139,13 @@ fn the_same_bytes_whatever_the_threads() {
     }
 }
 
-/// A file with sections that nobody knows: one with a checksum, one that says it has its own, an empty one.
+/// A file with unknown sections: one with a checksum, one flagged as having its own checksums, an empty one.
 fn with_unknown(octree: &Octree) -> Vec<u8> {
     let mut file = File(bytes_of(octree));
     assert_eq!(file.sections(), 4);
     let (entry, data) = (file.entry(b"META"), file.entry(b"BLKS"));
     assert_eq!(data, entry + 32);
-    // The metadata becomes two sections; the tables and all behind them move by two directory entries.
+    // The metadata becomes two sections; the tables and everything after them move by two directory entries.
     let (meta, length) = file.section(b"META");
     let first_page = file.0[..8192].to_vec();
     let directory_end = data + 32;
@@ -208,7 +208,7 @@ fn every_flipped_bit_of_a_stored_block_is_reported() {
         assert_eq!((broken.rule, broken.offset), (ids::BLOCK_CHECKSUM, start));
         damaged[byte] ^= 1 << bit;
     }
-    // Behind a frame there are zeros up to the next page.
+    // After a frame there are zeros up to the next page.
     let (_, start, size) = frame(&file);
     damaged[start + size] = 1;
     let report = validate_bytes(&damaged).unwrap();
@@ -228,7 +228,7 @@ fn of_several_damaged_blocks_the_first_is_named() {
     }
 }
 
-/// Puts other stored bytes in the place of a frame, and every checksum right.
+/// Replaces a frame by other stored bytes, and corrects all checksums.
 fn replace(file: &File, bytes: &[u8]) -> Vec<u8> {
     let (index, start, size) = frame(file);
     assert!(bytes.len() <= size.next_multiple_of(8192), "{} bytes for {size}", bytes.len());
@@ -254,7 +254,7 @@ fn a_frame_is_one_and_holds_the_image_exactly() {
     let skippable = [&0x184D_2A50u32.to_le_bytes()[..], &4u32.to_le_bytes(), b"skip"].concat();
     let longer = [image, &[0]].concat();
     let halves = [pack(&image[..100]), pack(&image[100..])].concat();
-    // A frame without its content size that never ends by itself: 100 MB of zeros.
+    // A frame without content size that decompresses to 100 MB of zeros.
     let mut bomb = zstd::Encoder::new(Vec::new(), 1).unwrap();
     for _ in 0..100 {
         std::io::Write::write_all(&mut bomb, &vec![0u8; 1_000_000]).unwrap();
@@ -330,7 +330,7 @@ fn claims_cost_no_memory() {
         validate_bytes_with(&file.0, &OpenOptions { memory_limit: image - 1 }),
         Err(FormatError::Limit(_))
     ));
-    // The last block claims 16 GiB of some thousand bytes.
+    // The last block claims to decompress from some thousand bytes to 16 GiB.
     let mut claim = file.clone();
     let last = claim.blocks() - 1;
     let at = claim.block(last);
@@ -341,7 +341,7 @@ fn claims_cost_no_memory() {
     let unlimited = OpenOptions { memory_limit: u64::MAX };
     let Err(FormatError::Broken(broken)) = Octree::from_bytes_with(&claim.0, &unlimited) else { panic!("opened") };
     assert_eq!(broken.rule, ids::BLOCK_CODEC);
-    // And what is no block size at all.
+    // A size that no block can have.
     claim.set_u64(at + 32, u64::MAX - 8191);
     claim.seal();
     let Err(FormatError::Broken(broken)) = Octree::from_bytes_with(&claim.0, &unlimited) else { panic!("opened") };
@@ -378,7 +378,7 @@ fn tables_of_compressed_files_are_checked() {
     }
 }
 
-/// What is wrong in a raw block of such a file is told by its place in the file.
+/// Findings in an uncompressed block of such a file have their offset in the file.
 #[test]
 fn findings_in_a_mixed_file_say_where() {
     let (_, mut file) = mixed_file();

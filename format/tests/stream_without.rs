@@ -1,4 +1,4 @@
-//! A build without Zstandard refuses compressed files and says what it lacks.
+//! A build without Zstandard refuses compressed files and names the missing feature.
 #![cfg(not(feature = "zstd"))]
 
 mod common;

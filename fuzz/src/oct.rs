@@ -1,4 +1,4 @@
-//! Files of the paper's authors: what is imported is valid, and returns through their format as it was.
+//! Files of the paper's authors: an imported octree is valid, and exporting and importing it again keeps its counts.
 
 use esvo_format::{oct, validate};
 

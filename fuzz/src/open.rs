@@ -1,4 +1,4 @@
-//! Any bytes: open, validate, count, walk.
+//! Arbitrary bytes: open, validate, count, walk.
 
 use super::survive::survive;
 

@@ -1,4 +1,4 @@
-//! The same with right checksums: open, validate, count, walk, dump, write anew.
+//! Arbitrary bytes with corrected checksums: open, validate, count, walk, dump, write again.
 
 use esvo_format::{Octree, OpenOptions, diff::diff, dump};
 
@@ -11,14 +11,14 @@ pub fn run(data: &[u8]) {
     survive(&bytes);
     let options = OpenOptions { memory_limit: 16 << 20 };
     let Ok(octree) = Octree::from_bytes_with(&bytes, &options) else { return };
-    // Broken or not, a block can be shown.
+    // Blocks can be dumped even if they are broken.
     assert!(!dump::block(&octree, 0).expect("there is a block").to_string().is_empty());
     if octree.sound().is_ok() {
         let mut again = Vec::new();
         octree.write_to(&mut again).expect("writing to memory does not fail");
         let again = Octree::from_bytes_with(&again, &options).expect("what was written opens");
         assert!(again.slots() == octree.slots());
-        // A normal that is not a number would differ from itself: there is none.
+        // Decoded normals are never NaN, which would differ from itself.
         assert!(diff(&octree, &again, 1).expect("both are sound").is_empty());
     }
 }

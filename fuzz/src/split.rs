@@ -1,4 +1,4 @@
-//! The same result however the bytes arrive: a reader of ranges, one over short reads, and one over all of memory.
+//! The result does not depend on how the bytes are read: as ranges, by short reads, or all at once.
 
 use std::io::{Cursor, Read, Seek, SeekFrom};
 
@@ -6,7 +6,7 @@ use esvo_format::{FormatError, Octree, OpenOptions, SeekSource, StreamReader};
 
 use super::right_checksums;
 
-/// A reader that gives a few bytes at a time, as many as the pattern says.
+/// A reader that returns a few bytes at a time, in numbers given by a pattern.
 struct Stutter<'a> {
     bytes: Cursor<&'a [u8]>,
     pattern: &'a [u8],
@@ -30,7 +30,7 @@ impl Seek for Stutter<'_> {
 
 const OPTIONS: OpenOptions = OpenOptions { memory_limit: 16 << 20 };
 
-/// Everything that a reader finds, or the rule that stops it.
+/// All blocks that a reader reads, or its error.
 fn all_blocks<S: esvo_format::RangeRead>(source: S) -> Result<Vec<u64>, String> {
     let name = |e: FormatError| match e {
         FormatError::Broken(broken) => broken.to_string(),

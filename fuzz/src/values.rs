@@ -1,4 +1,4 @@
-//! Contours, colour blocks and normal blocks: decoding stays in its range, encoding keeps what it promises.
+//! Contours, colour blocks and normal blocks: decoded values are in range, and encoders keep their bounds.
 
 use esvo_format::{ColorBlock, Contour, NormalBlock, RawNormal};
 use glam::Vec3;
@@ -46,8 +46,8 @@ fn colors(head: u32, indices: u32, words: &[u32; 20]) {
         .collect();
     let distance = |a: [f32; 3], b: [f32; 3]| (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f32>().sqrt();
     let furthest = used.iter().flat_map(|a| used.iter().map(move |b| distance(a.1, b.1))).fold(0.0, f32::max);
-    // All in all no further off than the colours are from each other, and two steps of five bits. One colour alone can
-    // be: references may lie beyond the colours if that serves the others.
+    // The root mean square error is at most the largest distance between colours plus two steps of five bits. A single
+    // colour may exceed that, as references may lie outside the colours if that improves the others.
     let total: f32 = used.iter().map(|(i, color)| distance(block.decode(*i), *color).powi(2)).sum();
     let step = 2.0 / 32.0 * 3f32.sqrt();
     assert!(total <= used.len() as f32 * (furthest + step).powi(2), "{colors:?} became {block:?}");

@@ -1,4 +1,4 @@
-//! Checks of what a file says.
+//! Checks of the rules of the specification.
 
 pub(crate) mod metadata;
 pub(crate) mod report;

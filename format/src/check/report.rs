@@ -1,4 +1,4 @@
-//! What validation found.
+//! The report of a validation.
 
 use std::fmt;
 
@@ -6,15 +6,15 @@ use esvo_spec::{Level, rule};
 
 use crate::Broken;
 
-/// Findings that a report lists; more are counted.
+/// Largest number of findings in a report. Further findings are only counted.
 const MAX_FINDINGS: usize = 1000;
 
 /// A rule that the bytes break.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct Finding {
-    /// Whether the rule is one that a file should keep rather than must.
+    /// Whether the rule is a SHOULD of the specification, not a MUST.
     pub warning: bool,
-    /// The rule, the place and what was found there.
+    /// The rule, the offset and what was found there.
     #[serde(flatten)]
     pub broken: Broken,
 }
@@ -24,14 +24,14 @@ pub struct Finding {
 pub struct Report {
     /// The first thousand findings, in the order of the checks.
     pub findings: Vec<Finding>,
-    /// Findings beyond those.
+    /// Number of findings that are not listed.
     pub left_out: u64,
-    /// Errors among all findings; the others are warnings.
+    /// Number of errors among all findings. The others are warnings.
     pub errors: u64,
 }
 
 impl Report {
-    /// Whether no rule that a file must keep is broken.
+    /// Whether there are no errors. There may be warnings.
     pub fn is_ok(&self) -> bool {
         self.errors == 0
     }
@@ -48,7 +48,7 @@ impl Report {
 }
 
 impl fmt::Display for Report {
-    /// One line per finding and one to sum up.
+    /// One line per finding and a summary line.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for finding in &self.findings {
             let kind = if finding.warning { "warning" } else { "error" };

@@ -5,13 +5,13 @@ use crate::file::compression::MAX_RATIO;
 use crate::file::*;
 use crate::{Broken, ids};
 
-/// What is found wrong with an entry: rule, bytes from the start of the entry, description.
+/// A broken rule: its id, the offset in bytes from the start of the entry or block, and a description.
 type Fault = (&'static str, u64, String);
 
 /// Checks the entries of an object table that starts at byte `at`.
 pub(crate) fn check_objects(objects: &[ObjectEntry], at: u64) -> Result<(), Broken> {
     if objects.is_empty() {
-        return Err(Broken::new(ids::OBJECT_SIZE, at, "no object"));
+        return Err(Broken::new(ids::OBJECT_SIZE, at, "the object table is empty"));
     }
     for (i, object) in objects.iter().enumerate() {
         check_object(object).map_err(|(rule, field, what)| {
@@ -23,10 +23,11 @@ pub(crate) fn check_objects(objects: &[ObjectEntry], at: u64) -> Result<(), Brok
 
 fn check_object(object: &ObjectEntry) -> Result<(), Fault> {
     if !is_usable(&object.octree_to_mesh) {
-        return Err((ids::OBJECT_TRANSFORM, 0, format!("transform {:?}", object.octree_to_mesh)));
+        let what = format!("transform {:?} is not finite, affine and invertible", object.octree_to_mesh);
+        return Err((ids::OBJECT_TRANSFORM, 0, what));
     }
     if !(1..=23).contains(&object.levels) {
-        return Err((ids::OBJECT_LEVELS, 132, format!("{} levels", object.levels)));
+        return Err((ids::OBJECT_LEVELS, 132, format!("it has {} levels, expected 1 to 23", object.levels)));
     }
     if object.reserved != [0; 4] {
         return Err((ids::OBJECT_RESERVED, 176, "reserved fields are not zero".into()));
@@ -34,8 +35,8 @@ fn check_object(object: &ObjectEntry) -> Result<(), Fault> {
     Ok(())
 }
 
-/// Whether a transform, stored by columns, is finite and affine and can be inverted (O004). The order of evaluation is
-/// that of the specification: with huge elements another one can overflow where this one does not.
+/// Whether a transform, stored by columns, is finite, affine and invertible (O004). Evaluates in the order of the
+/// specification, as with huge elements another order may overflow.
 pub(crate) fn is_usable(m: &[f64; 16]) -> bool {
     let affine = [m[3], m[7], m[11], m[15]] == [0.0, 0.0, 0.0, 1.0];
     let determinant =
@@ -43,8 +44,8 @@ pub(crate) fn is_usable(m: &[f64; 16]) -> bool {
     m.iter().all(|x| x.is_finite()) && affine && determinant.is_normal()
 }
 
-/// Checks the entries of a block table that starts at byte `at`; the blocks must fill an image of so many bytes, if that
-/// is known. Where the blocks are stored is left to [`check_stored`].
+/// Checks the entries of a block table that starts at byte `at`. `image` is the size in bytes of the image that the
+/// blocks must fill, if known. [`check_stored`] checks where and how the blocks are stored.
 pub(crate) fn check_blocks(
     blocks: &[BlockEntry],
     at: u64,
@@ -52,7 +53,7 @@ pub(crate) fn check_blocks(
     image: Option<u64>,
 ) -> Result<(), Broken> {
     if blocks.is_empty() {
-        return Err(Broken::new(ids::BLOCK_SIZE, at, "no block"));
+        return Err(Broken::new(ids::BLOCK_SIZE, at, "the block table is empty"));
     }
     let mut end = 0u64;
     for (i, block) in blocks.iter().enumerate() {
@@ -60,10 +61,18 @@ pub(crate) fn check_blocks(
         end = end.saturating_add(block.image_size);
     }
     if let Some(image) = image.filter(|image| *image != end) {
-        return Err(Broken::new(ids::BLOCK_IMAGE, at, format!("{end} bytes of blocks in an image of {image} bytes")));
+        return Err(Broken::new(
+            ids::BLOCK_IMAGE,
+            at,
+            format!("the blocks have {end} bytes in total, the image {image}"),
+        ));
     }
     if end / 8 > MAX_IMAGE_SLOTS {
-        return Err(Broken::new(ids::BLOCK_LIMIT, at, format!("an image of {end} bytes")));
+        return Err(Broken::new(
+            ids::BLOCK_LIMIT,
+            at,
+            format!("the image has {end} bytes, expected at most 2^32 slots of 8 bytes"),
+        ));
     }
     Ok(())
 }
@@ -72,7 +81,7 @@ fn block_fault((rule, field, what): Fault, table: u64, index: usize) -> Broken {
     Broken::new(rule, table + index as u64 * BLOCK_BYTES + field, format!("block {index}: {what}"))
 }
 
-/// `end` is where the block before ends in the image.
+/// Checks one entry. `end` is the end of the previous block in the image.
 fn check_block(
     block: &BlockEntry,
     index: usize,
@@ -81,23 +90,35 @@ fn check_block(
     objects: &[ObjectEntry],
 ) -> Result<(), Fault> {
     if !block.image_offset.is_multiple_of(PAGE_BYTES) {
-        return Err((ids::BLOCK_ALIGNMENT, 24, format!("image offset {}", block.image_offset)));
+        return Err((
+            ids::BLOCK_ALIGNMENT,
+            24,
+            format!("image offset {} is no multiple of {PAGE_BYTES}", block.image_offset),
+        ));
     }
     if block.image_size == 0 || !block.image_size.is_multiple_of(PAGE_BYTES) {
-        return Err((ids::BLOCK_ALIGNMENT, 32, format!("image size {}", block.image_size)));
+        return Err((
+            ids::BLOCK_ALIGNMENT,
+            32,
+            format!("image size {} is zero or no multiple of {PAGE_BYTES}", block.image_size),
+        ));
     }
     if block.image_offset != end {
-        return Err((ids::BLOCK_IMAGE, 24, format!("image offset {}, expected {end}", block.image_offset)));
+        return Err((
+            ids::BLOCK_IMAGE,
+            24,
+            format!("image offset {}, expected {end}, the end of the previous block", block.image_offset),
+        ));
     }
     let parent_fits = match block.parent {
         NO_PARENT => objects.get(block.object as usize).is_some_and(|o| o.root_block as usize == index),
         parent => (parent as usize) < index && blocks[parent as usize].object == block.object,
     };
     if !parent_fits {
-        return Err((ids::BLOCK_PARENT, 4, format!("parent {}, object {}", block.parent, block.object)));
+        return Err((ids::BLOCK_PARENT, 4, wrong_parent(block)));
     }
     if !cube_fits(block, blocks) {
-        return Err((ids::BLOCK_CUBE, 8, format!("cube at {:?}, scale {}", block.cube_position, block.cube_scale)));
+        return Err((ids::BLOCK_CUBE, 8, wrong_cube(block)));
     }
     if block.reserved != 0 {
         return Err((ids::BLOCK_RESERVED, 64, "reserved fields are not zero".into()));
@@ -105,32 +126,55 @@ fn check_block(
     Ok(())
 }
 
-/// Whether some block is not stored as it is, so that the block data is not the image.
+fn wrong_parent(block: &BlockEntry) -> String {
+    let object = block.object;
+    match block.parent {
+        NO_PARENT => format!("it has no parent, but is not the root block of object {object}"),
+        parent => format!("parent {parent} is not an earlier block of object {object}"),
+    }
+}
+
+fn wrong_cube(block: &BlockEntry) -> String {
+    let (position, scale) = (block.cube_position, block.cube_scale);
+    format!(
+        "the cube at {position:?} of scale {scale} is not aligned to its size, or not within the cube of its parent"
+    )
+}
+
+/// Whether any block is compressed, so that the block data is not the image.
 pub(crate) fn compressed(blocks: &[BlockEntry]) -> bool {
     blocks.iter().any(|block| block.codec != CODEC_RAW)
 }
 
-/// Checks where and how the blocks are stored in a file with these required features, whose block data is `data`.
+/// Checks where and how the blocks are stored. `data` is the section of the block data, `features` are the required
+/// feature bits of the file.
 pub(crate) fn check_stored(blocks: &[BlockEntry], at: u64, data: &SectionEntry, features: u64) -> Result<(), Broken> {
     let in_place = !compressed(blocks);
     for (i, block) in blocks.iter().enumerate() {
         check_codec(block, features).map_err(|fault| block_fault(fault, at, i))?;
         let fail = |what| Err(block_fault((ids::BLOCK_RANGE, 40, what), at, i));
-        // Stored blocks start at pages, and what is behind one up to the next page belongs to no other.
+        // A stored block occupies whole pages.
         let end = (block.stored_size.checked_next_multiple_of(PAGE_BYTES))
             .and_then(|size| block.file_offset.checked_add(size))
             .filter(|end| *end <= data.offset.saturating_add(data.length) && block.file_offset >= data.offset);
         if end.is_none() || block.file_offset % PAGE_BYTES != 0 {
-            return fail(format!("file offset {}, {} bytes stored", block.file_offset, block.stored_size));
+            return fail(format!(
+                "the {} bytes at file offset {} are not whole pages of the block data",
+                block.stored_size, block.file_offset
+            ));
         }
         let expected = data.offset.saturating_add(block.image_offset);
         if in_place && block.file_offset != expected {
-            return fail(format!("file offset {}, expected {expected}", block.file_offset));
+            return fail(format!("file offset {}, expected {expected} as no block is compressed", block.file_offset));
         }
     }
     let ranges = stored_ranges(blocks);
     if let Some(pair) = ranges.windows(2).find(|pair| pair[0].1 > pair[1].0) {
-        return Err(Broken::new(ids::BLOCK_RANGE, at, format!("two blocks are stored at {}", pair[1].0)));
+        return Err(Broken::new(
+            ids::BLOCK_RANGE,
+            at,
+            format!("two stored blocks overlap at file offset {}", pair[1].0),
+        ));
     }
     Ok(())
 }
@@ -139,20 +183,22 @@ fn check_codec(block: &BlockEntry, features: u64) -> Result<(), Fault> {
     let (stored, image) = (block.stored_size, block.image_size);
     match block.codec {
         CODEC_RAW if stored == image => Ok(()),
-        CODEC_RAW => Err((ids::BLOCK_CODEC, 48, format!("{stored} bytes stored for {image}"))),
-        CODEC_ZSTD if features & FEATURE_COMPRESSED == 0 => {
-            Err((ids::BLOCK_CODEC, 56, "codec 1, but required feature bit 0 is clear".into()))
+        CODEC_RAW => {
+            Err((ids::BLOCK_CODEC, 48, format!("the stored size is {stored} bytes, expected {image} with codec 0")))
         }
-        // No frame makes so much of so little: a claim to be refused before memory is taken for it.
+        CODEC_ZSTD if features & FEATURE_COMPRESSED == 0 => {
+            Err((ids::BLOCK_CODEC, 56, "codec 1 is used, but required feature bit 0 is clear".into()))
+        }
+        // Refused before memory is allocated for it.
         CODEC_ZSTD if image / MAX_RATIO > stored => {
-            Err((ids::BLOCK_CODEC, 48, format!("{stored} compressed bytes cannot hold {image}")))
+            Err((ids::BLOCK_CODEC, 48, format!("{stored} compressed bytes cannot decompress to {image} bytes")))
         }
         CODEC_ZSTD => Ok(()),
-        codec => Err((ids::BLOCK_CODEC, 56, format!("codec {codec} is not known to this reader"))),
+        codec => Err((ids::BLOCK_CODEC, 56, format!("this reader does not know codec {codec}"))),
     }
 }
 
-/// Start and end in the file of what is stored of the blocks, in order. The table must have been checked that far.
+/// Start and end in the file of the stored blocks, in order. The file ranges in the table must have been checked.
 pub(crate) fn stored_ranges(blocks: &[BlockEntry]) -> Vec<(u64, u64)> {
     let mut ranges: Vec<_> = blocks.iter().map(|b| (b.file_offset, b.file_offset + b.stored_size)).collect();
     ranges.sort_unstable();
@@ -175,8 +221,8 @@ fn cube_fits(block: &BlockEntry, blocks: &[BlockEntry]) -> bool {
     }) && size <= outer
 }
 
-/// Reads and checks the info section of block `index`, whose bytes these are and which starts at byte `start` of the
-/// image. Offsets in errors count from `at`.
+/// Reads and checks the info section of block `index`. `bytes` are those of the block, which starts at byte `start` of
+/// the image. Offsets in errors count from `at`.
 pub(crate) fn block_parts(bytes: &[u8], start: u64, at: u64, index: usize) -> Result<BlockParts, Broken> {
     let fault = |(rule, within, what): Fault| Broken::new(rule, at + within, format!("block {index}: {what}"));
     let (info_at, info) = info_section(bytes, index as u32).map_err(fault)?;
@@ -191,46 +237,72 @@ pub(crate) fn block_parts(bytes: &[u8], start: u64, at: u64, index: usize) -> Re
     })
 }
 
-/// The info section of a block and its first byte; every field but those of the attachments is checked.
+/// The offset of the info section in a block, and the info section. Checks everything except the attachments.
 fn info_section(bytes: &[u8], index: u32) -> Result<(u64, InfoSection), Fault> {
     let size = bytes.len() as u64;
     let array_slots = bytes.first_chunk().map_or(0, |b| u64::from_le_bytes(*b));
     if array_slots > size / 8 || array_slots < 4 {
-        return Err((ids::PAGE_HEADER, 0, format!("its first page header leads {array_slots} slots ahead")));
+        return Err((
+            ids::PAGE_HEADER,
+            0,
+            format!("its first page header is {array_slots:#x}, not the distance to an info section in the block"),
+        ));
     }
     let at = array_slots * 8;
     let Some(info) = from_bytes::<InfoSection>(&bytes[at as usize..]) else {
-        return Err((ids::INFO_RANGE, at, "the info section does not fit".into()));
+        return Err((ids::INFO_RANGE, at, "the info section does not fit into the block".into()));
     };
     if info.block != index {
-        return Err((ids::INFO_BLOCK, at, format!("its info section says block {}", info.block)));
+        return Err((ids::INFO_BLOCK, at, format!("its info section names block {}", info.block)));
     }
     if u64::from(info.array_slots) != array_slots {
-        let what = format!("{} slots, but the info section is at slot {array_slots}", info.array_slots);
+        let what = format!(
+            "the descriptor array has {} slots, but the info section is at slot {array_slots}",
+            info.array_slots
+        );
         return Err((ids::INFO_RANGE, at + 4, what));
     }
     if u64::from(info.first_descriptor) + u64::from(FIRST_SLOT) != array_slots {
-        return Err((ids::INFO_FIRST, at + 8, format!("first descriptor {} slots back", info.first_descriptor)));
+        return Err((
+            ids::INFO_FIRST,
+            at + 8,
+            format!(
+                "the first descriptor is {} slots back from the info section, expected {}",
+                info.first_descriptor,
+                array_slots - u64::from(FIRST_SLOT)
+            ),
+        ));
     }
     if info.attachment_count > MAX_ATTACHMENTS {
-        return Err((ids::ATTACHMENT_LIMIT, at + 20, format!("{} attachments", info.attachment_count)));
+        return Err((
+            ids::ATTACHMENT_LIMIT,
+            at + 20,
+            format!("it has {} attachments, expected at most {MAX_ATTACHMENTS}", info.attachment_count),
+        ));
     }
     if info.reserved != 0 {
         return Err((ids::INFO_RESERVED, at + 24, "reserved fields of the info section are not zero".into()));
     }
     let directory_end = at + INFO_BYTES + u64::from(info.attachment_count) * ATTACHMENT_BYTES;
     if directory_end > size {
-        return Err((ids::INFO_RANGE, at + 20, format!("{} attachments do not fit", info.attachment_count)));
+        return Err((
+            ids::INFO_RANGE,
+            at + 20,
+            format!("the directory of {} attachments does not fit into the block", info.attachment_count),
+        ));
     }
     let pool = at + u64::from(info.contour_offset) * 4;
     if pool < directory_end || pool + u64::from(info.contour_count) * 4 > size {
-        let what = format!("{} contours at byte {pool} do not fit", info.contour_count);
+        let what = format!(
+            "the pool of {} contours at byte {pool} overlaps the attachment directory or leaves the block",
+            info.contour_count
+        );
         return Err((ids::INFO_CONTOURS, at + 12, what));
     }
     Ok((at, info))
 }
 
-/// Type, first byte in the block, and size of the attachments.
+/// Type, offset in the block, and size in bytes of each attachment.
 fn attachments(bytes: &[u8], info_at: u64, info: &InfoSection) -> Result<Vec<(u32, u64, u64)>, Fault> {
     let pool_end = info_at + u64::from(info.contour_offset) * 4 + u64::from(info.contour_count) * 4;
     let (slots, pairs) = (u64::from(info.array_slots), u64::from(info.array_slots.div_ceil(2)));
@@ -238,35 +310,51 @@ fn attachments(bytes: &[u8], info_at: u64, info: &InfoSection) -> Result<Vec<(u3
     for k in 0..u64::from(info.attachment_count) {
         let at = info_at + INFO_BYTES + k * ATTACHMENT_BYTES;
         let Some(AttachmentEntry { kind, offset, size }) = from_bytes(&bytes[at as usize..]) else {
-            return Err((ids::INFO_RANGE, at, "the attachment directory does not fit".into()));
+            return Err((ids::INFO_RANGE, at, "the attachment directory does not fit into the block".into()));
         };
         let expected = match kind {
             attachment::COLOR_BLOCKS | attachment::AMBIENT_BLOCKS => pairs * 8,
             attachment::NORMAL_BLOCKS => pairs * 16,
             attachment::COLOR_CONSTANT => 8,
-            // Entries for all slots, then as many values as there are.
+            // One entry per slot, then any number of values.
             attachment::COLORS_PLAIN | attachment::NORMALS_PLAIN => slots * 4 + size.saturating_sub(slots * 4) / 4 * 4,
             attachment::CORNERS => slots * 8 + size.saturating_sub(slots * 8) / 8 * 8,
-            // Of a vendor or of a later version: a reader passes over it.
+            // Types of vendors and of later versions may have any size.
             _ => size,
         };
         if size != expected {
-            return Err((ids::ATTACHMENT_SIZE, at + 8, format!("attachment {kind} has {size} bytes, not {expected}")));
+            return Err((
+                ids::ATTACHMENT_SIZE,
+                at + 8,
+                format!("attachment type {kind} has {size} bytes, expected {expected}"),
+            ));
         }
         let start = info_at + u64::from(offset);
         let end = start.checked_add(size).filter(|end| *end <= bytes.len() as u64);
         let Some(end) = end.filter(|_| start.is_multiple_of(8) && start >= pool_end) else {
-            return Err((ids::ATTACHMENT_RANGE, at + 4, format!("attachment {kind} does not fit")));
+            return Err((
+                ids::ATTACHMENT_RANGE,
+                at + 4,
+                format!(
+                    "attachment type {kind} is not between the contour pool and the end of the block, \
+                     or not aligned to 8 bytes"
+                ),
+            ));
         };
         if found.iter().any(|&(_, other, size)| start < other + size && other < end) {
-            return Err((ids::ATTACHMENT_RANGE, at + 4, format!("attachment {kind} overlaps another")));
+            return Err((ids::ATTACHMENT_RANGE, at + 4, format!("attachment type {kind} overlaps another attachment")));
         }
         let excludes = |a: u32| {
             let both = |kinds: &[u32]| kinds.contains(&a) && kinds.contains(&kind);
             a == kind || both(&attachment::COLORS) || both(&attachment::NORMALS)
         };
-        if found.iter().any(|a| excludes(a.0)) {
-            return Err((ids::ATTACHMENT_TYPE, at, format!("attachment type {kind} is one too many")));
+        if let Some((other, ..)) = found.iter().find(|a| excludes(a.0)) {
+            let what = if *other == kind {
+                format!("attachment type {kind} occurs twice")
+            } else {
+                format!("attachment types {other} and {kind} exclude each other")
+            };
+            return Err((ids::ATTACHMENT_TYPE, at, what));
         }
         found.push((kind, start, size));
     }

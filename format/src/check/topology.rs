@@ -1,4 +1,4 @@
-//! The one walk that follows every pointer of an image whose descriptors nobody has checked yet. Soundness, validation
+//! The walk that follows every pointer of an image whose descriptors have not been checked yet. Soundness, validation
 //! and statistics are visitors of it.
 
 use std::ops::ControlFlow;
@@ -7,12 +7,12 @@ use crate::block::BlockParts;
 use crate::file::{BlockEntry, FIRST_SLOT, NO_PARENT, ObjectEntry, PAGE_SLOTS};
 use crate::{Broken, ChildDescriptor, Octree, ids};
 
-/// A descriptor on the way.
+/// A descriptor that the walk visits.
 #[derive(Clone, Copy)]
 pub(crate) struct Step {
     /// Slot in the image.
     pub(crate) slot: u32,
-    /// Block that it lies in.
+    /// Index of its block.
     pub(crate) block: u32,
     /// Level of its children; the root's are at level 1.
     pub(crate) level: u32,
@@ -20,22 +20,22 @@ pub(crate) struct Step {
     pub(crate) position: [u32; 3],
 }
 
-/// The descriptors of the children of one voxel, which lie side by side.
+/// The descriptors of the children of one voxel, which are in consecutive slots.
 #[derive(Clone, Copy)]
 struct Siblings {
     /// Slot of the first.
     first: u32,
-    /// Block that they lie in.
+    /// Index of their block.
     block: u32,
     /// Level of their children.
     level: u32,
-    /// Child slots of the voxel that they are of.
+    /// The child slots of the voxel that they belong to.
     mask: u8,
     /// Lower corner of the voxel whose children they are, in units of 2^-23 of the root cube.
     parent: [u32; 3],
 }
 
-/// Number of bits set in a byte, from a table: without instructions that not every processor has, counting takes a dozen.
+/// Number of set bits in a byte, from a table. The portable code of `count_ones` takes a dozen instructions.
 pub(crate) fn ones(mask: u8) -> u32 {
     const ONES: [u8; 256] = {
         let mut table = [0; 256];
@@ -49,19 +49,19 @@ pub(crate) fn ones(mask: u8) -> u32 {
     u32::from(ONES[usize::from(mask)])
 }
 
-/// What is told of the walk. All but the findings is reported once it has been checked.
+/// Receives what the walk finds. Everything except [`broken`](Self::broken) has been checked.
 pub(crate) trait Visitor {
-    /// A rule is broken. [`ControlFlow::Break`] ends the walk; else it goes on with what is not affected.
+    /// A rule is broken. [`ControlFlow::Break`] ends the walk; otherwise it continues with the unaffected parts.
     fn broken(&mut self, finding: Broken) -> ControlFlow<()>;
-    /// A descriptor with fitting masks.
+    /// A descriptor whose masks are consistent.
     fn descriptor(&mut self, _object: u32, _step: &Step, _descriptor: ChildDescriptor) {}
-    /// The contours of a descriptor, as words of the image.
+    /// The contours of a descriptor: `count` words of the image from word `first` on.
     fn contours(&mut self, _step: &Step, _first: usize, _count: u32) -> ControlFlow<()> {
         ControlFlow::Continue(())
     }
     /// A far pointer at this slot.
     fn far_pointer(&mut self, _slot: u32) {}
-    /// The children of this descriptor are those of another block.
+    /// The children of this descriptor are in another block.
     fn enter(&mut self, _step: &Step, _block: u32) -> ControlFlow<()> {
         ControlFlow::Continue(())
     }
@@ -79,7 +79,7 @@ impl Bits {
         self.0[index / 64] >> (index % 64) & 1 != 0
     }
 
-    /// Those of a range that are not in, in order. The range starts at a multiple of 64.
+    /// The elements of `range` that are not in the set, in order. The range must start at a multiple of 64.
     pub(crate) fn missing(&self, range: std::ops::Range<usize>) -> impl Iterator<Item = usize> {
         debug_assert!(range.start.is_multiple_of(64));
         let words = self.0[range.start / 64..range.end.div_ceil(64)].iter();
@@ -94,7 +94,7 @@ impl Bits {
         all.take_while(move |index| *index < range.end)
     }
 
-    /// Adds an element; false if it was in already.
+    /// Adds an element. False if it was in the set already.
     pub(crate) fn insert(&mut self, index: usize) -> bool {
         let (word, bit) = (&mut self.0[index / 64], 1u64 << (index % 64));
         let free = *word & bit == 0;
@@ -102,7 +102,8 @@ impl Bits {
         free
     }
 
-    /// Adds `count` consecutive elements, at most 64. If one was in already, adds none and returns the first such.
+    /// Adds `count` consecutive elements, at most 64. If any is in the set already, adds none and returns the first
+    /// such.
     pub(crate) fn insert_run(&mut self, first: usize, count: u32) -> Option<usize> {
         let (word, shift) = (first / 64, first as u32 % 64);
         let mask = u64::MAX.checked_shr(64 - count).unwrap_or(0);
@@ -123,7 +124,7 @@ impl Bits {
     }
 }
 
-/// What a walk leaves behind.
+/// The result of a walk.
 pub(crate) struct Walked {
     /// Slots of descriptors and far pointers.
     pub(crate) claimed: Bits,
@@ -133,7 +134,7 @@ pub(crate) struct Walked {
 
 /// Follows every pointer of the image once.
 ///
-/// Time is linear in the number of descriptors and memory is a bit per slot: no slot is entered twice, and no path is
+/// Time is linear in the number of descriptors, as no slot is entered twice; memory is one bit per slot. No path is
 /// longer than 23 levels.
 pub(crate) fn walk(octree: &Octree, visitor: &mut impl Visitor) -> Walked {
     let (slots, parts) = (octree.slots(), octree.parts());
@@ -149,7 +150,7 @@ pub(crate) fn walk(octree: &Octree, visitor: &mut impl Visitor) -> Walked {
 
 struct Walk<'a, V> {
     octree: &'a Octree,
-    /// Those of the octree, at hand.
+    /// Slots and parts of the octree.
     slots: &'a [u64],
     parts: &'a [BlockParts],
     visitor: &'a mut V,
@@ -158,14 +159,14 @@ struct Walk<'a, V> {
 }
 
 impl<V: Visitor> Walk<'_, V> {
-    /// Reports that what lies behind `slot` cannot be followed.
+    /// Reports that the pointers from `slot` on cannot be followed.
     #[cold]
     fn fail(&mut self, rule: &'static str, slot: u64, what: String) -> ControlFlow<()> {
         self.complete = false;
         self.note(rule, slot, what)
     }
 
-    /// Reports something that the walk can go past.
+    /// Reports a finding that does not prevent the walk from continuing.
     #[cold]
     fn note(&mut self, rule: &'static str, slot: u64, what: String) -> ControlFlow<()> {
         self.visitor.broken(Broken::new(rule, self.octree.offset(slot * 8), format!("slot {slot}: {what}")))
@@ -178,21 +179,25 @@ impl<V: Visitor> Walk<'_, V> {
                 && b.image_offset / 8 + u64::from(FIRST_SLOT) == object.root_slot
         };
         if self.octree.blocks().get(object.root_block as usize).filter(is_root).is_none() {
-            let what = format!("is not the first descriptor of block {}, root of object {index}", object.root_block);
+            let what = format!(
+                "it is the root slot of object {index}, but not the first descriptor of root block {}",
+                object.root_block
+            );
             return self.fail(ids::OBJECT_ROOT, object.root_slot.min(self.slots.len() as u64), what);
         }
         let (first, block) = (object.root_slot as u32, object.root_block);
         if !self.claim(first, 1, block)? {
             return ControlFlow::Continue(());
         }
-        // The root is the child at slot 0 of nothing at all.
+        // The root is handled as child 0 of a voxel that does not exist.
         let mut stack = vec![Siblings { first, block, level: 1, mask: 1, parent: [0; 3] }];
         while let Some(siblings) = stack.pop() {
             let Siblings { level, parent, .. } = siblings;
             let size = 1u32 << (24 - level);
             let mut left = siblings.mask;
             let mut slot = siblings.first + ones(left);
-            // The last comes first: what is below the first is then on top of the stack, and lies right behind.
+            // In reverse order, so that the subtree of the first sibling, which follows in memory, is on top of the
+            // stack.
             while left != 0 {
                 let child = left.ilog2();
                 left ^= 1 << child;
@@ -217,16 +222,24 @@ impl<V: Visitor> Walk<'_, V> {
         let descriptor = ChildDescriptor(self.slots[step.slot as usize]);
         let (valid, leaf, contours) = (descriptor.valid_mask(), descriptor.leaf_mask(), descriptor.contour_mask());
         if leaf & !valid != 0 || valid == 0 {
-            self.fail(ids::CHILD_LEAF_MASK, at, format!("valid mask {valid:08b}, leaf mask {leaf:08b}"))?;
+            self.fail(ids::CHILD_LEAF_MASK, at, format!("valid mask {valid:08b} and leaf mask {leaf:08b} do not fit"))?;
             return none;
         }
         if step.level > object.levels {
-            self.fail(ids::CHILD_DEPTH, at, format!("its voxels are at level {} of {}", step.level, object.levels))?;
+            self.fail(
+                ids::CHILD_DEPTH,
+                at,
+                format!("its voxels are at level {}, the object has {} levels", step.level, object.levels),
+            )?;
             return none;
         }
         self.visitor.descriptor(index as u32, step, descriptor);
         if contours & !valid != 0 {
-            self.fail(ids::CONTOUR_MASK, at, format!("valid mask {valid:08b}, contour mask {contours:08b}"))?;
+            self.fail(
+                ids::CONTOUR_MASK,
+                at,
+                format!("contour mask {contours:08b} is no subset of valid mask {valid:08b}"),
+            )?;
         } else if contours != 0 {
             let parts = &self.parts[step.block as usize];
             let first = step.slot as usize * 2 + descriptor.contour_ptr() as usize;
@@ -238,19 +251,20 @@ impl<V: Visitor> Walk<'_, V> {
                 self.visitor.contours(step, first, ones(contours))?;
             }
         } else if descriptor.contour_ptr() != 0 {
-            self.note(ids::CONTOUR_NONE, at, format!("contour pointer {}, no contours", descriptor.contour_ptr()))?;
+            self.note(ids::CONTOUR_NONE, at, format!("contour pointer {} without contours", descriptor.contour_ptr()))?;
         }
         let nonleaf = valid & !leaf;
         if nonleaf == 0 {
             if descriptor.child_ptr() != 0 || descriptor.far() {
-                self.note(ids::CHILD_NONE, at, "has a child pointer, but no child has a descriptor".into())?;
+                self.note(ids::CHILD_NONE, at, "it has a child pointer, but no child with a descriptor".into())?;
             }
             return none;
         }
         ControlFlow::Continue(Some(nonleaf))
     }
 
-    /// Takes the descriptors of the children in this mask; returns slot and block of the first if they can be followed.
+    /// Claims the descriptors of the children in mask `nonleaf`. Returns slot and block of the first, if they can be
+    /// followed.
     fn children(&mut self, step: &Step, nonleaf: u8) -> ControlFlow<(), Option<(u32, u32)>> {
         let none = ControlFlow::Continue(None);
         let at = u64::from(step.slot);
@@ -259,7 +273,11 @@ impl<V: Visitor> Walk<'_, V> {
         let Some((first, block)) = self.first_child(step, descriptor)? else { return none };
         let parts = &self.parts[block as usize];
         if u64::from(first) + u64::from(count) > u64::from(parts.start + parts.array_slots) {
-            self.fail(ids::CHILD_RANGE, at, format!("{count} children at slot {first} leave the descriptor array"))?;
+            self.fail(
+                ids::CHILD_RANGE,
+                at,
+                format!("{count} children from slot {first} on leave the descriptor array"),
+            )?;
             return none;
         }
         if first % 2 != 0 {
@@ -271,7 +289,7 @@ impl<V: Visitor> Walk<'_, V> {
         ControlFlow::Continue(Some((first, block)))
     }
 
-    /// Slot and block of the first child, within a descriptor array.
+    /// Slot and block of the first child. The slot is within the descriptor array of the block.
     fn first_child(&mut self, step: &Step, descriptor: ChildDescriptor) -> ControlFlow<(), Option<(u32, u32)>> {
         let none = ControlFlow::Continue(None);
         let at = u64::from(step.slot);
@@ -280,7 +298,8 @@ impl<V: Visitor> Walk<'_, V> {
         let near = at + u64::from(descriptor.child_ptr());
         if descriptor.child_ptr() == 0 || near >= array_end {
             let rule = if descriptor.far() { ids::CHILD_FAR } else { ids::CHILD_RANGE };
-            self.fail(rule, at, format!("child pointer {}", descriptor.child_ptr()))?;
+            let what = format!("child pointer {} is zero or leads out of the descriptor array", descriptor.child_ptr());
+            self.fail(rule, at, what)?;
             return none;
         }
         if !descriptor.far() {
@@ -291,7 +310,7 @@ impl<V: Visitor> Walk<'_, V> {
         }
         let distance = self.slots[near as usize];
         if distance == 0 || distance > u64::from(u32::MAX) {
-            self.fail(ids::CHILD_FAR, near, format!("far pointer {distance:#x}"))?;
+            self.fail(ids::CHILD_FAR, near, format!("far pointer {distance:#x} is zero or has more than 32 bits"))?;
             return none;
         }
         self.visitor.far_pointer(near as u32);
@@ -302,41 +321,53 @@ impl<V: Visitor> Walk<'_, V> {
         let blocks = self.octree.blocks();
         let found = blocks.partition_point(|b| b.image_offset / 8 <= target).wrapping_sub(1);
         if found == step.block as usize || target >= self.slots.len() as u64 {
-            self.fail(ids::CHILD_RANGE, near, format!("leads to slot {target}, in no descriptor array"))?;
+            self.fail(
+                ids::CHILD_RANGE,
+                near,
+                format!("far pointer to slot {target}, which is in no descriptor array"),
+            )?;
             return none;
         }
         let (start, parent) = (blocks[found].image_offset / 8, blocks[found].parent);
         if target != start + u64::from(FIRST_SLOT) || parent != step.block {
-            let what = format!("leads from block {} to slot {} of block {found}", step.block, target - start);
+            let what = format!(
+                "far pointer from block {} to slot {} of block {found}, expected slot {FIRST_SLOT} of a child block",
+                step.block,
+                target - start
+            );
             self.fail(ids::CHILD_BLOCK, near, what)?;
             return none;
         }
         ControlFlow::Continue(Some((target as u32, found as u32)))
     }
 
-    /// Marks slots of a descriptor array as used. They must be free, in one page, and not its header, and the header
-    /// must lead to the info section. False if they cannot be used.
+    /// Marks `count` slots of a descriptor array as used. They must be unused, in one page, and not the page header,
+    /// whose value is checked too. False if they cannot be used.
     fn claim(&mut self, first: u32, count: u32, block: u32) -> ControlFlow<(), bool> {
         let in_page = first % PAGE_SLOTS;
         if in_page == 0 || in_page + count > PAGE_SLOTS {
-            self.fail(ids::CHILD_PAGE, first.into(), format!("{count} slots reach over a page header"))?;
+            self.fail(ids::CHILD_PAGE, first.into(), format!("{count} slots include a page header"))?;
             return ControlFlow::Continue(false);
         }
         let page = first - in_page;
         let header = self.slots[page as usize];
         let parts = &self.parts[block as usize];
         if header != u64::from(parts.start + parts.array_slots - page) {
-            self.note(ids::PAGE_HEADER, page.into(), format!("page header {header:#x}"))?;
+            self.note(
+                ids::PAGE_HEADER,
+                page.into(),
+                format!("page header {header:#x} is not the distance to the info section"),
+            )?;
         }
         if let Some(slot) = self.claimed.insert_run(first as usize, count) {
-            self.fail(ids::CHILD_ONCE, slot as u64, "is referred to twice".into())?;
+            self.fail(ids::CHILD_ONCE, slot as u64, "two pointers lead to it".into())?;
             return ControlFlow::Continue(false);
         }
         ControlFlow::Continue(true)
     }
 }
 
-/// Remembers the first finding.
+/// Keeps the first finding.
 struct First(Option<Broken>);
 
 impl Visitor for First {
@@ -347,7 +378,7 @@ impl Visitor for First {
 }
 
 impl Octree {
-    /// Whether every pointer that a traversal can follow stays in the image; checked once, remembered.
+    /// Whether every pointer that a traversal can follow is valid. Checked at the first call; the result is kept.
     ///
     /// # Errors
     /// The first rule found broken.
@@ -356,7 +387,7 @@ impl Octree {
     }
 }
 
-/// The first rule of pointers and masks that is broken, if any.
+/// Fails with the first broken rule of pointers and masks, if any.
 fn first_broken(octree: &Octree) -> Result<(), Broken> {
     let mut first = First(None);
     walk(octree, &mut first);

@@ -1,4 +1,4 @@
-//! Validation: every rule of the specification, as many findings as there are.
+//! Validation: checks every rule of the specification and reports all findings.
 
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -15,19 +15,18 @@ use crate::file::*;
 use crate::octree::Origin;
 use crate::{Broken, ChildDescriptor, FormatError, Octree, OpenOptions, ids};
 
-/// Checks a file against every rule. What makes [`Octree::open`] fail is the only finding then, as nothing behind it
-/// can be located.
+/// Checks a file against every rule. If [`Octree::open`] fails, its error is the only finding.
 ///
 /// # Errors
-/// The file cannot be read, or is beyond the limits of this library.
+/// The file cannot be read, or exceeds the limits of this library.
 pub fn validate_file(path: &Path) -> Result<Report, FormatError> {
     validate_file_with(path, &OpenOptions::default())
 }
 
-/// Like [`validate_file`], with a limit to the memory that compressed blocks may take.
+/// Like [`validate_file`], with a limit to the memory for compressed blocks.
 ///
 /// # Errors
-/// The file cannot be read, or is beyond the limits.
+/// The file cannot be read, or exceeds the limits.
 pub fn validate_file_with(path: &Path, options: &OpenOptions) -> Result<Report, FormatError> {
     let mut report = Report::default();
     let result = map(path).and_then(|map| {
@@ -38,18 +37,18 @@ pub fn validate_file_with(path: &Path, options: &OpenOptions) -> Result<Report, 
     finish(report, result)
 }
 
-/// Checks a file that is in memory against every rule, like [`validate_file`].
+/// Checks a file in memory against every rule, like [`validate_file`].
 ///
 /// # Errors
-/// The file is beyond the limits of this library.
+/// The file exceeds the limits of this library.
 pub fn validate_bytes(bytes: &[u8]) -> Result<Report, FormatError> {
     validate_bytes_with(bytes, &OpenOptions::default())
 }
 
-/// Like [`validate_bytes`], with a limit to the memory that blocks may take.
+/// Like [`validate_bytes`], with a limit to the memory for blocks.
 ///
 /// # Errors
-/// The file is beyond the limits.
+/// The file exceeds the limits.
 pub fn validate_bytes_with(bytes: &[u8], options: &OpenOptions) -> Result<Report, FormatError> {
     let mut report = Report::default();
     let result = Contents::read(bytes).and_then(|contents| {
@@ -68,8 +67,8 @@ fn finish(mut report: Report, opened: Result<Octree, FormatError>) -> Result<Rep
     Ok(report)
 }
 
-/// Checks an octree that could be opened, or that was made in memory: tables, blocks and checksums, every descriptor
-/// and contour, unused space. Takes time linear in the image and half a bit per byte of it.
+/// Checks an octree that was opened or made in memory: tables, blocks, checksums, every descriptor and contour, unused
+/// space. Time is linear in the size of the image; memory is half a bit per byte of it.
 pub fn validate(octree: &Octree) -> Report {
     let mut report = Report::default();
     check(octree, &mut report);
@@ -81,7 +80,11 @@ fn check_gaps(bytes: &[u8], ranges: &[(u64, u64)], report: &mut Report) {
     let starts = ranges.iter().skip(1).map(|range| range.0).chain([bytes.len() as u64]);
     for (from, to) in ends.zip(starts) {
         if let Some(at) = bytes[from as usize..to as usize].iter().position(|b| *b != 0) {
-            report.add(Broken::new(ids::FILE_GAPS, from + at as u64, "a byte in no section or block is not zero"));
+            report.add(Broken::new(
+                ids::FILE_GAPS,
+                from + at as u64,
+                "a byte outside all sections and blocks is not zero",
+            ));
         }
     }
 }
@@ -103,13 +106,12 @@ fn check(octree: &Octree, report: &mut Report) {
         blocks.contour_values(&contours, reached.has(index), report);
         blocks.attachments(reached.has(index), report);
         blocks.gaps(report);
-        // Behind a broken pointer there are descriptors that nobody has claimed: to call them garbage would only
-        // repeat the finding.
+        // The descriptors after a broken pointer are unclaimed. Reporting them as unused would only repeat the finding.
         if walked.complete && reached.has(index) {
             blocks.unused_slots(report);
         } else if walked.complete {
             let at = octree.offset(octree.blocks()[index].image_offset);
-            report.add(Broken::new(ids::BLOCK_REACHED, at, format!("nothing refers to block {index}")));
+            report.add(Broken::new(ids::BLOCK_REACHED, at, format!("no pointer leads to block {index}")));
         }
     }
     check_uniform(octree, report);
@@ -135,14 +137,20 @@ fn check_meta(octree: &Octree, report: &mut Report) {
 }
 
 fn check_checksums(octree: &Octree, report: &mut Report) {
-    // An octree that comes from no file has no stored bytes; those of compressed blocks were checked on reading.
+    // Octrees made in memory have no stored bytes; compressed blocks were checked on reading.
     let Some(Origin { image: base, compressed: false, .. }) = octree.origin else { return };
     let image: &[u8] = bytemuck::cast_slice(octree.slots());
     let broken: Vec<Broken> = (octree.blocks().par_iter().enumerate())
         .filter(|(_, b)| {
             crc32fast::hash(&image[b.image_offset as usize..(b.image_offset + b.image_size) as usize]) != b.crc
         })
-        .map(|(index, b)| Broken::new(ids::BLOCK_CHECKSUM, base + b.image_offset, format!("block {index} is damaged")))
+        .map(|(index, b)| {
+            Broken::new(
+                ids::BLOCK_CHECKSUM,
+                base + b.image_offset,
+                format!("block {index} is damaged: its checksum differs"),
+            )
+        })
         .collect();
     broken.into_iter().for_each(|finding| report.add(finding));
 }
@@ -152,14 +160,14 @@ fn check_table_order(octree: &Octree, report: &mut Report) {
     for (index, block) in octree.blocks().iter().enumerate().filter(|(_, b)| b.parent != NO_PARENT) {
         let last = &mut last[block.object as usize];
         if block.parent < *last {
-            let what = format!("block {index} of parent {} stands behind one of parent {last}", block.parent);
+            let what = format!("block {index} of parent {} comes after a block of parent {last}", block.parent);
             report.add(Broken::new(ids::BLOCK_ORDER, octree.offset(block.image_offset), what));
         }
         *last = block.parent.max(*last);
     }
 }
 
-/// What is counted of an object.
+/// The counts of an object.
 #[derive(Clone, Copy, Default)]
 struct Tally {
     levels: u32,
@@ -169,19 +177,19 @@ struct Tally {
     far_pointers: u64,
 }
 
-/// Collects findings and marks on the walk.
+/// Collects findings, counts and used slots during the walk.
 struct Walker<'a> {
     octree: &'a Octree,
     report: Report,
     tallies: Vec<Tally>,
     object: usize,
-    /// Blocks that were entered, and root blocks.
+    /// Blocks with descriptors that were visited.
     reached: Bits,
-    /// The block of the last descriptor.
+    /// Block of the last descriptor.
     block: u32,
     /// Slots that hold a far pointer.
     far_pointers: Bits,
-    /// Words of the image that hold a contour of some voxel.
+    /// Words of the image that hold a contour of a voxel.
     contours: Bits,
 }
 
@@ -221,7 +229,7 @@ impl Visitor for Walker<'_> {
 
     fn contours(&mut self, step: &Step, first: usize, count: u32) -> ControlFlow<()> {
         if let Some(word) = self.contours.insert_run(first, count) {
-            let what = format!("the contour is one of descriptor {} and of another", step.slot);
+            let what = format!("the contour belongs to the descriptor at slot {} and to another", step.slot);
             self.report.add(Broken::new(ids::CONTOUR_ONCE, self.octree.offset(word as u64 * 4), what));
         }
         ControlFlow::Continue(())
@@ -237,7 +245,7 @@ impl Visitor for Walker<'_> {
         let scale = 24 - step.level;
         if (block.cube_position, block.cube_scale) != (step.position, scale) {
             let what = format!(
-                "block {index} says cube {:?} of scale {}, but holds that at {:?} of scale {scale}",
+                "block {index} has the cube at {:?} of scale {}, its descriptors the cube at {:?} of scale {scale}",
                 block.cube_position, block.cube_scale, step.position
             );
             self.report.add(Broken::new(ids::BLOCK_CUBE, self.octree.offset(block.image_offset), what));
@@ -251,7 +259,7 @@ fn check_tallies(octree: &Octree, tallies: &[Tally], report: &mut Report) {
         let at = octree.origin.map_or(0, |origin| origin.objects) + index as u64 * OBJECT_BYTES;
         if object.levels != tally.levels {
             let what =
-                format!("object {index} says {} levels, the deepest voxel is at {}", object.levels, tally.levels);
+                format!("object {index} has {} levels, its deepest voxel is at level {}", object.levels, tally.levels);
             report.add(Broken::new(ids::OBJECT_LEVELS, at + 132, what));
         }
         let counts = [
@@ -262,14 +270,14 @@ fn check_tallies(octree: &Octree, tallies: &[Tally], report: &mut Report) {
         ];
         for (field, (name, said, found)) in counts.into_iter().enumerate() {
             if said != found {
-                let what = format!("object {index} says {said} {name}, there are {found}");
+                let what = format!("object {index} has {found} {name}, its entry says {said}");
                 report.add(Broken::new(ids::OBJECT_COUNTS, at + 144 + 8 * field as u64, what));
             }
         }
     }
 }
 
-/// What is checked of one block once its descriptors have been walked.
+/// The checks of one block after its descriptors have been walked.
 struct BlockCheck<'a> {
     octree: &'a Octree,
     index: usize,
@@ -292,7 +300,7 @@ impl BlockCheck<'_> {
         self.parts.start..self.parts.start + self.parts.array_slots
     }
 
-    /// Headers of pages that hold a claimed slot have been checked on the walk.
+    /// Checks the headers of pages without claimed slots. The walk has checked the others.
     fn page_headers(&self, report: &mut Report) {
         let array = self.array();
         for page in array.clone().step_by(PAGE_SLOTS as usize) {
@@ -301,7 +309,10 @@ impl BlockCheck<'_> {
             if self.octree.slots()[page as usize] != expected
                 && !(page..end).any(|slot| self.walked.claimed.has(slot as usize))
             {
-                let what = format!("page header {:#x}", self.octree.slots()[page as usize]);
+                let what = format!(
+                    "page header {:#x} is not the distance to the info section",
+                    self.octree.slots()[page as usize]
+                );
                 self.add(report, ids::PAGE_HEADER, u64::from(page) * 8, &what);
             }
         }
@@ -309,10 +320,10 @@ impl BlockCheck<'_> {
 
     fn unused_slots(&self, report: &mut Report) {
         let array = self.array();
-        // Blocks start at pages, and so at words of the set.
+        // Blocks start at pages, that is, at multiples of 64 slots.
         for slot in self.walked.claimed.missing(array.start as usize..array.end as usize) {
             if self.octree.slots()[slot] != 0 && !slot.is_multiple_of(PAGE_SLOTS as usize) {
-                let what = format!("slot {slot} is in no use, but not zero");
+                let what = format!("slot {slot} is unused, but not zero");
                 self.add(report, ids::INFO_RESERVED, slot as u64 * 8, &what);
             }
         }
@@ -322,12 +333,12 @@ impl BlockCheck<'_> {
         let pool = self.parts.contour_words..self.parts.contour_words + self.parts.contour_count as usize;
         let values = &self.octree.words()[pool.clone()];
         for (word, value) in pool.zip(values) {
-            // The fields of the normal are the low 18 bits.
+            // The normal is the low 18 bits.
             if value << 14 == 0 {
-                self.add(report, ids::CONTOUR_NORMAL, word as u64 * 4, "a contour has no normal");
+                self.add(report, ids::CONTOUR_NORMAL, word as u64 * 4, "the normal of the contour is zero");
             }
             if self.walked.complete && reached && !used.has(word) {
-                self.add(report, ids::CONTOUR_ONCE, word as u64 * 4, "a contour belongs to no voxel");
+                self.add(report, ids::CONTOUR_ONCE, word as u64 * 4, "the contour belongs to no voxel");
             }
         }
     }
@@ -340,7 +351,12 @@ impl BlockCheck<'_> {
                 attachment::COLOR_CONSTANT => {
                     let words = &self.octree.words()[(at / 4) as usize..][..2];
                     if words[0] >> 24 != 0 || words[1] != 0 {
-                        self.add(report, ids::ATTACHMENT_UNUSED, at, "bytes of the constant colour are not zero");
+                        self.add(
+                            report,
+                            ids::ATTACHMENT_UNUSED,
+                            at,
+                            "unused bytes of the constant colour are not zero",
+                        );
                     }
                     continue;
                 }
@@ -377,13 +393,14 @@ impl BlockCheck<'_> {
             let used = (pair..array.end).take(2).any(|slot| self.is_descriptor(slot as usize));
             if !used && words.iter().any(|w| *w != 0) {
                 let at = at + u64::from(pair - array.start) / 2 * words_per_pair as u64 * 4;
-                let what = format!("attachment {kind} has values for the pair at slot {pair}, which has no descriptor");
+                let what =
+                    format!("attachment type {kind} has values for the pair at slot {pair}, which has no descriptor");
                 self.add(report, ids::ATTACHMENT_UNUSED, at, &what);
             }
         }
     }
 
-    /// What lies between and behind the parts of the block.
+    /// Checks that the space between and after the parts of the block is zero.
     fn gaps(&self, report: &mut Report) {
         let block = &self.octree.blocks()[self.index];
         let info = u64::from(self.array().end) * 8;
@@ -397,7 +414,7 @@ impl BlockCheck<'_> {
         let image: &[u8] = bytemuck::cast_slice(self.octree.slots());
         for (from, to) in ends.zip(starts) {
             if let Some(at) = image[from as usize..to as usize].iter().position(|b| *b != 0) {
-                let what = "a byte between or behind the parts of the block is not zero";
+                let what = "a byte between or after the parts of the block is not zero";
                 self.add(report, ids::INFO_RESERVED, from + at as u64, what);
             }
         }
@@ -415,7 +432,8 @@ fn check_uniform(octree: &Octree, report: &mut Report) {
         for (index, block) in octree.blocks().iter().enumerate() {
             let root = octree.objects()[block.object as usize].root_block as usize;
             if has(index) != has(root) {
-                let what = format!("of blocks {root} and {index} of one object only one has {name}");
+                let what =
+                    format!("only one of blocks {root} and {index}, which belong to the same object, has {name}");
                 report.add(Broken::new(ids::ATTACHMENT_UNIFORM, octree.offset(block.image_offset), what));
             }
         }

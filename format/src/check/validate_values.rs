@@ -1,4 +1,4 @@
-//! Checks of the attachments that store values as they are: plain colours and normals, corners (spec sections 8.5, 8.6).
+//! Checks of the attachments with plain values and values at corners (spec sections 8.5 and 8.6).
 
 use crate::block::BlockParts;
 use crate::check::topology::Bits;
@@ -6,10 +6,10 @@ use crate::file::attachment;
 use crate::values::plain::{OWN_CUBE, plain_count, plain_entry};
 use crate::{ChildDescriptor, NodeCorners, Octree, ids};
 
-/// Follows the entries of an attachment of this type: those of descriptors lead to values of their own, the others
-/// are zero.
+/// Checks an attachment of type `kind`: the entry of every descriptor must refer to values that no other entry refers
+/// to, and the entries of all other slots must be zero.
 ///
-/// `add` takes each finding: rule, byte of the image, description.
+/// `add` receives each finding: rule, byte of the image, description.
 pub(crate) fn check_values(
     octree: &Octree,
     parts: &BlockParts,
@@ -20,7 +20,7 @@ pub(crate) fn check_values(
     let Some(words) = octree.attachment_words(parts, kind) else { return };
     let Some((_, at, _)) = parts.attachments.iter().find(|attachment| attachment.0 == kind) else { return };
     let array = parts.array_slots as usize;
-    // Words of an entry and of a value.
+    // Words per entry, and words per value.
     let unit = if kind == attachment::CORNERS { 2 } else { 1 };
     let mut used = Bits::new(words.len());
     let mut complete = true;
@@ -29,7 +29,8 @@ pub(crate) fn check_values(
         let descriptor = parts.start as usize + slot;
         if !is_descriptor(descriptor) {
             if entry.iter().any(|word| *word != 0) {
-                let what = format!("attachment {kind} has an entry for slot {descriptor}, which has no descriptor");
+                let what =
+                    format!("attachment type {kind} has an entry for slot {descriptor}, which has no descriptor");
                 add(ids::ATTACHMENT_UNUSED, place, what);
             }
             continue;
@@ -47,21 +48,24 @@ pub(crate) fn check_values(
         };
         let range = first..first.saturating_add(count * unit);
         if !fits || count > 0 && (range.start < array * unit || range.end > words.len()) {
-            let what = format!("the entry of slot {descriptor} in attachment {kind} does not fit: {entry:x?}");
+            let what = format!(
+                "entry {entry:x?} of slot {descriptor} in attachment type {kind} does not fit its descriptor, \
+                 or leads out of the attachment"
+            );
             add(ids::ATTACHMENT_ENTRY, place, what);
             complete = false;
             continue;
         }
-        // A run is at most 64 words long, and never empty.
+        // Runs must have 1 to 64 words.
         let mut runs = range.clone().step_by(32).map(|word| (word, (range.end - word).min(32) as u32));
         if let Some(word) = runs.find_map(|(word, count)| used.insert_run(word, count)) {
-            let what = format!("a value of attachment {kind} belongs to slot {descriptor} and to another");
+            let what = format!("a value of attachment type {kind} belongs to slot {descriptor} and to another");
             add(ids::ATTACHMENT_ONCE, at + word as u64 * 4, what);
         }
     }
     let free = (array * unit..words.len()).find(|word| !used.has(*word));
     if let Some(word) = free.filter(|_| complete) {
-        let what = format!("a value of attachment {kind} belongs to no descriptor");
+        let what = format!("a value of attachment type {kind} belongs to no descriptor");
         add(ids::ATTACHMENT_ONCE, at + word as u64 * 4, what);
     }
 }

@@ -1,4 +1,4 @@
-//! Files: their records, opening and writing.
+//! The bytes of a file: records of headers and tables (re-exported from this module), opening, writing, compression.
 
 pub(crate) mod compression;
 pub(crate) mod open;

@@ -1,4 +1,4 @@
-//! Opening files, by mapping where that can be, and reading all of their structure but the blocks (spec section 2).
+//! Opening files, by mapping where possible, and reading all of their structure except the blocks (spec section 2).
 
 use std::fs::File;
 use std::path::Path;
@@ -13,14 +13,14 @@ use crate::file::*;
 use crate::octree::{Image, Origin, UnknownSection};
 use crate::{Broken, FormatError, Octree, ids};
 
-/// Memory that opening a file takes for decompressed blocks if nothing else is said: 8 GiB.
+/// Default limit of the memory for decompressed blocks: 8 GiB.
 pub const DEFAULT_MEMORY_LIMIT: u64 = 8 << 30;
 
 /// How a file is opened.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OpenOptions {
-    /// Largest image in bytes that is made in memory: of a file with compressed blocks, or of the blocks that a
-    /// [`StreamReader`](crate::StreamReader) loads at once. A file that is mapped is not limited. Default:
+    /// Largest image in bytes that is allocated: for a file with compressed blocks, for a file in memory, or for the
+    /// blocks that a [`StreamReader`](crate::StreamReader) loads at once. Mapped files are not limited. Default:
     /// [`DEFAULT_MEMORY_LIMIT`].
     pub memory_limit: u64,
 }
@@ -37,7 +37,7 @@ impl OpenOptions {
         if image <= self.memory_limit {
             return Ok(());
         }
-        let what = format!("{image} bytes of blocks, more than the memory limit of {}: raise it", self.memory_limit);
+        let what = format!("the blocks need {image} bytes, above the memory limit of {}: raise it", self.memory_limit);
         Err(FormatError::Limit(what))
     }
 }
@@ -51,13 +51,13 @@ impl Octree {
         Self::open_with(path, &OpenOptions::default())
     }
 
-    /// Opens a file by mapping it. Checks header, directory, tables and info sections, and the checksums of all of
-    /// these; reads nothing else.
+    /// Opens a file by mapping it. Checks header, directory, tables, info sections and the checksums of the sections;
+    /// reads nothing else.
     ///
-    /// If some block is compressed, all are read, checked against their checksums and decompressed, in parallel: the
-    /// image is then one in memory.
+    /// If any block is compressed, all blocks are read, checked against their checksums and decompressed in parallel;
+    /// the image is then held in memory.
     ///
-    /// The file must not be changed or truncated while the octree lives.
+    /// The file must not be modified or truncated while the octree exists.
     ///
     /// # Errors
     /// The system's, the rule that the file breaks, or the memory limit.
@@ -66,7 +66,7 @@ impl Octree {
         Contents::read(&map)?.into_mapped(map, options)
     }
 
-    /// Opens a file that is in memory.
+    /// Opens a file in memory with the default [`OpenOptions`], see [`from_bytes_with`](Self::from_bytes_with).
     ///
     /// # Errors
     /// The rule that the bytes break, or the memory limit.
@@ -74,7 +74,7 @@ impl Octree {
         Self::from_bytes_with(bytes, &OpenOptions::default())
     }
 
-    /// Opens a file that is in memory.
+    /// Opens a file in memory, with the checks of [`open_with`](Self::open_with). The image is copied.
     ///
     /// # Errors
     /// The rule that the bytes break, or the memory limit.
@@ -83,24 +83,24 @@ impl Octree {
     }
 }
 
-/// Maps a file for reading. It must not change while the mapping lives.
+/// Maps a file for reading. The file must not change while the mapping exists.
 pub(crate) fn map(path: &Path) -> Result<Mmap, FormatError> {
-    // Asked before opening: to open a pipe would wait for a writer.
+    // Check before opening, as opening a pipe waits for a writer.
     let metadata = std::fs::metadata(path).map_err(|e| FormatError::io(path, e))?;
     if !metadata.is_file() {
         return Err(FormatError::io(path, std::io::Error::other("not a regular file")));
     }
     let file = File::open(path).map_err(|e| FormatError::io(path, e))?;
     if metadata.len() < HEADER_BYTES {
-        let what = format!("{} bytes are too short for a header", metadata.len());
+        let what = format!("the file has {} bytes, fewer than a header of {HEADER_BYTES}", metadata.len());
         return Err(Broken::new(ids::IDENTIFIER, 0, what).into());
     }
-    // SAFETY: the mapping is private to this process and read-only. The memory is plain bytes, valid for any
-    // content; that nobody truncates the file meanwhile is asked of the caller, as every mapping reader must.
+    // SAFETY: the mapping is read-only and private to this process, and any content is valid as plain bytes. The caller
+    // must ensure that the file is not truncated meanwhile; the documentation of the public functions says so.
     unsafe { Mmap::map(&file) }.map_err(|e| FormatError::io(path, e))
 }
 
-/// The parts of a file but for the image.
+/// The parts of a file except the image.
 pub(crate) struct Contents {
     objects: Vec<ObjectEntry>,
     blocks: Vec<BlockEntry>,
@@ -109,8 +109,8 @@ pub(crate) struct Contents {
     /// Offset and length of the block data in the file.
     data: (usize, usize),
     origin: Origin,
-    /// Start and end of header, directory, sections, and instead of the block data, if some block is compressed, of
-    /// each stored block; in order.
+    /// Start and end of header, directory and sections, in order. If any block is compressed, the ranges of the stored
+    /// blocks replace that of the block data.
     pub(crate) ranges: Vec<(u64, u64)>,
 }
 
@@ -118,7 +118,7 @@ pub(crate) struct Contents {
 const MAX_SECTION: u64 = 1 << 30;
 
 impl Contents {
-    /// With an image of its own, made from the bytes that this was read from.
+    /// The octree with its own copy of the image. `bytes` are those that this was read from.
     pub(crate) fn into_owned(self, bytes: &[u8], options: &OpenOptions) -> Result<Octree, FormatError> {
         if self.origin.compressed {
             return self.into_decompressed(bytes, options);
@@ -130,7 +130,7 @@ impl Contents {
         self.into_octree(Image::Owned(image))
     }
 
-    /// With the image in the map that this was read from, if it can be.
+    /// The octree with the image in the map that this was read from, or in memory if any block is compressed.
     pub(crate) fn into_mapped(self, map: Mmap, options: &OpenOptions) -> Result<Octree, FormatError> {
         if self.origin.compressed {
             return self.into_decompressed(&map, options);
@@ -156,7 +156,7 @@ impl Contents {
                 compression::decode(index, block, &bytes[stored], image)
             })
             .collect();
-        // The first that is broken, whichever thread was first.
+        // Report the first broken block in table order, whichever thread was first.
         results.into_iter().collect::<Result<(), Broken>>()?;
         self.into_octree(Image::Owned(image))
     }
@@ -165,6 +165,7 @@ impl Contents {
         Octree::new(self.objects, self.blocks, self.meta, self.unknown, image, Some(self.origin))
     }
 
+    /// Reads and checks everything except info sections and blocks.
     pub(crate) fn read(bytes: &[u8]) -> Result<Self, FormatError> {
         let header = read_header(bytes, Some(bytes.len() as u64))?;
         let (start, end) = directory_range(&header)?;
@@ -203,13 +204,13 @@ impl Contents {
     }
 }
 
-/// The two tables of a file, checked as far as they can be without the blocks.
+/// The two tables of a file, checked as far as possible without the blocks.
 pub(crate) struct Tables {
     pub(crate) objects: Vec<ObjectEntry>,
     pub(crate) blocks: Vec<BlockEntry>,
     /// The section with the blocks.
     pub(crate) data: SectionEntry,
-    /// Where the object table lies in the file.
+    /// Offset of the object table in the file.
     pub(crate) object_at: u64,
 }
 
@@ -232,10 +233,20 @@ impl Tables {
             }
         };
         let (object_section, block_section, data) = (find(TAG_OBJECTS)?, find(TAG_BLOCKS)?, find(TAG_DATA)?);
-        let objects = entries::<ObjectEntry>(&fetch(&object_section)?, OBJECT_BYTES)
-            .ok_or_else(|| broken(ids::OBJECT_SIZE, object_section.offset, "object table has no whole entry".into()))?;
-        let blocks = entries::<BlockEntry>(&fetch(&block_section)?, BLOCK_BYTES)
-            .ok_or_else(|| broken(ids::BLOCK_SIZE, block_section.offset, "block table has no whole entry".into()))?;
+        let objects = entries::<ObjectEntry>(&fetch(&object_section)?, OBJECT_BYTES).ok_or_else(|| {
+            broken(
+                ids::OBJECT_SIZE,
+                object_section.offset,
+                format!("the object table is empty or no multiple of {OBJECT_BYTES} bytes"),
+            )
+        })?;
+        let blocks = entries::<BlockEntry>(&fetch(&block_section)?, BLOCK_BYTES).ok_or_else(|| {
+            broken(
+                ids::BLOCK_SIZE,
+                block_section.offset,
+                format!("the block table is empty or no multiple of {BLOCK_BYTES} bytes"),
+            )
+        })?;
         check_objects(&objects, object_section.offset)?;
         let image = (!compressed(&blocks)).then_some(data.length);
         check_blocks(&blocks, block_section.offset, &objects, image)?;
@@ -244,7 +255,7 @@ impl Tables {
     }
 }
 
-/// Checks that no tag is one too many and that all required sections are known.
+/// Checks that no tag occurs twice and that all required sections are known.
 pub(crate) fn check_tags(sections: &[SectionEntry]) -> Result<(), FormatError> {
     for (i, section) in sections.iter().enumerate() {
         match section.tag {
@@ -255,7 +266,7 @@ pub(crate) fn check_tags(sections: &[SectionEntry]) -> Result<(), FormatError> {
             }
             TAG_META => {}
             tag if section.flags & SECTION_REQUIRED != 0 => {
-                let what = format!("section {} is required and not known to this reader", name(tag));
+                let what = format!("section {} is required, but this reader does not know it", name(tag));
                 return Err(broken(ids::SECTION_REQUIRED, section.offset, what));
             }
             _ => {}
@@ -283,46 +294,48 @@ where
     bytes.chunks_exact(size as usize).map(from_bytes::<T>).collect()
 }
 
-/// Reads the header from the first bytes of a file, whose length may be known.
+/// Reads and checks the header from the first bytes of a file. `length` is that of the whole file, if known.
 pub(crate) fn read_header(bytes: &[u8], length: Option<u64>) -> Result<Header, FormatError> {
     if !bytes.starts_with(&IDENTIFIER) {
         let what = if bytes.starts_with(b"\xABESVO") {
-            "the identifier is damaged: the file went through a text-mode transfer, or is of another major version"
+            "the identifier is damaged by a text-mode transfer, or belongs to another major version"
         } else if bytes.starts_with(b"Clusters") {
-            "not an esvo file but one of ESVO 1.4 (.oct); `esvo convert` makes one of it"
+            "not an esvo file but an .oct file of ESVO 1.x; convert it with `esvo convert`"
         } else {
             "not an esvo file: the identifier is missing"
         };
         return Err(broken(ids::IDENTIFIER, 0, what.into()));
     }
-    let header: Header = from_bytes(bytes)
-        .ok_or_else(|| broken(ids::IDENTIFIER, 0, format!("{} bytes are too short for a header", bytes.len())))?;
+    let header: Header = from_bytes(bytes).ok_or_else(|| {
+        broken(ids::IDENTIFIER, 0, format!("the file has {} bytes, fewer than a header of {HEADER_BYTES}", bytes.len()))
+    })?;
     if header.major != MAJOR_VERSION {
-        let what = format!("version {}.{}: this reader knows major version 1", header.major, header.minor);
+        let what = format!("the file has version {}.{}, this reader knows major version 1", header.major, header.minor);
         return Err(broken(ids::MAJOR_VERSION, 12, what));
     }
     if crc32fast::hash(&bytes[..HEADER_BYTES as usize - 4]) != header.header_crc {
-        return Err(broken(ids::HEADER_CHECKSUM, 60, "the header is damaged".into()));
+        return Err(broken(ids::HEADER_CHECKSUM, 60, "the header is damaged: its checksum differs".into()));
     }
     let strange = header.required_features & !KNOWN_REQUIRED;
     if strange != 0 {
         let what = if strange == FEATURE_COMPRESSED {
-            "required feature bit 0, compressed blocks: takes a build of esvo-format with the feature `zstd`".into()
+            "required feature bit 0 (compressed blocks) needs a build of esvo-format with the feature `zstd`".into()
         } else {
-            format!("required feature bits {strange:#x} are not known to this reader")
+            format!("this reader does not know the required feature bits {strange:#x}")
         };
         return Err(broken(ids::REQUIRED_FEATURES, 16, what));
     }
     if let Some(length) = length.filter(|length| *length != header.file_length) {
-        let what = format!("{length} bytes, but the header says {}: truncated?", header.file_length);
+        let what = format!("the file has {length} bytes, the header says {}: truncated?", header.file_length);
         return Err(broken(ids::FILE_LENGTH, 32, what));
     }
     if header.reserved != 0 {
-        return Err(broken(ids::HEADER_RESERVED, 56, "reserved bytes are not zero".into()));
+        return Err(broken(ids::HEADER_RESERVED, 56, "the reserved field of the header is not zero".into()));
     }
     Ok(header)
 }
 
+/// The directory of a file.
 pub(crate) struct Directory {
     pub(crate) sections: Vec<SectionEntry>,
     /// Start and end of header, directory and sections in the file, in order.
@@ -336,19 +349,29 @@ pub(crate) fn directory_range(header: &Header) -> Result<(u64, u64), FormatError
     let end =
         at.checked_add(length).filter(|end| *end <= header.file_length && at.is_multiple_of(8) && at >= HEADER_BYTES);
     let Some(end) = end else {
-        return Err(broken(ids::DIRECTORY_RANGE, 40, format!("directory at {at} with {length} bytes")));
+        return Err(broken(
+            ids::DIRECTORY_RANGE,
+            40,
+            format!(
+                "the directory at offset {at} with {length} bytes is not within the file, or not aligned to 8 bytes"
+            ),
+        ));
     };
     if header.directory_count > MAX_SECTIONS {
-        return Err(broken(ids::DIRECTORY_LIMIT, 48, format!("{} sections", header.directory_count)));
+        return Err(broken(
+            ids::DIRECTORY_LIMIT,
+            48,
+            format!("the directory has {} entries, expected at most {MAX_SECTIONS}", header.directory_count),
+        ));
     }
     Ok((at, end))
 }
 
-/// Reads the directory and checks where its sections lie, but not whether they overlap.
+/// Reads the directory and checks the ranges of its sections, except whether they overlap.
 pub(crate) fn read_directory(directory: &[u8], header: &Header) -> Result<Directory, FormatError> {
     let at = header.directory_offset;
     if crc32fast::hash(directory) != header.directory_crc {
-        return Err(broken(ids::DIRECTORY_CHECKSUM, at, "the directory is damaged".into()));
+        return Err(broken(ids::DIRECTORY_CHECKSUM, at, "the directory is damaged: its checksum differs".into()));
     }
     let sections: Vec<SectionEntry> = entries(directory, SECTION_BYTES).unwrap_or_default();
     let mut ranges = vec![(0, HEADER_BYTES), (at, at + directory.len() as u64)];
@@ -356,16 +379,23 @@ pub(crate) fn read_directory(directory: &[u8], header: &Header) -> Result<Direct
         let entry_at = at + i as u64 * SECTION_BYTES;
         let tag = name(section.tag);
         if section.flags & !(SECTION_REQUIRED | SECTION_OWN_CHECKSUMS) != 0 || section.reserved != 0 {
-            return Err(broken(ids::SECTION_RESERVED, entry_at, format!("section {tag} has reserved bits set")));
+            return Err(broken(
+                ids::SECTION_RESERVED,
+                entry_at,
+                format!("reserved flags or fields of section {tag} are not zero"),
+            ));
         }
         let end = section.offset.checked_add(section.length).filter(|end| *end <= header.file_length);
         let Some(end) = end.filter(|_| section.offset % 8 == 0) else {
-            let what = format!("section {tag} at {} with {} bytes", section.offset, section.length);
+            let (at, length) = (section.offset, section.length);
+            let what = format!(
+                "section {tag} at offset {at} with {length} bytes is not within the file, or not aligned to 8 bytes"
+            );
             return Err(broken(ids::SECTION_RANGE, entry_at, what));
         };
         if section.tag != TAG_DATA && section.length > MAX_SECTION {
             return Err(FormatError::Limit(format!(
-                "section {tag} has {} bytes: more than this reader takes",
+                "section {tag} has {} bytes, this reader accepts at most {MAX_SECTION}",
                 section.length
             )));
         }
@@ -378,7 +408,7 @@ pub(crate) fn read_directory(directory: &[u8], header: &Header) -> Result<Direct
 /// Checks that header, directory and sections do not overlap.
 pub(crate) fn check_overlaps(ranges: &[(u64, u64)]) -> Result<(), FormatError> {
     if let Some(pair) = ranges.windows(2).find(|pair| pair[0].1 > pair[1].0) {
-        let what = format!("something else lies at {} already", pair[1].0);
+        let what = format!("header, directory or sections overlap at offset {}", pair[1].0);
         return Err(broken(ids::SECTION_RANGE, pair[1].0, what));
     }
     Ok(())
@@ -388,7 +418,7 @@ pub(crate) fn check_overlaps(ranges: &[(u64, u64)]) -> Result<(), FormatError> {
 pub(crate) fn check_section(section: &SectionEntry, bytes: &[u8]) -> Result<(), FormatError> {
     let crc = if section.flags & SECTION_OWN_CHECKSUMS != 0 { 0 } else { crc32fast::hash(bytes) };
     if crc != section.crc {
-        let what = format!("section {} is damaged", name(section.tag));
+        let what = format!("section {} is damaged: its checksum differs", name(section.tag));
         return Err(broken(ids::SECTION_CHECKSUM, section.offset, what));
     }
     Ok(())

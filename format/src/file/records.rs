@@ -1,9 +1,10 @@
-//! The structured parts of a file: header, directory, object table, block table, info section (spec sections 2 to 4, 6).
+//! The structured parts of a file: header, directory, object table, block table, info section (spec sections 2 to 4,
+//! 6).
 
 use binrw::{BinRead, BinWrite};
 
-/// The identifier: the name between a byte above 127 and the two line endings, so that 7-bit transfers, text-mode
-/// transfers and truncation at a control-Z all show.
+/// The identifier. A byte above 127, both line endings and a control-Z make 7-bit transfers, text-mode transfers and
+/// truncation at a control-Z detectable.
 pub const IDENTIFIER: [u8; 12] = *b"\xABESVO 1\xBB\r\n\x1A\n";
 /// Major version written and understood.
 pub const MAJOR_VERSION: u16 = 1;
@@ -14,17 +15,17 @@ pub const FEATURE_COMPRESSED: u64 = 1;
 /// All required feature bits that this reader knows: [`FEATURE_COMPRESSED`] with the crate's feature `zstd`.
 pub const KNOWN_REQUIRED: u64 = if cfg!(feature = "zstd") { FEATURE_COMPRESSED } else { 0 };
 
-/// Bytes in a page; blocks are multiples of it and start at multiples of it.
+/// Bytes in a page. Size and offset of a block are multiples of it.
 pub const PAGE_BYTES: u64 = 8192;
 /// Slots in a page.
 pub const PAGE_SLOTS: u32 = 1024;
-/// Slot of the first child descriptor in a block: the page header takes slot 0, its pair stays empty.
+/// Slot of the first child descriptor in a block. Slot 0 is the page header, slot 1 is unused.
 pub const FIRST_SLOT: u32 = 2;
-/// Slots that an image can have: far pointers have 32 bits.
+/// Largest number of slots in an image, as far pointers have 32 bits (B011).
 pub const MAX_IMAGE_SLOTS: u64 = 1 << 32;
-/// Entries that a directory can have.
+/// Largest number of directory entries.
 pub const MAX_SECTIONS: u32 = 1024;
-/// Attachments that a block can have.
+/// Largest number of attachments of a block.
 pub const MAX_ATTACHMENTS: u32 = 64;
 
 /// File header, 64 bytes at offset 0 (spec 2.1). The fields follow each other without gaps, in this order.
@@ -35,9 +36,9 @@ pub struct Header {
     pub identifier: [u8; 12],
     /// [`MAJOR_VERSION`] (H002).
     pub major: u16,
-    /// [`MINOR_VERSION`]; a reader accepts any.
+    /// [`MINOR_VERSION`]; readers accept any.
     pub minor: u16,
-    /// Feature bits that a reader must know or refuse the file (H003).
+    /// Feature bits; a reader that does not know one of them must refuse the file (H003).
     pub required_features: u64,
     /// Feature bits that a reader may ignore.
     pub optional_features: u64,
@@ -62,7 +63,7 @@ pub const HEADER_BYTES: u64 = 64;
 #[derive(BinRead, BinWrite, Clone, Copy, PartialEq, Eq, Debug)]
 #[brw(little)]
 pub struct SectionEntry {
-    /// Four ASCII characters; none stands twice (D006).
+    /// Four ASCII characters, unique in the directory (D006).
     pub tag: [u8; 4],
     /// [`SECTION_REQUIRED`] (D005), [`SECTION_OWN_CHECKSUMS`]; all other bits are zero (D007).
     pub flags: u32,
@@ -80,7 +81,7 @@ pub struct SectionEntry {
 pub const SECTION_BYTES: u64 = 32;
 /// Section flag: a reader that does not know the tag must refuse the file.
 pub const SECTION_REQUIRED: u32 = 1;
-/// Section flag: the parts of the section carry checksums of their own.
+/// Section flag: the parts of the section have their own checksums.
 pub const SECTION_OWN_CHECKSUMS: u32 = 2;
 
 /// Tag of the object table.
@@ -122,9 +123,9 @@ pub struct ObjectEntry {
 pub const OBJECT_BYTES: u64 = 192;
 
 impl ObjectEntry {
-    /// Every voxel that has a slot: all but the root.
+    /// Number of voxels other than the root.
     pub fn voxels(&self) -> u64 {
-        // Each descriptor but the root's is the voxel of one child slot.
+        // Every descriptor except the root's describes the voxel of one child slot.
         (self.descriptors + self.leaf_voxels).saturating_sub(1)
     }
 }
@@ -135,14 +136,15 @@ impl ObjectEntry {
 pub struct BlockEntry {
     /// Index of the object.
     pub object: u32,
-    /// Index of the block that refers to this one, smaller than its own, or [`NO_PARENT`] (B007, B010, B012).
+    /// Index of the block that refers to this one, smaller than the index of this one; or [`NO_PARENT`] (B007, B010,
+    /// B012).
     pub parent: u32,
     /// Lower corner of the cube whose descendants the block holds, in units of 2^-23 of the root cube; a
     /// multiple of the cube's edge (B008).
     pub cube_position: [u32; 3],
     /// Scale of that cube, 1..=23: its edge is `2^(scale - 23)` of the root cube (B008).
     pub cube_scale: u32,
-    /// Offset in the image in bytes, a multiple of [`PAGE_BYTES`]; blocks lie without gaps (B002, B003).
+    /// Offset in the image in bytes, a multiple of [`PAGE_BYTES`]; there are no gaps between blocks (B002, B003).
     pub image_offset: u64,
     /// Size in the image in bytes, a multiple of [`PAGE_BYTES`] and not 0 (B002).
     pub image_size: u64,
@@ -150,7 +152,7 @@ pub struct BlockEntry {
     pub file_offset: u64,
     /// Size as stored in bytes (B004, B005).
     pub stored_size: u64,
-    /// [`CODEC_RAW`] or [`CODEC_ZSTD`] (B005). Says how the block is stored; in memory it never is compressed.
+    /// How the block is stored: [`CODEC_RAW`] or [`CODEC_ZSTD`] (B005). Blocks in memory are never compressed.
     pub codec: u32,
     /// CRC-32 of the stored bytes (B006).
     pub crc: u32,
@@ -159,7 +161,7 @@ pub struct BlockEntry {
 }
 
 impl BlockEntry {
-    /// The entry of a block of object 0 that is in memory: nothing is said of a file.
+    /// The entry of a block of object 0 in memory. The fields about a file are not set.
     pub(crate) fn in_memory(
         parent: u32,
         (cube_position, cube_scale): ([u32; 3], u32),
@@ -186,7 +188,7 @@ impl BlockEntry {
 pub const BLOCK_BYTES: u64 = 72;
 /// Parent of a root block.
 pub const NO_PARENT: u32 = u32::MAX;
-/// The block is stored as it is in memory.
+/// The block is stored uncompressed.
 pub const CODEC_RAW: u32 = 0;
 /// The block is stored as one Zstandard frame; needs [`FEATURE_COMPRESSED`].
 pub const CODEC_ZSTD: u32 = 1;
@@ -194,7 +196,7 @@ pub const CODEC_ZSTD: u32 = 1;
 /// Fixed part of a block's info section, 32 bytes, followed by `attachment_count` [`AttachmentEntry`]
 /// (spec 6).
 ///
-/// Starts in the slot right behind the descriptor array (P002). The fields follow each other without gaps, in this order.
+/// Starts in the slot after the descriptor array (P002). The fields follow each other without gaps, in this order.
 #[derive(BinRead, BinWrite, Clone, Copy, PartialEq, Eq, Debug)]
 #[brw(little)]
 pub struct InfoSection {
@@ -227,7 +229,7 @@ pub struct AttachmentEntry {
     pub kind: u32,
     /// Distance in bytes from the info section to the data; a multiple of 8 (A001).
     pub offset: u32,
-    /// Size of the data in bytes; of the types of version 1 it follows from the descriptor array (A003).
+    /// Size of the data in bytes (A003).
     pub size: u64,
 }
 
@@ -244,17 +246,18 @@ pub mod attachment {
     pub const COLOR_CONSTANT: u32 = 3;
     /// One [`AmbientBlock`](crate::AmbientBlock) per pair of slots of the descriptor array.
     pub const AMBIENT_BLOCKS: u32 = 4;
-    /// A colour for every voxel, R, G, B, A: a word for each slot of the descriptor array with value mask and distance in
-    /// words to the first value, then the values.
+    /// Plain colours R, G, B, A, one per voxel. First a word for each slot of the descriptor array: the value mask, and
+    /// the distance in words from the start of the attachment to the first value. Then the values.
     pub const COLORS_PLAIN: u32 = 5;
-    /// A [`RawNormal`](crate::RawNormal) for every voxel, likewise.
+    /// Plain normals ([`RawNormal`](crate::RawNormal)), one per voxel, laid out as [`COLORS_PLAIN`].
     pub const NORMALS_PLAIN: u32 = 6;
-    /// A colour and a normal for every corner of a voxel: for each slot of the descriptor array a mask and the distance
-    /// in words to the first [`CornerValue`](crate::CornerValue), then the values.
+    /// Colours and normals at the corners of voxels. First two words for each slot of the descriptor array: the corner
+    /// mask, and the distance in words from the start of the attachment to the first value. Then the values
+    /// ([`CornerValue`](crate::CornerValue)).
     pub const CORNERS: u32 = 7;
-    /// All types with colours; a block has one of them at most.
+    /// All types with colours. A block has at most one of them.
     pub const COLORS: [u32; 4] = [COLOR_BLOCKS, COLOR_CONSTANT, COLORS_PLAIN, CORNERS];
-    /// All types with normals; a block has one of them at most.
+    /// All types with normals. A block has at most one of them.
     pub const NORMALS: [u32; 3] = [NORMAL_BLOCKS, NORMALS_PLAIN, CORNERS];
     /// First vendor type.
     pub const VENDOR_FIRST: u32 = 0x8000;
@@ -273,7 +276,7 @@ where
     out.into_inner()
 }
 
-/// A structure from the start of `bytes`; `None` if they are too short.
+/// A structure read from the start of `bytes`. `None` if there are too few bytes.
 pub(crate) fn from_bytes<T>(bytes: &[u8]) -> Option<T>
 where
     T: BinRead + binrw::meta::ReadEndian,

@@ -1,4 +1,4 @@
-//! Writing files: the same octree, the same bytes; to a temporary that is renamed (spec sections 2 and 11).
+//! Writing files, reproducibly and atomically (spec sections 2 and 11).
 
 use std::borrow::Cow;
 use std::fs::File;
@@ -16,15 +16,15 @@ use crate::{FormatError, Octree, UnknownSection, ids};
 /// How a file is written.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct WriteOptions {
-    /// Store blocks compressed with Zstandard at this level, 1 to 22 ([`COMPRESSION_LEVELS`](crate::COMPRESSION_LEVELS)).
-    /// A block that would not take fewer pages of the file is stored as it is; a file without compressed blocks can be
-    /// mapped and says so. `None`, the default: all blocks as they are.
+    /// Zstandard compression level of the blocks, 1 to 22 ([`COMPRESSION_LEVELS`](crate::COMPRESSION_LEVELS)). A block
+    /// is stored uncompressed if compression would not save a page; a file without compressed blocks can be mapped.
+    /// `None` (the default) stores all blocks uncompressed.
     pub compress: Option<i32>,
 }
 
 impl Octree {
-    /// Writes the file to a temporary beside `path`, then renames it: `path` is either untouched or complete. Blocks
-    /// are stored as they are.
+    /// Writes the file with uncompressed blocks. Writes to a temporary file in the same folder, then renames it: `path`
+    /// is either untouched or complete.
     ///
     /// # Errors
     /// The system's; `path` exists and is not a regular file.
@@ -35,13 +35,13 @@ impl Octree {
     /// Like [`write`](Self::write), with options.
     ///
     /// # Errors
-    /// The system's; `path` exists and is not a regular file; a compression level that there is not, or any without
-    /// the crate's feature `zstd`.
+    /// The system's; `path` exists and is not a regular file; a compression level outside 1 to 22, or any without the
+    /// crate's feature `zstd`.
     pub fn write_with(&self, path: &Path, options: &WriteOptions) -> Result<(), FormatError> {
         write_atomically(path, |out| self.write_to_with(out, options)).map_err(|e| FormatError::io(path, e))
     }
 
-    /// Writes the file to `out`, blocks as they are. The same octree always gives the same bytes.
+    /// Writes the file with uncompressed blocks to `out`. The same octree always gives the same bytes.
     ///
     /// # Errors
     /// Those of `out`.
@@ -49,11 +49,11 @@ impl Octree {
         self.write_to_with(out, &WriteOptions::default())
     }
 
-    /// Like [`write_to`](Self::write_to), with options. What is compressed is the same for the same octree and version
-    /// of the Zstandard library, whatever the number of threads; it is held in memory until it is written.
+    /// Like [`write_to`](Self::write_to), with options. Compressed bytes depend on the octree and the version of the
+    /// Zstandard library, but not on the number of threads. All compressed blocks are held in memory until written.
     ///
     /// # Errors
-    /// Those of `out`; a compression level that there is not, or any without the crate's feature `zstd`.
+    /// Those of `out`; a compression level outside 1 to 22, or any without the crate's feature `zstd`.
     pub fn write_to_with(&self, out: &mut dyn Write, options: &WriteOptions) -> std::io::Result<()> {
         if !self.meta.is_empty()
             && let Err((at, what)) = metadata::parse(self.meta.as_bytes())
@@ -88,13 +88,13 @@ impl Octree {
     }
 }
 
-/// Zeros from the end of so many bytes to the end of the page.
+/// The zeros that pad `length` bytes to whole pages.
 pub(crate) fn padding(length: usize) -> &'static [u8] {
     const ZEROS: [u8; PAGE_BYTES as usize] = [0; PAGE_BYTES as usize];
     &ZEROS[..length.next_multiple_of(PAGE_BYTES as usize) - length]
 }
 
-/// What stands before the blocks in a file: header, directory, tables, metadata, unknown sections.
+/// The part of a file before the blocks: header, directory, tables, metadata, unknown sections.
 pub(crate) struct Front<'a> {
     pub(crate) objects: &'a [ObjectEntry],
     pub(crate) meta: &'a str,
@@ -102,8 +102,7 @@ pub(crate) struct Front<'a> {
 }
 
 impl Front<'_> {
-    /// The sections in their order with where they lie, those of the tables still without their bytes; and where the
-    /// blocks begin.
+    /// The sections in file order with their bytes (none yet for the tables), and the offset of the first block.
     fn sections(&self, blocks: usize) -> (Vec<(SectionEntry, &[u8])>, u64) {
         let entry = |tag, flags, length: usize| SectionEntry {
             tag,
@@ -131,12 +130,12 @@ impl Front<'_> {
         (sections, offset.next_multiple_of(PAGE_BYTES))
     }
 
-    /// How long it is: where the first block lies.
+    /// Length in bytes, which is the offset of the first block.
     pub(crate) fn length(&self, blocks: usize) -> u64 {
         self.sections(blocks).1
     }
 
-    /// The bytes, for blocks that know where they lie in the file.
+    /// The bytes. The file offsets and checksums in `blocks` must be set.
     pub(crate) fn bytes(&self, blocks: &[BlockEntry]) -> Vec<u8> {
         let (mut sections, data_offset) = self.sections(blocks.len());
         let objects: Vec<u8> = self.objects.iter().flat_map(to_bytes).collect();
@@ -186,14 +185,14 @@ impl Front<'_> {
     }
 }
 
-/// Runs `write` on a temporary file beside `path`, syncs it, and renames it to `path`.
+/// Runs `write` on a temporary file in the folder of `path`, syncs it, and renames it to `path`.
 ///
-/// Where `path` is a symbolic link, the file that it leads to is replaced, not the link. A process that is told to stop
-/// meanwhile can call [`remove_temporaries`].
+/// If `path` is a symbolic link, its target is replaced, not the link. A process that is asked to stop meanwhile can
+/// call [`remove_temporaries`].
 ///
 /// # Errors
-/// The system's; `path` exists and is not a regular file (a device or a directory is never replaced) or is read-only; a
-/// link that leads nowhere.
+/// The system's; `path` exists and is read-only or not a regular file (devices and directories are never replaced); a
+/// broken link.
 pub fn write_atomically(path: &Path, write: impl FnOnce(&mut dyn Write) -> std::io::Result<()>) -> std::io::Result<()> {
     replace_file(path, |temporary| {
         let mut out = BufWriter::with_capacity(1 << 20, temporary);
@@ -202,7 +201,7 @@ pub fn write_atomically(path: &Path, write: impl FnOnce(&mut dyn Write) -> std::
     })
 }
 
-/// Like [`write_atomically`], giving the temporary file itself.
+/// Like [`write_atomically`], but passes the temporary file itself.
 pub(crate) fn replace_file(path: &Path, write: impl FnOnce(&File) -> std::io::Result<()>) -> std::io::Result<()> {
     let is_link = std::fs::symlink_metadata(path).is_ok_and(|m| m.is_symlink());
     let resolved = if is_link { path.canonicalize()? } else { path.to_owned() };
@@ -220,7 +219,7 @@ pub(crate) fn replace_file(path: &Path, write: impl FnOnce(&File) -> std::io::Re
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;
-        // Readable like any other output; the umask still applies.
+        // The default mode of new files; the umask applies.
         builder.permissions(std::fs::Permissions::from_mode(0o666));
     }
     let temporary = builder.prefix(".esvo-").suffix(".tmp").tempfile_in(folder)?;
@@ -231,10 +230,10 @@ pub(crate) fn replace_file(path: &Path, write: impl FnOnce(&File) -> std::io::Re
     Ok(())
 }
 
-/// Temporaries that are being written now.
+/// The temporary files being written.
 static TEMPORARIES: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 
-/// Keeps a temporary in the list while it is written.
+/// Keeps a temporary file in [`TEMPORARIES`] while it is written.
 struct Listed(PathBuf);
 
 impl Listed {
@@ -250,10 +249,10 @@ impl Drop for Listed {
     }
 }
 
-/// Removes what [`write_atomically`] has begun and not finished. For a program that was told to stop and will exit.
+/// Removes the unfinished temporary files of [`write_atomically`]. For a program that was asked to stop and will exit.
 pub fn remove_temporaries() {
     for path in TEMPORARIES.lock().unwrap_or_else(PoisonError::into_inner).drain(..) {
-        // Nothing can be done for one that will not go.
+        // The program is about to exit: a failure cannot be handled.
         let _ = std::fs::remove_file(path);
     }
 }

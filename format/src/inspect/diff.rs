@@ -1,4 +1,4 @@
-//! Whether two octrees are the same: what they hold, not how it is laid out.
+//! Comparing the contents of two octrees, regardless of their layout.
 
 use std::fmt;
 
@@ -11,13 +11,13 @@ use crate::{Contour, CornerCell, FormatError, Octree};
 pub struct Difference {
     /// Index of the object.
     pub object: usize,
-    /// Child slots from the root to the voxel, a digit each; empty for the root and for the object itself.
+    /// Path of the voxel: child slots from the root, one digit each. Empty for the root and for the object itself.
     pub path: String,
-    /// What differs.
+    /// The property that differs.
     pub what: &'static str,
-    /// That in the first octree.
+    /// Its value in the first octree.
     pub first: String,
-    /// That in the second.
+    /// Its value in the second octree.
     pub second: String,
 }
 
@@ -32,25 +32,26 @@ impl fmt::Display for Difference {
     }
 }
 
-/// How two octrees differ.
+/// The differences of two octrees.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Differences {
-    /// The first of them, in depth-first order.
+    /// The first differences, in depth-first order.
     pub list: Vec<Difference>,
-    /// All of them. What is below a voxel that only one of the octrees divides is not counted.
+    /// Number of all differences. Descendants of a voxel that only one of the octrees subdivides are not compared.
     pub total: u64,
 }
 
 impl Differences {
-    /// Whether the octrees are the same.
+    /// Whether the octrees are equal.
     pub fn is_empty(&self) -> bool {
         self.total == 0
     }
 }
 
-/// Compares what two octrees hold: objects in their order, transforms, levels, topology, contours to the bit, and
-/// colours, normals, values at corners and ambient light as they are decoded. Blocks, pointers, the order of anything in a file, attachments of vendors,
-/// unknown sections and metadata do not count. At most `limit` differences are listed; time is linear in the octrees.
+/// Compares the contents of two octrees: number of objects, and for each pair of objects transform, levels, topology,
+/// the bits of contours, and the decoded colours, normals, values at corners and ambient light. Ignores blocks,
+/// pointers, the order within a file, attachments of vendors, unknown sections and metadata. Lists at most `limit`
+/// differences. Time is linear in the size of the octrees.
 ///
 /// # Errors
 /// An octree that is not sound.
@@ -72,7 +73,7 @@ pub fn diff(a: &Octree, b: &Octree, limit: usize) -> Result<Differences, FormatE
     Ok(compare.found)
 }
 
-/// A value as a person reads it. Numbers have as many digits as it takes to tell them apart.
+/// A value as text. Floating-point numbers have enough digits to distinguish them.
 trait Text {
     fn text(&self) -> String;
 }
@@ -108,7 +109,7 @@ impl Text for Contour {
 }
 
 impl Text for CornerCell {
-    /// Colour and normal as they are stored, corner by corner.
+    /// Stored colour and normal of each corner.
     fn text(&self) -> String {
         let corners = self.corners.map(|c| format!("{:08x} {:08x}", u32::from_be_bytes(c.color), c.normal.0));
         format!("{}, edge {} at {}", corners.join(", "), self.size, self.low.to_array().text())
@@ -139,9 +140,9 @@ impl Compare<'_> {
         }
     }
 
-    /// Walks both octrees side by side. Sound octrees are trees of at most 23 levels: this ends.
+    /// Walks both octrees in parallel. Ends, as sound octrees are trees of at most 23 levels.
     fn nodes(&mut self, first: u32, second: u32) {
-        // Slots of the descriptors, level of their voxel, its slot in its parent.
+        // Slots of the descriptors, level of their voxel, and its child slot in its parent.
         let mut stack = vec![(first, second, 0usize, 0u8)];
         let mut path: Vec<u8> = Vec::with_capacity(24);
         while let Some((first, second, level, slot)) = stack.pop() {
@@ -168,7 +169,8 @@ impl Compare<'_> {
         }
     }
 
-    /// Slot, valid and leaf mask of the descriptor in either octree.
+    /// Compares child `child`. `first` and `second` are slot, valid mask and leaf mask of the descriptors in either
+    /// octree.
     fn voxel(&mut self, path: &[u8], first: (u32, u8, u8), second: (u32, u8, u8), child: u8) {
         let kind = |(_, valid, leaf): (u32, u8, u8)| match (valid >> child & 1, leaf >> child & 1) {
             (0, _) => "nothing",

@@ -1,4 +1,4 @@
-//! What lies where: the tables of an octree, a block slot by slot, a voxel by its path; as text and for JSON.
+//! Dumps as text and for JSON: the tables of an octree, a block slot by slot, a voxel by its path.
 
 use std::fmt;
 use std::ops::ControlFlow;
@@ -21,11 +21,11 @@ pub struct TablesDump {
 /// An entry of the object table.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ObjectDump {
-    /// Octree space to mesh space, by columns.
+    /// Transform from octree space to mesh space, column by column.
     pub octree_to_mesh: [f64; 16],
     /// Index of the root block.
     pub root_block: u32,
-    /// Slot of the image that holds the root's descriptor.
+    /// Slot of the root's descriptor in the image.
     pub root_slot: u64,
     /// Level of the deepest voxel.
     pub levels: u32,
@@ -39,34 +39,34 @@ pub struct ObjectDump {
     pub far_pointers: u64,
 }
 
-/// What the tables and the info section say of a block.
+/// A block's entry in the block table and its info section.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct BlockHead {
     /// Index in the block table.
     pub block: u32,
     /// Index of the object.
     pub object: u32,
-    /// Index of the block that refers to it; `None` for root blocks.
+    /// Index of the parent block; `None` for root blocks.
     pub parent: Option<u32>,
     /// Lower corner of its cube in units of 2^-23 of the root cube.
     pub cube_position: [u32; 3],
     /// Scale of its cube.
     pub cube_scale: u32,
-    /// First byte in the image.
+    /// Offset in the image in bytes.
     pub image_offset: u64,
-    /// Bytes in the image.
+    /// Size in the image in bytes.
     pub image_size: u64,
-    /// First byte in the file.
+    /// Offset in the file in bytes.
     pub file_offset: u64,
-    /// Bytes in the file.
+    /// Stored size in bytes.
     pub stored_size: u64,
-    /// How they are stored.
+    /// Codec of the stored bytes, see [`crate::file::BlockEntry::codec`].
     pub codec: u32,
-    /// Slots of the descriptor array; the info section is behind them.
+    /// Length of the descriptor array in slots. The info section follows it.
     pub array_slots: u32,
-    /// Values of the contour pool.
+    /// Number of values in the contour pool.
     pub contour_count: u32,
-    /// First byte of the contour pool from the start of the block.
+    /// Offset of the contour pool from the start of the block in bytes.
     pub contour_offset: u64,
     /// The attachments.
     pub attachments: Vec<AttachmentDump>,
@@ -77,7 +77,7 @@ pub struct BlockHead {
 pub struct AttachmentDump {
     /// Its type.
     pub kind: u32,
-    /// First byte from the start of the block.
+    /// Offset from the start of the block in bytes.
     pub offset: u64,
     /// Size in bytes.
     pub size: u64,
@@ -86,7 +86,7 @@ pub struct AttachmentDump {
 /// A block slot by slot.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct BlockDump {
-    /// Its place.
+    /// Table entry and info section.
     #[serde(flatten)]
     pub head: BlockHead,
     /// Every slot of the descriptor array.
@@ -100,14 +100,14 @@ pub struct BlockDump {
 pub struct SlotDump {
     /// Its number in the block.
     pub slot: u32,
-    /// Its 64 bits.
+    /// Its value.
     pub value: u64,
     /// What it is.
     #[serde(flatten)]
     pub purpose: Purpose,
 }
 
-/// What a slot of a descriptor array is, by what refers to it.
+/// The purpose of a slot of a descriptor array, found by following pointers.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(tag = "is", rename_all = "snake_case")]
 pub enum Purpose {
@@ -118,19 +118,19 @@ pub enum Purpose {
     },
     /// A child descriptor.
     Descriptor {
-        /// Child slots from the root to its voxel, a digit each.
+        /// Path of its voxel: child slots from the root, one digit each.
         path: String,
         /// Level of its voxel.
         level: u32,
-        /// Which child slots hold a voxel.
+        /// Valid mask.
         valid: u8,
-        /// Which of them are leaves.
+        /// Leaf mask.
         leaf: u8,
-        /// Which of them have a contour.
+        /// Contour mask.
         contours: u8,
         /// Distance in slots to the first child or the far pointer.
         child_pointer: u32,
-        /// Whether a far pointer is there.
+        /// Whether the child pointer leads to a far pointer.
         far: bool,
         /// Distance in words to the first contour.
         contour_pointer: u32,
@@ -140,20 +140,20 @@ pub enum Purpose {
         /// Distance in slots from the descriptor to its first child.
         distance: u64,
     },
-    /// Nothing refers to it.
+    /// No pointer leads to it.
     Unused,
 }
 
-/// A contour, as stored and as decoded.
+/// A contour, stored and decoded.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ContourDump {
-    /// As stored.
+    /// The stored word.
     pub word: u32,
-    /// Normal of the planes, not normalised.
+    /// Normal `n` of the planes, not normalised.
     pub normal: [f64; 3],
-    /// Position of the middle.
+    /// `n·p` at the middle of the slab, `p` from the voxel's centre in voxel units.
     pub position: f64,
-    /// Distance of the planes.
+    /// Distance of the planes in units of `n·p`.
     pub thickness: f64,
 }
 
@@ -164,28 +164,28 @@ impl From<Contour> for ContourDump {
     }
 }
 
-/// A descriptor found by its path, and its voxels.
+/// A descriptor, found by its path, and its voxels.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct NodeDump {
     /// Index of the object.
     pub object: usize,
-    /// Child slots from the root, a digit each.
+    /// Child slots from the root, one digit each.
     pub path: String,
     /// Level of its voxel.
     pub level: u32,
     /// Lower corner of its voxel in units of 2^-23 of the root cube.
     pub position: [u32; 3],
-    /// Block that the descriptor lies in.
+    /// Index of the descriptor's block.
     pub block: u32,
     /// Slot in that block.
     pub slot: u32,
-    /// First byte of the descriptor in the file, if the blocks are stored as they are, else in the image.
+    /// Offset of the descriptor in bytes: in the file, or in the image if its block is compressed or there is no file.
     pub offset: u64,
     /// The descriptor.
     pub value: u64,
     /// Its fields.
     pub fields: Purpose,
-    /// Its voxels in slot order, or the one that the path leads to if that is a leaf.
+    /// Its voxels in slot order; only one if the path leads to a leaf.
     pub voxels: Vec<VoxelDump>,
 }
 
@@ -211,10 +211,11 @@ pub struct VoxelDump {
     /// Alpha of a plain colour, 0 to 255.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub alpha: Option<u8>,
-    /// Colours (red, green, blue, alpha) and raw normals at the corners of its cube, or of the cube that it is a part of.
+    /// Colours (red, green, blue, alpha) and raw normals at the corners of its cell, which is its cube or an
+    /// ancestor's.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub corners: Option<[([u8; 4], u32); 8]>,
-    /// Ambient light, 0 (none) to 1.
+    /// Fraction of the ambient light that reaches it, 0 to 1.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ambient: Option<f32>,
 }
@@ -256,7 +257,7 @@ fn head(octree: &Octree, index: usize) -> BlockHead {
     }
 }
 
-/// Notes what the slots of one block are.
+/// Collects the purposes of the slots of one block.
 struct Purposes<'a> {
     octree: &'a Octree,
     start: u32,
@@ -273,7 +274,7 @@ impl Purposes<'_> {
 }
 
 impl Visitor for Purposes<'_> {
-    /// A damaged block is shown as far as it can be followed.
+    /// Of a damaged block, the parts that can be reached are shown.
     fn broken(&mut self, _: Broken) -> ControlFlow<()> {
         ControlFlow::Continue(())
     }
@@ -301,21 +302,21 @@ fn fields(descriptor: ChildDescriptor, path: String) -> Purpose {
     }
 }
 
-/// The child slots from the root to the voxel of this level that starts at `position`.
+/// The path of the voxel of level `level` with its lower corner at `position`.
 fn path_to(position: [u32; 3], level: u32) -> String {
     let slot = |level: u32| (0..3).map(|axis| (position[axis] >> (22 - level) & 1) << axis).sum::<u32>();
     (0..level).map(|level| char::from(b'0' + slot(level) as u8)).collect()
 }
 
-/// A block slot by slot. What its slots are is found by following every pointer of the image, which takes time linear
-/// in that; a file with broken pointers is shown as far as they lead.
+/// Dumps a block slot by slot. Follows every pointer of the image to find the purpose of each slot, which takes time
+/// linear in the size of the image. Slots after broken pointers are shown as unused.
 ///
 /// # Errors
 /// There is no such block.
 pub fn block(octree: &Octree, index: usize) -> Result<BlockDump, FormatError> {
     let Some(parts) = octree.parts().get(index) else {
         let count = octree.blocks().len();
-        return Err(FormatError::Limit(format!("no block {index}: there are {count}, counted from 0")));
+        return Err(FormatError::Limit(format!("there is no block {index}: the octree has {count}, counted from 0")));
     };
     let mut purposes = Purposes { octree, start: parts.start, found: vec![None; parts.array_slots as usize] };
     walk(octree, &mut purposes);
@@ -332,8 +333,8 @@ pub fn block(octree: &Octree, index: usize) -> Result<BlockDump, FormatError> {
     })
 }
 
-/// The descriptor at the end of a path of child slots from the root of an object, with its voxels; if the path leads to
-/// a leaf voxel, the descriptor above it and that voxel.
+/// Dumps the descriptor at the end of a path of child slots from the root of an object, with its voxels. If the path
+/// leads to a leaf voxel: the descriptor of its parent, with only that voxel.
 ///
 /// # Errors
 /// The octree is not sound, there is no such object, or the path leaves the octree.
@@ -341,7 +342,7 @@ pub fn node(octree: &Octree, object: usize, path: &[u8]) -> Result<NodeDump, For
     octree.sound()?;
     let Some(entry) = octree.objects().get(object) else {
         let count = octree.objects().len();
-        return Err(FormatError::Limit(format!("no object {object}: there are {count}, counted from 0")));
+        return Err(FormatError::Limit(format!("there is no object {object}: the octree has {count}, counted from 0")));
     };
     let (mut slot, mut position) = (entry.root_slot as u32, [0u32; 3]);
     let mut only = None;
@@ -363,7 +364,7 @@ pub fn node(octree: &Octree, object: usize, path: &[u8]) -> Result<NodeDump, For
                 .map(|c| format!("{c}{}", if descriptor.leaf_mask() >> c & 1 != 0 { " (leaf)" } else { "" }))
                 .collect();
             let what = format!(
-                "no voxel at {} below {}: there are {}",
+                "there is no voxel at {} below {}, only at {}",
                 child,
                 if level == 0 { "the root".into() } else { format!("path {}", digits(&path[..level])) },
                 there.join(", ")
@@ -407,19 +408,21 @@ fn voxel(octree: &Octree, slot: u32, child: u8) -> VoxelDump {
     }
 }
 
-/// Child slots as text: digits 0 to 7, with or without `/` between them; the root is the empty path or `/`.
+/// Parses a path: child slots as digits 0 to 7, optionally separated by `/`. The root is the empty path or `/`.
 ///
 /// # Errors
-/// Anything else, or more than 23 of them.
+/// Other characters, or more than 23 digits.
 pub fn parse_path(text: &str) -> Result<Vec<u8>, FormatError> {
     let path: Option<Vec<u8>> =
         text.bytes().filter(|byte| *byte != b'/').map(|b| (b'0'..=b'7').contains(&b).then(|| b - b'0')).collect();
     path.filter(|path| path.len() <= 23).ok_or_else(|| {
-        FormatError::Limit(format!("{text}: a path is at most 23 child slots from 0 to 7, such as 0/3/7 or 037"))
+        FormatError::Limit(format!(
+            "{text} is not a path, expected at most 23 child slots from 0 to 7, e.g. 0/3/7 or 037"
+        ))
     })
 }
 
-/// A number and its unit, in the plural where there is not one.
+/// A number with its unit, in the plural unless the number is 1.
 fn count(number: impl Into<u64>, unit: &str) -> String {
     let number = number.into();
     format!("{number} {unit}{}", if number == 1 { "" } else { "s" })
@@ -488,7 +491,7 @@ impl fmt::Display for BlockDump {
         write!(f, "{}", self.head)?;
         let mut unused = 0;
         for slot in &self.slots {
-            // Runs of unused slots that are zero take one line.
+            // Runs of unused zero slots are printed as one line.
             if slot.purpose == Purpose::Unused && slot.value == 0 {
                 unused += 1;
                 continue;
@@ -517,7 +520,7 @@ impl fmt::Display for Purpose {
         match self {
             Self::PageHeader { to_info } => write!(f, "page header: info section {to_info} slots on"),
             Self::FarPointer { distance } => write!(f, "far pointer: {distance} slots from its descriptor"),
-            Self::Unused => write!(f, "in no use, but not zero"),
+            Self::Unused => write!(f, "unused, but not zero"),
             Self::Descriptor { path, level, valid, leaf, contours, child_pointer, far, contour_pointer } => {
                 let path = if path.is_empty() { "/" } else { path };
                 write!(f, "descriptor of {path} (level {level}): valid {valid:08b}, leaf {leaf:08b}")?;

@@ -1,4 +1,4 @@
-//! Octrees counted, shown and compared.
+//! Counting, showing and comparing octrees.
 
 pub mod diff;
 pub mod dump;

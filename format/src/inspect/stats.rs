@@ -1,4 +1,4 @@
-//! What an octree is made of, for people and tables.
+//! Counts of voxels and bytes of an octree.
 
 use std::ops::ControlFlow;
 
@@ -6,7 +6,7 @@ use crate::check::topology::{Step, Visitor, walk};
 use crate::file::*;
 use crate::{Broken, ChildDescriptor, Octree};
 
-/// What the bytes of an image are for.
+/// The bytes of an image by purpose.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Bytes {
     /// Child descriptors.
@@ -15,7 +15,7 @@ pub struct Bytes {
     pub far_pointers: u64,
     /// Page headers.
     pub page_headers: u64,
-    /// Slots of descriptor arrays left empty, so that siblings start in pairs and stay in one page.
+    /// Unused slots of descriptor arrays, which keep siblings in pairs and within a page.
     pub gaps: u64,
     /// Info sections with their attachment directories.
     pub info_sections: u64,
@@ -31,17 +31,17 @@ pub struct Bytes {
     pub ambient: u64,
     /// Attachments of other types.
     pub other_attachments: u64,
-    /// Alignment within blocks and up to the next page behind them.
+    /// Alignment within blocks, and from their end to the end of the page.
     pub padding: u64,
 }
 
 impl Bytes {
-    /// All of them: the size of the image.
+    /// The sum, which is the size of the image.
     pub fn total(&self) -> u64 {
         self.named().iter().map(|(_, bytes)| bytes).sum()
     }
 
-    /// Name and number of each kind, in the order of a block.
+    /// Name and number of bytes of each purpose, in the order within a block.
     pub fn named(&self) -> [(&'static str, u64); 12] {
         [
             ("descriptors", self.descriptors),
@@ -60,7 +60,7 @@ impl Bytes {
     }
 }
 
-/// Counts of an octree, all objects together.
+/// Counts of an octree, over all objects.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Stats {
     /// Objects.
@@ -71,7 +71,7 @@ pub struct Stats {
     pub levels: u32,
     /// Child descriptors: voxels that are not leaves, roots included.
     pub descriptors: u64,
-    /// Voxels but the roots.
+    /// Voxels, not counting the roots.
     pub voxels: u64,
     /// Leaf voxels.
     pub leaf_voxels: u64,
@@ -79,22 +79,22 @@ pub struct Stats {
     pub contours: u64,
     /// Far pointers.
     pub far_pointers: u64,
-    /// Children per descriptor, on average.
+    /// Average number of children per descriptor.
     pub branching: f64,
     /// Voxels at each level, 0 (the roots) to [`levels`](Self::levels).
     pub voxels_per_level: Vec<u64>,
-    /// What the image is made of.
+    /// The bytes of the image by purpose.
     pub bytes: Bytes,
     /// Size of the image in bytes.
     pub image_bytes: u64,
-    /// Image bytes by the number of voxels.
+    /// Image bytes per voxel.
     pub bytes_per_voxel: f64,
 }
 
 struct Counter<'a>(&'a mut Stats);
 
 impl Visitor for Counter<'_> {
-    /// What cannot be reached is not counted.
+    /// Parts that cannot be reached are not counted.
     fn broken(&mut self, _finding: Broken) -> ControlFlow<()> {
         ControlFlow::Continue(())
     }
@@ -115,8 +115,8 @@ impl Visitor for Counter<'_> {
     }
 }
 
-/// Counts voxels and bytes. The octree is walked once; of one that is not [sound](Octree::sound), what can be reached
-/// is counted and the rest of its descriptor arrays is called gaps.
+/// Counts voxels and bytes in one walk. If the octree is not [sound](Octree::sound), only the parts that can be reached
+/// are counted, and the rest of the descriptor arrays counts as gaps.
 pub fn stats(octree: &Octree) -> Stats {
     let mut stats = Stats {
         objects: octree.objects().len() as u64,

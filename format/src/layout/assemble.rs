@@ -8,22 +8,22 @@ use crate::layout::block::Layout;
 use crate::layout::plan::{Plan, subtree_slots};
 use crate::{AssembleOptions, FormatError, Octree, Tree};
 
-/// Lays the tree out as the only object of an octree.
+/// Lays out the tree as the only object of an octree.
 ///
 /// # Errors
-/// A tree that is empty, not well-formed or deeper than 23 levels, a transform that cannot be inverted, options out of
-/// range, more than 2^32 slots.
+/// A tree that is empty, not well-formed or deeper than 23 levels; a transform that is not finite, affine and
+/// invertible; options out of range; more than 2^32 slots.
 pub fn assemble(tree: &Tree, octree_to_mesh: DMat4, options: &AssembleOptions) -> Result<Octree, FormatError> {
     options.check()?;
     tree.check()?;
     if !tree.outside.is_empty() {
         return Err(FormatError::Limit(
-            "parts of the tree are in blocks of their own: pack the rest as one too".into(),
+            "the tree has detached subtrees, expected none: use `pack` and a `BlockStore`".into(),
         ));
     }
     let levels = tree.levels();
     if levels > 23 {
-        return Err(FormatError::Limit(format!("{levels} levels: an octree has at most 23")));
+        return Err(FormatError::Limit(format!("the tree has {levels} levels, expected at most 23")));
     }
     let sizes = subtree_slots(tree);
     let plan = Plan::new(tree, &sizes, options);
@@ -45,7 +45,9 @@ pub fn assemble(tree: &Tree, octree_to_mesh: DMat4, options: &AssembleOptions) -
         image_offset += image_size;
     }
     if image_offset / 8 > u64::from(u32::MAX) {
-        return Err(FormatError::Limit(format!("{image_offset} bytes: an image has at most 2^32 slots of 8 bytes")));
+        return Err(FormatError::Limit(format!(
+            "the image has {image_offset} bytes, expected less than 2^32 slots of 8 bytes"
+        )));
     }
     let mut image = vec![0u64; (image_offset / 8) as usize];
     let mut rest = &mut image[..];

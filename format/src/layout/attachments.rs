@@ -1,14 +1,14 @@
-//! The attachments of one block: which it has, and their bytes (spec sections 6 and 8).
+//! The attachments of one block: their types, sizes and bytes (spec sections 6 and 8).
 
 use crate::file::{AttachmentEntry, attachment};
 use crate::layout::place::Placed;
 use crate::values::plain::{plain_count, slots};
 use crate::{AmbientBlock, ColorBlock, FormatError, NormalBlock, Tree};
 
-/// What an attachment of a block is made of.
+/// The content of an attachment.
 #[derive(Clone, Copy, PartialEq)]
 pub(crate) enum Content {
-    /// The colour of every voxel.
+    /// One colour for all voxels.
     ConstantColor([u8; 3]),
     /// A colour block for every pair of slots.
     ColorBlocks,
@@ -16,18 +16,18 @@ pub(crate) enum Content {
     NormalBlocks,
     /// An ambient occlusion block for every pair of slots.
     AmbientBlocks,
-    /// The colour of every voxel, as it is.
+    /// Plain colours.
     PlainColors,
-    /// The normal of every voxel, as it is.
+    /// Plain normals.
     PlainNormals,
-    /// Colours and normals at the corners of voxels, as they are.
+    /// Colours and normals at corners.
     Corners,
 }
 
 /// An attachment of a block that is being laid out.
 pub(crate) struct Attached {
     content: Content,
-    /// Its first byte, from the start of the block.
+    /// Offset from the start of the block in bytes.
     start: u64,
     size: u64,
 }
@@ -52,17 +52,20 @@ impl Content {
         }
     }
 
-    /// The attachments of a block with these descriptors and an array of so many slots, and their sizes in bytes.
+    /// The attachments of a block with these descriptors and a descriptor array of `array_slots` slots, with their
+    /// sizes in bytes.
     ///
     /// # Errors
-    /// More plain values than their pointers reach.
+    /// Plain values out of reach of their pointers.
     pub(crate) fn of_block(tree: &Tree, placed: &[Placed], array_slots: u32) -> Result<Vec<(Self, u64)>, FormatError> {
         let (slots, pairs) = (u64::from(array_slots), u64::from(array_slots / 2));
         let plain = |values: fn(&Tree, usize) -> Option<u32>| {
             let count = |p: &Placed| PlainValues::new(tree, p.node, values).count() as u64;
             let words = slots + placed.iter().map(count).sum::<u64>();
             if words > u64::from(MAX_PLAIN_POINTER) {
-                let what = format!("a block with {words} plain values and slots: smaller blocks are needed");
+                let what = format!(
+                    "a plain attachment has {words} words, expected at most {MAX_PLAIN_POINTER}: use smaller blocks"
+                );
                 return Err(FormatError::Limit(what));
             }
             Ok(words * 4)
@@ -90,24 +93,24 @@ impl Content {
     }
 }
 
-/// Farthest value from the start of a plain attachment, in words: entries have 24 bits for it.
+/// Largest distance in words from the start of a plain attachment to a value: entries have 24 bits for it.
 const MAX_PLAIN_POINTER: u32 = (1 << 24) - 1;
 
-/// The colour of a voxel as it is stored.
+/// The colour of a voxel, as stored.
 fn color(tree: &Tree, voxel: usize) -> Option<u32> {
     let [r, g, b] = *tree.colors.get(voxel)?;
     Some(u32::from_le_bytes([r, g, b, tree.alphas.get(voxel).copied().unwrap_or(u8::MAX)]))
 }
 
-/// The normal of a voxel as it is stored.
+/// The normal of a voxel, as stored.
 fn normal(tree: &Tree, voxel: usize) -> Option<u32> {
     Some(tree.normals.get(voxel)?.0)
 }
 
-/// The values of the voxels of one node.
+/// The plain values of the voxels of one node.
 struct PlainValues {
     valid: u8,
-    /// Voxels that have one of their own.
+    /// Mask of the voxels whose value is stored separately.
     mask: u8,
     /// By child slot.
     values: [u32; 8],
@@ -121,7 +124,7 @@ impl PlainValues {
             values[usize::from(slot)] = value(tree, voxel).unwrap_or(0);
         }
         let mask = tree.own.get(index).copied().unwrap_or_else(|| {
-            // All but those that have the most frequent value, the first such; if there are two, one is saved.
+            // The voxels with the most frequent value (the first such) share it, if there are at least two.
             let same = |slot: u8| {
                 let equal = |other: &u8| values[usize::from(*other)] == values[usize::from(slot)];
                 slots(node.valid).filter(equal).fold(0u8, |mask, slot| mask | 1 << slot)
@@ -137,14 +140,14 @@ impl PlainValues {
         plain_count(self.mask, self.valid)
     }
 
-    /// As they are stored.
+    /// The values in the order in which they are stored.
     fn stored(&self) -> impl Iterator<Item = u32> + '_ {
         let others = slots(self.valid & !self.mask).take(1);
         slots(self.mask).chain(others).map(|slot| self.values[usize::from(slot)])
     }
 }
 
-/// Places attachments one after the other, the first from byte `start` of the block on. Returns the end of the last too.
+/// Places attachments one after the other from byte `start` of the block on. Also returns the end of the last.
 pub(crate) fn place(contents: Vec<(Content, u64)>, start: u64) -> (Vec<Attached>, u64) {
     let mut end = start;
     let place = |(content, size): (Content, u64)| {
@@ -156,7 +159,7 @@ pub(crate) fn place(contents: Vec<(Content, u64)>, start: u64) -> (Vec<Attached>
     (attached, end)
 }
 
-/// The colour of all voxels of these descriptors, if they have the same, which is opaque.
+/// The colour of all voxels of these descriptors, if it is the same and opaque.
 fn one_color(tree: &Tree, placed: &[Placed]) -> Option<[u8; 3]> {
     let colors = |p: &Placed| {
         let node = &tree.nodes[p.node];
@@ -170,14 +173,14 @@ fn one_color(tree: &Tree, placed: &[Placed]) -> Option<[u8; 3]> {
     placed.iter().all(|p| colors(p).is_some_and(|c| c.iter().all(|c| *c == first))).then_some(first)
 }
 
-/// What the attachments of a block describe.
+/// The descriptors of the block whose attachments are encoded.
 pub(crate) struct Described<'a> {
     pub(crate) placed: &'a [Placed],
     pub(crate) array_slots: u32,
 }
 
 impl Described<'_> {
-    /// Writes the attachments. `words` begin at byte `from` of the block.
+    /// Writes the attachments. `words` starts at byte `from` of the block.
     pub(crate) fn encode(&self, tree: &Tree, attached: &[Attached], from: u64, words: &mut [u32]) {
         for &Attached { content, start, size } in attached {
             let words = &mut words[((start - from) / 4) as usize..][..(size / 4) as usize];
@@ -205,7 +208,7 @@ impl Described<'_> {
         }
     }
 
-    /// Writes an entry for every descriptor, and the values in their order.
+    /// Writes an entry for every descriptor, then the values in the same order.
     fn encode_plain(&self, words: &mut [u32], tree: &Tree, value: fn(&Tree, usize) -> Option<u32>) {
         let mut next = self.array_slots as usize;
         for placed in self.placed {
@@ -218,7 +221,7 @@ impl Described<'_> {
         }
     }
 
-    /// The same for corners.
+    /// Like [`encode_plain`](Self::encode_plain), for values at corners.
     fn encode_corners(&self, words: &mut [u32], tree: &Tree) {
         let mut next = self.array_slots as usize * 2;
         for placed in self.placed {
@@ -234,8 +237,8 @@ impl Described<'_> {
         }
     }
 
-    /// Writes a block for every pair of slots with descriptors: slots 2k, 2k + 1 share block k. Siblings are consecutive,
-    /// so a pair never mixes parents.
+    /// Writes a block for every pair of slots with descriptors: slots `2 k` and `2 k + 1` share block `k`. The two
+    /// descriptors of a pair are siblings.
     fn encode_pairs<T: bytemuck::NoUninit>(&self, words: &mut [u32], block: impl Fn(&[Placed]) -> T) {
         let size = size_of::<T>() / 4;
         for members in self.placed.chunk_by(|a, b| a.slot / 2 == b.slot / 2) {
@@ -246,7 +249,7 @@ impl Described<'_> {
     }
 }
 
-/// What the voxels of one or two descriptors have, each in its place in their block.
+/// The values of the voxels of one or two descriptors, by texel of their block.
 fn texels<T: Copy>(tree: &Tree, members: &[Placed], value: impl Fn(usize) -> Option<T>) -> [Option<T>; 16] {
     let mut texels = [None; 16];
     for member in members {

@@ -13,7 +13,7 @@ pub(crate) struct Parts {
     pub(crate) total_bytes: u64,
 }
 
-/// One block, every descriptor with its slot.
+/// The layout of one block: every descriptor with its slot, and the places of the other parts.
 pub(crate) struct Layout {
     pub(crate) placed: Vec<Placed>,
     pub(crate) array_slots: u32,
@@ -43,9 +43,9 @@ impl Layout {
         Ok(Self { placed, array_slots, contour_count, far_pointers, attachments, parts })
     }
 
-    /// Writes the block into its part of the image, which is zero. `far` gives the distance from the descriptor at a
-    /// slot of this block to the first descriptor of another block, for the far pointer at another slot: `far(pointer,
-    /// descriptor, block)`.
+    /// Writes the block to its part of the image, which must be zero. `far(pointer, descriptor, block)` returns the
+    /// distance from the descriptor at slot `descriptor` to the first descriptor of another block, which is stored in
+    /// the far pointer at slot `pointer`.
     pub(crate) fn encode(&self, tree: &Tree, index: u32, image: &mut [u64], mut far: impl FnMut(u32, u32, u32) -> u64) {
         let info_slot = self.array_slots;
         for page in (0..info_slot).step_by(PAGE_SLOTS as usize) {

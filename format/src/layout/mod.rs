@@ -1,4 +1,6 @@
-//! From a tree to blocks.
+//! From a tree to blocks: a tree in depth-first order is cut into blocks (`plan`); in each block descriptors get slots
+//! (`place`) and are encoded (`block`, `attachments`). `assemble` does this for a whole tree, `pack` for one block at a
+//! time. `reattach` adds an attachment to existing blocks.
 
 pub(crate) mod assemble;
 mod attachments;

@@ -1,10 +1,10 @@
-//! Octrees made block by block, so that the whole is never in memory as a tree (paper section 3.1: blocks).
+//! Octrees made block by block, without a tree of the whole octree in memory (paper section 3.1: blocks).
 //!
-//! A program that walks space depth first [detaches](Tree::detach) every subtree that has become large enough,
-//! [packs](pack) it into a finished block, [puts](BlockStore::put) that into a store, in memory or in a file, and
-//! [attaches](Tree::attach) what the store gave for it. What is left at the end is packed as the root block.
-//! [`BlockStore::octree`] and [`BlockStore::write`] then order the blocks, give them addresses and set the far pointers
-//! between them. The result depends on what is in the blocks only, not on the order in which they were put.
+//! A program that walks space depth-first [detaches](Tree::detach) every subtree that has become large enough,
+//! [packs](pack) it into a finished block, [puts](BlockStore::put) the block into a store in memory or in a file, and
+//! [attaches](Tree::attach) the number of the block. The rest of the tree becomes the root block in the end.
+//! [`BlockStore::octree`] and [`BlockStore::write`] then order the blocks, assign addresses and set the far pointers
+//! between blocks. The result depends only on the contents of the blocks, not on the order in which they were put.
 
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom, Write};
@@ -25,15 +25,15 @@ use crate::{AssembleOptions, FormatError, Octree, Tree, WriteOptions};
 /// A far pointer from one block to another.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 struct Outer {
-    /// Slot of the far pointer in its block.
+    /// Slot of the far pointer.
     pointer: u32,
-    /// Slot of the descriptor that it belongs to.
+    /// Slot of its descriptor.
     descriptor: u32,
     /// Number of the other block in the store.
     block: u32,
 }
 
-/// What is known of a block without its bytes.
+/// The facts about a block that are kept apart from its bytes.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct BlockSummary {
     cube_position: [u32; 3],
@@ -46,18 +46,18 @@ pub struct BlockSummary {
     contours: u64,
     far_pointers: u64,
     outer: Vec<Outer>,
-    /// Where a store that is a file has it, in bytes.
+    /// Offset in bytes in a store in a file.
     at: u64,
 }
 
 impl BlockSummary {
-    /// Where the block ends in a store that is a file, in bytes.
+    /// End of the block in bytes in a store in a file.
     pub fn end(&self) -> u64 {
         self.at + u64::from(self.slots) * 8
     }
 }
 
-/// A block with all that belongs to it, whose far pointers to other blocks are still zero.
+/// An encoded block. Its far pointers to other blocks are not set yet.
 pub struct PackedBlock {
     image: Vec<u64>,
     summary: BlockSummary,
@@ -65,19 +65,19 @@ pub struct PackedBlock {
 
 /// Lays out a tree as one block and encodes it.
 ///
-/// `cube` is the lower corner, in units of 2^-23, and the scale of the cube of a [detached](Tree::detach) tree's root;
-/// `None`: the tree holds the root of the octree, and the block becomes the root block.
+/// `cube` is the cube of the root of a [detached](Tree::detach) tree: lower corner in units of 2^-23 of the root cube,
+/// and scale. `None`: the tree has the root of the octree, and the block becomes the root block.
 ///
 /// # Errors
-/// A tree that is not well-formed, is too large for a block (more than 2^20 slots of descriptors, or contours out of
-/// reach of the contour pointers), or is deeper than 23 levels; options out of range.
+/// A tree that is not well-formed, deeper than 23 levels, or too large for a block (more than 2^22 slots of descriptors
+/// or 4 GiB); options out of range.
 pub fn pack(tree: &Tree, cube: Option<([u32; 3], u32)>, options: &AssembleOptions) -> Result<PackedBlock, FormatError> {
     options.check()?;
     tree.check()?;
     let (cube_position, cube_scale) = cube.unwrap_or(([0; 3], 23));
     let levels = 23 - cube_scale + tree.levels();
     if cube_scale > 23 || levels > 23 {
-        return Err(FormatError::Limit(format!("{levels} levels: an octree has at most 23")));
+        return Err(FormatError::Limit(format!("the octree has {levels} levels, expected at most 23")));
     }
     let sizes = subtree_slots(tree);
     let detached = (tree.nodes.iter().enumerate()).filter(|(_, node)| node.detached).map(|(index, _)| index);
@@ -89,7 +89,10 @@ pub fn pack(tree: &Tree, cube: Option<([u32; 3], u32)>, options: &AssembleOption
     let layout = Layout::new(tree, &sizes, &plan, 0, options.near_limit)?;
     let bytes = layout.parts.total_bytes.next_multiple_of(PAGE_BYTES);
     if layout.array_slots > 1 << 22 || bytes > u64::from(u32::MAX) {
-        return Err(FormatError::Limit(format!("a block of {bytes} bytes: split it")));
+        return Err(FormatError::Limit(format!(
+            "the block has {} slots of descriptors and {bytes} bytes, expected at most 2^22 slots and 4 GiB: split it",
+            layout.array_slots
+        )));
     }
     let mut image = vec![0; (bytes / 8) as usize];
     let mut outer = Vec::with_capacity(plan.cuts.len());
@@ -113,7 +116,7 @@ pub fn pack(tree: &Tree, cube: Option<([u32; 3], u32)>, options: &AssembleOption
     Ok(PackedBlock { image, summary })
 }
 
-/// Packed blocks, numbered in the order in which they were put. Can be used from several threads.
+/// A store of packed blocks, numbered in the order in which they are put. Can be used from several threads.
 pub struct BlockStore {
     summaries: Mutex<Vec<BlockSummary>>,
     images: Images,
@@ -124,7 +127,7 @@ enum Images {
     File(Mutex<Spill>),
 }
 
-/// Blocks one after the other.
+/// A file with blocks one after the other.
 struct Spill {
     file: File,
     end: u64,
@@ -140,15 +143,15 @@ impl BlockStore {
         Self { summaries: Mutex::default(), images: Images::Memory(Mutex::default()) }
     }
 
-    /// A store that keeps the bytes of the blocks in a file that can be read and written.
+    /// A store that keeps the bytes of the blocks in a file, which must be open for reading and writing.
     ///
-    /// `summaries` are those of blocks that the file holds already; what follows them is overwritten.
+    /// `summaries` are those of the blocks that are in the file already. Everything after those blocks is overwritten.
     pub fn in_file(file: File, summaries: Vec<BlockSummary>) -> Self {
         let end = summaries.iter().map(BlockSummary::end).max().unwrap_or(0);
         Self { summaries: Mutex::new(summaries), images: Images::File(Mutex::new(Spill { file, end })) }
     }
 
-    /// Adds a block and returns what [`Tree::attach`] takes.
+    /// Adds a block and returns its number, for [`Tree::attach`].
     ///
     /// # Errors
     /// Those of writing the file; more than 2^32 - 1 blocks.
@@ -177,17 +180,17 @@ impl BlockStore {
         }
     }
 
-    /// How many blocks there are.
+    /// Number of blocks.
     pub fn len(&self) -> usize {
         lock(&self.summaries).len()
     }
 
-    /// Whether there is none.
+    /// Whether there are no blocks.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// What is known of the blocks from number `first` on, in the order of their numbers.
+    /// The summaries of the blocks from number `first` on, in the order of their numbers.
     pub fn summaries_from(&self, first: usize) -> Vec<BlockSummary> {
         lock(&self.summaries).get(first..).unwrap_or_default().to_vec()
     }
@@ -195,8 +198,8 @@ impl BlockStore {
     /// The octree whose root block has number `root`, in memory.
     ///
     /// # Errors
-    /// Those of reading the file; a transform that cannot be inverted; more than 2^32 slots; blocks whose cubes do not
-    /// lie in each other, or that were never put.
+    /// Those of reading the file; a transform that is not finite, affine and invertible; more than 2^32 slots; blocks
+    /// whose cubes are not within the cubes of their parents, or that were never put.
     pub fn octree(self, root: u32, octree_to_mesh: DMat4) -> Result<Octree, FormatError> {
         let ordered = self.order(root, octree_to_mesh)?;
         let slots = ordered.table.last().map_or(0, |b| (b.image_offset + b.image_size) / 8);
@@ -204,15 +207,16 @@ impl BlockStore {
         for index in 0..ordered.table.len() {
             image.extend_from_slice(&self.block(&ordered, index)?);
             if let Images::Memory(images) = &self.images {
-                // Each is gone as soon as it is copied, so that the octree is in memory once.
+                // Free each block as soon as it is copied, so that the octree is in memory only once.
                 lock(images)[ordered.numbers[index] as usize] = Vec::new();
             }
         }
         Octree::from_parts(vec![ordered.object], ordered.table, image)
     }
 
-    /// Writes the octree whose root block has number `root` to a temporary beside `path` and renames it; only a few
-    /// blocks are in memory at a time. The file is the one that [`octree`](Self::octree) with this metadata would write.
+    /// Writes the octree whose root block has number `root`, to a temporary file in the folder of `path` that is
+    /// renamed. Only a few blocks are in memory at a time. The file is the same as that of the result of
+    /// [`octree`](Self::octree) with this metadata.
     ///
     /// # Errors
     /// As [`octree`](Self::octree) and [`Octree::write_with`].
@@ -242,7 +246,7 @@ impl BlockStore {
                 };
                 let blocks: Vec<_> = group.par_iter().map(encode).collect::<Result<_, FormatError>>().map_err(|e| {
                     failed = Some(e);
-                    std::io::Error::other("a block could not be made")
+                    std::io::Error::other("a block could not be encoded")
                 })?;
                 for (&index, (codec, crc, bytes)) in group.iter().zip(&blocks) {
                     let entry = &mut ordered.table[index];
@@ -263,7 +267,7 @@ impl BlockStore {
         Ok(object)
     }
 
-    /// The blocks that belong to the octree, breadth first, with addresses in the image.
+    /// The blocks of the octree in breadth-first order, with addresses in the image.
     fn order(&self, root: u32, octree_to_mesh: DMat4) -> Result<Ordered, FormatError> {
         let summaries = lock(&self.summaries).clone();
         let mut place = vec![u32::MAX; summaries.len()];
@@ -286,7 +290,10 @@ impl BlockStore {
         while let Some(&number) = numbers.get(next) {
             let summary = summaries.get(number as usize).filter(|_| place[number as usize] == u32::MAX);
             let Some(summary) = summary else {
-                return Err(FormatError::Limit(format!("block {number} of {}: not there, or twice", summaries.len())));
+                return Err(FormatError::Limit(format!(
+                    "block {number} was never put, or is attached twice; the store has {} blocks",
+                    summaries.len()
+                )));
             };
             place[number as usize] = next as u32;
             let image_size = u64::from(summary.slots) * 8;
@@ -310,14 +317,14 @@ impl BlockStore {
         }
         if image_offset / 8 > u64::from(u32::MAX) {
             return Err(FormatError::Limit(format!(
-                "{image_offset} bytes: an image has at most 2^32 slots of 8 bytes"
+                "the image has {image_offset} bytes, expected less than 2^32 slots of 8 bytes"
             )));
         }
         crate::check::tables::check_blocks(&table, 0, std::slice::from_ref(&object), Some(image_offset))?;
         Ok(Ordered { object, table, numbers, place, summaries })
     }
 
-    /// The bytes of the block at this index of the table, with its index and its far pointers set.
+    /// The bytes of the block at index `index` of the table, with its index and its far pointers set.
     fn block(&self, ordered: &Ordered, index: usize) -> Result<Vec<u64>, FormatError> {
         let number = ordered.numbers[index] as usize;
         let summary = &ordered.summaries[number];
@@ -344,16 +351,16 @@ impl BlockStore {
 }
 
 fn number(index: usize) -> Result<u32, FormatError> {
-    u32::try_from(index).map_err(|_| FormatError::Limit("more than 2^32 - 1 blocks".into()))
+    u32::try_from(index).map_err(|_| FormatError::Limit("the store has more than 2^32 - 1 blocks".into()))
 }
 
 /// The blocks of an octree in the order of its block table.
 struct Ordered {
     object: ObjectEntry,
     table: Vec<BlockEntry>,
-    /// Number in the store of each block of the table.
+    /// For each block of the table, its number in the store.
     numbers: Vec<u32>,
-    /// Index in the table of each block of the store; `u32::MAX` if it does not belong to the octree.
+    /// For each block of the store, its index in the table; `u32::MAX` if it does not belong to the octree.
     place: Vec<u32>,
     summaries: Vec<BlockSummary>,
 }

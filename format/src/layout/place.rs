@@ -1,11 +1,11 @@
-//! Where the descriptors and far pointers of one block lie (spec section 5).
+//! The slots of the descriptors and far pointers of one block (spec section 5).
 
 use crate::descriptor::MAX_NEAR_POINTER;
 use crate::file::{FIRST_SLOT, PAGE_SLOTS};
 use crate::layout::plan::{Plan, upper_bound};
 use crate::{FormatError, Tree};
 
-/// Where a descriptor's children are.
+/// The place of a descriptor's children.
 #[derive(Clone, Copy)]
 pub(crate) enum Children {
     None,
@@ -13,17 +13,18 @@ pub(crate) enum Children {
     Near(u32),
     /// Far pointer at the first slot, first child at the second.
     Far(u32, u32),
-    /// Far pointer at the slot, children in the other block.
+    /// Far pointer at this slot, children in this other block.
     Block(u32, u32),
 }
 
+/// A node and its slot.
 pub(crate) struct Placed {
     pub(crate) node: usize,
     pub(crate) slot: u32,
     pub(crate) children: Children,
 }
 
-/// Walks the nodes of one block and gives them slots.
+/// Walks the nodes of one block and assigns slots to them.
 pub(crate) struct Placer<'a> {
     tree: &'a Tree,
     sizes: &'a [u32],
@@ -39,12 +40,12 @@ impl<'a> Placer<'a> {
         Self { tree, sizes, plan, near_limit, cursor: FIRST_SLOT, placed: Vec::new(), far_pointers: 0 }
     }
 
-    /// The block that has the children of this node, if it is not this one.
+    /// The block with the children of this node, if it is another one.
     fn block_of(&self, node: usize) -> Option<u32> {
         if self.plan.cuts.is_empty() { None } else { self.plan.cuts.get(&node).copied() }
     }
 
-    /// Places the children of `above` (or the root alone), then what is below each of them. Returns the first slot.
+    /// Places the children of `above` (or only the root), then the descendants of each of them. Returns the first slot.
     pub(crate) fn place(&mut self, above: Option<usize>) -> Result<u32, FormatError> {
         let (mut group, mut far) = ([0usize; 8], [false; 8]);
         let mut count = 0;
@@ -58,7 +59,8 @@ impl<'a> Placer<'a> {
             None => count = 1,
         }
         let group = &group[..count];
-        // A descriptor needs a far pointer if what its elder siblings have below them may push its children too far.
+        // A descriptor needs a far pointer if the descendants of the siblings before it may push its children too far
+        // away.
         let mut ahead = 16u32.saturating_sub(count as u32);
         for (far, &node) in far.iter_mut().zip(group) {
             *far = self.block_of(node).is_some() || self.sizes[node] != 0 && ahead.saturating_add(64) > self.near_limit;
@@ -89,7 +91,9 @@ impl<'a> Placer<'a> {
             if let Children::Near(target) = children
                 && target - (first + i as u32) > MAX_NEAR_POINTER
             {
-                return Err(FormatError::Limit(format!("node {node} at slot {first} is too far from its children")));
+                return Err(FormatError::Limit(format!(
+                    "node {node} at slot {first} is too far from its children for a child pointer"
+                )));
             }
             self.placed[start + i].children = children;
         }

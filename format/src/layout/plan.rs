@@ -9,9 +9,10 @@ use crate::{FormatError, Tree};
 /// How a tree is cut into blocks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AssembleOptions {
-    /// Largest descriptor array of a block in slots, 64 to 2^20. Small values force many blocks.
+    /// Largest descriptor array of a block in slots, 64 to 2^20. Small values give many blocks.
     pub block_slots: u32,
-    /// Largest distance in slots that may use the 15-bit child pointer, 1 to 32767. Small values force far pointers.
+    /// Largest distance in slots for which the 15-bit child pointer is used, 1 to 32767. Small values give many far
+    /// pointers.
     pub near_limit: u32,
 }
 
@@ -24,45 +25,52 @@ impl Default for AssembleOptions {
 
 impl AssembleOptions {
     pub(crate) fn check(&self) -> Result<(), FormatError> {
-        if !(64..=1 << 20).contains(&self.block_slots) || !(1..=MAX_NEAR_POINTER).contains(&self.near_limit) {
-            return Err(FormatError::Limit(format!("block_slots 64..=1048576 and near_limit 1..=32767, not {self:?}")));
+        for (name, value, range) in
+            [("block_slots", self.block_slots, 64..=1 << 20), ("near_limit", self.near_limit, 1..=MAX_NEAR_POINTER)]
+        {
+            if !range.contains(&value) {
+                let what = format!("{name} is {value}, expected {} to {}", range.start(), range.end());
+                return Err(FormatError::Limit(what));
+            }
         }
         Ok(())
     }
 }
 
-/// For every node, the slots that the groups below it take, page headers and far pointers not counted.
+/// For every node, the slots of its descendants in groups of siblings, without page headers and far pointers.
 pub(crate) fn subtree_slots(tree: &Tree) -> Vec<u32> {
     let mut sizes = vec![0u32; tree.nodes.len()];
     for index in (0..tree.nodes.len()).rev() {
         let children = if tree.nodes[index].detached { 0 } else { tree.nodes[index].nonleaf().count_ones() };
         let group = children.next_multiple_of(2);
-        // Saturated sizes are far beyond what the image can hold; that is refused once its length is known.
+        // Saturated sizes exceed the largest image, which is refused later.
         sizes[index] = tree.children(index).fold(group, |sum, (_, child)| sum.saturating_add(sizes[child]));
     }
     sizes
 }
 
-/// An upper bound for the same with everything counted: up to 18 slots of every 1024 go to a page header and to a
-/// group that did not fit. A far pointer takes siblings with more than about `near_limit` slots below them; such a
-/// group and its ancestors hold at most 22 times 8 far pointers.
+/// An upper bound of the slots of a subtree, including page headers and far pointers. Of every 1024 slots, up to 18 are
+/// lost to a page header and a group that does not fit into the page. A far pointer is only needed by siblings with
+/// more than about `near_limit` slots below them; such a group and its ancestors have at most 22 * 8 far pointers.
 pub(crate) fn upper_bound(size: u32, near_limit: u32) -> u32 {
     let far = u64::from(size).min(u64::from(size) * 256 / u64::from(near_limit));
     let size = u64::from(size) + far;
     (size + size / 32 + 64).min(u64::from(u32::MAX)) as u32
 }
 
+/// A block of a plan.
 pub(crate) struct PlannedBlock {
-    /// The node whose descendants the block holds; `None`: the root itself and its descendants.
+    /// The node whose descendants are in the block. `None`: the root and its descendants.
     pub(crate) above: Option<usize>,
     pub(crate) parent: u32,
     pub(crate) cube_position: [u32; 3],
     pub(crate) cube_scale: u32,
 }
 
-/// Which nodes have their children in another block, and in which.
+/// How a tree is cut into blocks.
 pub(crate) struct Plan {
     pub(crate) blocks: Vec<PlannedBlock>,
+    /// The nodes whose children are in another block, with that block.
     pub(crate) cuts: HashMap<usize, u32>,
 }
 
@@ -83,7 +91,7 @@ impl Plan {
         if bound(0) <= options.block_slots {
             return plan;
         }
-        // Breadth first over blocks, so that coarse blocks come first; depth first over the nodes of one block.
+        // Breadth-first over blocks, so that coarse blocks come first; depth-first over the nodes of a block.
         let mut queue = VecDeque::from([(0usize, 0u32, root)]);
         while let Some((top, block, cube)) = queue.pop_front() {
             let mut used = 64;
@@ -95,7 +103,7 @@ impl Plan {
                     }
                     let (bound, cube) = (bound(child), child_cube(cube, slot));
                     if bound <= options.block_slots / 8 && used + bound <= options.block_slots {
-                        used += bound; // Too small to deserve a block of its own.
+                        used += bound; // Too small for a block of its own.
                     } else if bound > options.block_slots && used + 32 <= options.block_slots {
                         used += 32;
                         stack.push((child, cube));

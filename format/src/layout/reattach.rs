@@ -1,4 +1,4 @@
-//! Adding an attachment to an octree that is there: blocks laid out anew around it, all else as it was.
+//! Adds ambient occlusion to an existing octree. Everything else stays the same.
 
 use std::ops::ControlFlow;
 
@@ -9,50 +9,51 @@ use crate::file::*;
 use crate::octree::Image;
 use crate::{AmbientBlock, Broken, ChildDescriptor, FormatError, MAX_CONTOUR_POINTER, Octree};
 
-/// Words of an entry of an attachment directory.
+/// Words per entry of an attachment directory.
 const ENTRY_WORDS: u32 = (ATTACHMENT_BYTES / 4) as u32;
 
 impl Octree {
-    /// The same octree with ambient occlusion: what light from all around reaches each voxel, 0 for none to 255 for all
-    /// of it. `value` is asked once for each voxel of each object: slot of the descriptor in the image of *this* octree,
-    /// and child slot. Ambient occlusion that is there already is replaced.
+    /// The same octree with ambient occlusion: for every voxel the fraction of the ambient light that reaches it, in
+    /// units of 1/255. Calls `value(slot, child)` once for each voxel of each object; `slot` is the slot of the
+    /// descriptor in the image of *this* octree. Existing ambient occlusion is replaced.
     ///
-    /// Descriptors keep their slots within their block; contours and other attachments keep their bits and their order,
-    /// and metadata, unknown sections and blocks stay. Where blocks grow by a page, what is behind them moves. Values are
+    /// Descriptors keep their slots within their block. Contours and other attachments keep their bits and their order;
+    /// metadata, unknown sections and blocks stay. Blocks may grow, which moves the blocks after them. Values are
     /// stored in [`AmbientBlock`]s, 8 bytes for every pair of slots.
     ///
     /// # Errors
-    /// The octree is not [sound](Self::sound); a block has all the attachments that it can have, or contours that are
-    /// too far away from their descriptors; the image would have more than 2^32 slots.
+    /// The octree is not [sound](Self::sound); a block has the largest number of attachments already, or its contours
+    /// get out of reach of the contour pointers; the image would have more than 2^32 slots.
     pub fn with_ambient_occlusion(&self, value: impl Fn(u32, u8) -> u8 + Sync) -> Result<Self, FormatError> {
         self.sound()?;
         let mut seen = Seen { descriptors: Bits::new(self.slots().len()), enters: Vec::new() };
         walk(self, &mut seen);
-        let plans: Vec<Plan> = (0..self.parts.len()).map(|block| Plan::new(self, block)).collect::<Result<_, _>>()?;
+        let changes: Vec<Change> =
+            (0..self.parts.len()).map(|block| Change::new(self, block)).collect::<Result<_, _>>()?;
         let mut blocks = self.blocks.clone();
         let mut image_offset = 0;
-        for (block, plan) in blocks.iter_mut().zip(&plans) {
-            (block.image_offset, block.image_size) = (image_offset, plan.size);
-            (block.file_offset, block.stored_size, block.codec, block.crc) = (0, plan.size, CODEC_RAW, 0);
-            image_offset += plan.size;
+        for (block, change) in blocks.iter_mut().zip(&changes) {
+            (block.image_offset, block.image_size) = (image_offset, change.size);
+            (block.file_offset, block.stored_size, block.codec, block.crc) = (0, change.size, CODEC_RAW, 0);
+            image_offset += change.size;
         }
         if image_offset / 8 > MAX_IMAGE_SLOTS - 1 {
             return Err(FormatError::Limit(format!(
-                "{image_offset} bytes: an image has at most 2^32 slots of 8 bytes"
+                "the image has {image_offset} bytes, expected less than 2^32 slots of 8 bytes"
             )));
         }
         let mut image = vec![0u64; (image_offset / 8) as usize];
         let mut rest = &mut image[..];
         let mut slices = Vec::with_capacity(blocks.len());
-        for plan in &plans {
-            let (head, tail) = rest.split_at_mut((plan.size / 8) as usize);
+        for change in &changes {
+            let (head, tail) = rest.split_at_mut((change.size / 8) as usize);
             slices.push(head);
             rest = tail;
         }
-        (slices.into_par_iter().zip(&plans).enumerate())
-            .try_for_each(|(block, (slots, plan))| plan.fill(self, block, &seen.descriptors, slots, &value))?;
+        (slices.into_par_iter().zip(&changes).enumerate())
+            .try_for_each(|(block, (slots, change))| change.fill(self, block, &seen.descriptors, slots, &value))?;
         for &(slot, from, to) in &seen.enters {
-            // The distance grows by what the blocks in between have grown, which is not less than nothing.
+            // Blocks never shrink, so the distance does not become smaller.
             let start = |block: u32| blocks[block as usize].image_offset / 8;
             let here = start(from) + u64::from(slot - self.parts[from as usize].start);
             let far = here + u64::from(self.descriptor(slot).child_ptr());
@@ -66,16 +67,16 @@ impl Octree {
     }
 }
 
-/// What a walk tells.
+/// Collects the descriptors and the pointers between blocks.
 struct Seen {
     descriptors: Bits,
-    /// Slot of a descriptor whose children are in another block, its block, the other.
+    /// For each descriptor whose children are in another block: its slot, its block, the other block.
     enters: Vec<(u32, u32, u32)>,
 }
 
 impl Visitor for Seen {
     fn broken(&mut self, _: Broken) -> ControlFlow<()> {
-        ControlFlow::Continue(()) // What could be followed has been found sound; other rules do not matter here.
+        ControlFlow::Continue(()) // The octree is sound; other rules do not matter here.
     }
 
     fn descriptor(&mut self, _: u32, step: &Step, _: ChildDescriptor) {
@@ -89,16 +90,16 @@ impl Visitor for Seen {
 }
 
 /// How one block changes.
-struct Plan {
-    /// Words that everything behind the attachment directory moves by.
+struct Change {
+    /// Number of words by which everything after the attachment directory moves.
     moved: u32,
-    /// First word of the values, from the start of the block.
+    /// First word of the ambient blocks, from the start of the block.
     values: usize,
-    /// Bytes of the block.
+    /// Size of the block in bytes.
     size: u64,
 }
 
-impl Plan {
+impl Change {
     fn new(octree: &Octree, block: usize) -> Result<Self, FormatError> {
         let (parts, start) = (&octree.parts[block], octree.blocks[block].image_offset);
         let there = parts.attachments.iter().find(|attachment| attachment.0 == attachment::AMBIENT_BLOCKS);
@@ -107,7 +108,7 @@ impl Plan {
             return Ok(Self { moved: 0, values, size: octree.blocks[block].image_size });
         }
         if parts.attachments.len() >= MAX_ATTACHMENTS as usize {
-            let what = format!("block {block} has {MAX_ATTACHMENTS} attachments, and cannot have more");
+            let what = format!("block {block} has {MAX_ATTACHMENTS} attachments already, the largest number allowed");
             return Err(FormatError::Limit(what));
         }
         let ends = parts.attachments.iter().map(|(_, at, size)| at + size);
@@ -121,7 +122,7 @@ impl Plan {
         Ok(Self { moved: ENTRY_WORDS, values, size: size.next_multiple_of(PAGE_BYTES) })
     }
 
-    /// Copies the block with what has moved, and writes the values.
+    /// Copies the block, moves its parts, and writes the ambient blocks.
     fn fill(
         &self,
         octree: &Octree,
@@ -140,7 +141,9 @@ impl Plan {
                     continue;
                 }
                 if descriptor.contour_ptr() + self.moved > MAX_CONTOUR_POINTER {
-                    let what = format!("block {block}: contours would be too far away from descriptor {index}");
+                    let what = format!(
+                        "the contours of block {block} would be out of reach of the descriptor at its slot {index}"
+                    );
                     return Err(FormatError::Limit(what));
                 }
                 *slot += u64::from(self.moved) << 40;
@@ -155,7 +158,7 @@ impl Plan {
         };
         range(parts.contour_words - first * 2, parts.contour_count as usize, words);
         for (_, at, size) in parts.attachments.iter().filter(|(kind, ..)| *kind != attachment::AMBIENT_BLOCKS) {
-            // The last word may be shared with zeros only.
+            // The rest of the last word is zero.
             range((at / 4) as usize - first * 2, size.div_ceil(4) as usize, words);
         }
         for pair in (0..array).step_by(2) {
@@ -173,7 +176,7 @@ impl Plan {
         Ok(())
     }
 
-    /// The info section at word `info`, with one attachment more if there was none of this type.
+    /// Writes the info section at word `info`, with another attachment unless ambient blocks are replaced.
     fn fill_info(&self, from: &[u32], words: &mut [u32], info: usize, count: usize) {
         let directory = info + (INFO_BYTES / 4) as usize;
         let end = directory + count * ENTRY_WORDS as usize;

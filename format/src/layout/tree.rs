@@ -1,4 +1,4 @@
-//! An octree in depth-first order, before it has addresses: what a builder makes and [`assemble`](crate::assemble) lays out.
+//! An octree in depth-first order, without addresses: made by a builder, laid out by [`assemble`](crate::assemble).
 
 use crate::values::plain::{OWN_CUBE, slots};
 use crate::{AmbientBlock, ColorBlock, Contour, CornerValue, FormatError, NodeCorners, NormalBlock, RawNormal};
@@ -6,70 +6,71 @@ use crate::{AmbientBlock, ColorBlock, Contour, CornerValue, FormatError, NodeCor
 /// One non-leaf voxel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct TreeNode {
-    /// Which child slots hold a voxel; never zero.
+    /// Mask of the child slots that hold a voxel; never zero.
     pub valid: u8,
-    /// Which of them are leaves.
+    /// Mask of the leaves; a subset of `valid`.
     pub leaf: u8,
-    /// Which of them have a contour.
+    /// Mask of the voxels with a contour; a subset of `valid`.
     pub contours: u8,
-    /// Whether the subtrees of its children are in a block that has been packed already
-    /// ([`detach`](Tree::detach)): nothing of them is in this tree.
+    /// Whether the subtrees of its children are not in this tree, but in a block that was packed before
+    /// ([`detach`](Tree::detach)).
     pub detached: bool,
-    /// Number of nodes in this subtree, this one included.
+    /// Number of nodes in this subtree, including this one.
     pub subtree: u32,
-    /// Index of the attributes of the first valid child; the others follow in slot order.
+    /// Index of the attributes of the first valid child. The others follow in slot order.
     pub first_voxel: u32,
-    /// Index of the contour of the first child that has one; the others follow in slot order.
+    /// Index of the contour of the first child that has one. The others follow in slot order.
     pub first_contour: u32,
 }
 
 impl TreeNode {
-    /// Which children are nodes themselves. They follow this node in slot order, each with its subtree.
+    /// Mask of the children that are nodes. They follow this node in slot order, each with its subtree.
     pub fn nonleaf(&self) -> u8 {
         self.valid & !self.leaf
     }
 }
 
-/// A whole octree or one subtree of it, nodes in depth-first order.
+/// An octree or a subtree of one, nodes in depth-first order.
 #[derive(Clone, Debug, Default, serde::Serialize, serde::Deserialize)]
 pub struct Tree {
     /// The nodes; the root is first.
     pub nodes: Vec<TreeNode>,
     /// Contour values in the order of the nodes.
     pub contours: Vec<Contour>,
-    /// sRGB-encoded colour of every voxel but the root, in the order of the nodes; or empty.
+    /// sRGB-encoded colour of every voxel except the root, in the order of the nodes; or empty.
     pub colors: Vec<[u8; 3]>,
-    /// Normal of every voxel but the root, likewise; or empty.
+    /// Normal of every voxel except the root, in the order of the nodes; or empty.
     pub normals: Vec<RawNormal>,
-    /// Instead of [`colors`](Self::colors), blocks that are encoded already: one for every node, in the order of the
-    /// nodes; or empty. Sibling nodes share a block two by two, in slot order from the first; the one that counts is
-    /// that of the first of the two, texel `i` being its child `i` and texel `8 + i` child `i` of the second.
+    /// Encoded colours instead of [`colors`](Self::colors): one block for every node, in the order of the nodes; or
+    /// empty. Siblings form pairs in slot order, and a pair shares the block of its first node: texel `i` is child `i`
+    /// of the first node, texel `8 + i` child `i` of the second. The block of the second node is ignored.
     pub color_blocks: Vec<ColorBlock>,
-    /// Instead of [`normals`](Self::normals), likewise.
+    /// Encoded normals instead of [`normals`](Self::normals), as [`color_blocks`](Self::color_blocks); or empty.
     pub normal_blocks: Vec<NormalBlock>,
-    /// Ambient light of every voxel but the root, in the order of the nodes, 0 (none reaches it) to 255 (all of it); or
-    /// empty.
+    /// Ambient light of every voxel except the root, in the order of the nodes: the fraction that reaches the voxel, in
+    /// units of 1/255; or empty.
     pub ambient: Vec<u8>,
-    /// Instead of [`ambient`](Self::ambient), blocks that are encoded already, as with colours.
+    /// Encoded ambient light instead of [`ambient`](Self::ambient), as [`color_blocks`](Self::color_blocks); or empty.
     pub ambient_blocks: Vec<AmbientBlock>,
-    /// Whether colours and normals are stored as they are, 4 bytes each, instead of in blocks of 16. More exact, and four
-    /// to eight times as large.
+    /// Whether colours and normals are stored as plain values of 4 bytes instead of in blocks of 16. More exact, and 4
+    /// to 8 times as large.
     pub plain: bool,
-    /// Alpha of the colours of a [`plain`](Self::plain) tree, likewise; or empty: they are opaque.
+    /// Alpha of every colour of a [`plain`](Self::plain) tree, in the same order; empty if all are opaque.
     pub alphas: Vec<u8>,
-    /// For every node of a [`plain`](Self::plain) tree, which voxels have a colour and a normal of their own. The others
-    /// have the same as each other, and share one. Or empty: the most frequent of each node is shared.
+    /// For every node of a [`plain`](Self::plain) tree, the mask of the voxels whose colour and normal are stored
+    /// separately. All other voxels of the node must be equal and share one. If empty, the voxels of each node with its
+    /// most frequent value share it.
     pub own: Vec<u8>,
-    /// Instead of colours and normals of voxels, those of their corners, for every node; or empty.
+    /// Corners with colours and normals, for every node, instead of colours and normals of voxels; or empty.
     pub corners: Vec<NodeCorners>,
-    /// What they refer to, in the order of the nodes.
+    /// The values that [`corners`](Self::corners) refer to, in the order of the nodes.
     pub corner_values: Vec<CornerValue>,
-    /// Of every detached node, in the order of the nodes, what stands for the block that has its children.
+    /// Number of the block with the children, for every detached node, in the order of the nodes.
     pub(crate) outside: Vec<u32>,
     voxels: u32,
 }
 
-/// What is known of a voxel when its parent is pushed.
+/// The properties of a voxel that are known when its parent is pushed.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Voxel {
     /// sRGB-encoded colour.
@@ -78,7 +79,7 @@ pub struct Voxel {
     pub normal: Option<RawNormal>,
     /// Contour.
     pub contour: Option<Contour>,
-    /// No descriptor of its own.
+    /// Whether it has no descriptor.
     pub leaf: bool,
 }
 
@@ -111,7 +112,8 @@ impl Tree {
         self.nodes.len() - 1
     }
 
-    /// Gives voxel `slot` of the node at `index` other attributes, of the kinds that it was opened with.
+    /// Replaces attributes of voxel `slot` of the node at `index`. It must have been opened with attributes of these
+    /// kinds.
     ///
     /// # Panics
     /// If there is no such voxel, or it was opened without attributes of these kinds.
@@ -127,11 +129,11 @@ impl Tree {
         }
     }
 
-    /// Takes voxel `slot` out of the node at `index`, for which nothing has been pushed. Takes as long as there is of the
-    /// tree behind the node. A node whose last voxel goes must be [cancelled](Self::cancel).
+    /// Removes voxel `slot`, for which no node has been pushed, from the node at `index`. Time is linear in the part of
+    /// the tree after the node. A node whose last voxel is removed must be [cancelled](Self::cancel).
     ///
     /// # Panics
-    /// If there is no such voxel, or attributes are encoded already.
+    /// If there is no such voxel, or attributes are in encoded blocks.
     pub fn remove_voxel(&mut self, index: usize, slot: usize) {
         assert!(self.color_blocks.is_empty() && self.normal_blocks.is_empty() && self.ambient_blocks.is_empty());
         let bit = 1u8 << slot;
@@ -161,10 +163,10 @@ impl Tree {
         }
     }
 
-    /// Takes back the node that was opened last and has no voxels any more.
+    /// Removes the node that was opened last. All its voxels must have been removed.
     ///
     /// # Panics
-    /// If it has, or another was opened since.
+    /// If it has voxels, or is not the last node.
     pub fn cancel(&mut self, index: usize) {
         assert!(
             index + 1 == self.nodes.len() && self.nodes[index].valid == 0,
@@ -173,12 +175,12 @@ impl Tree {
         self.nodes.pop();
     }
 
-    /// Ends the subtree of the node at `index`: everything pushed since belongs to it.
+    /// Ends the subtree of the node at `index`: all nodes pushed since belong to it.
     pub fn close(&mut self, index: usize) {
         self.nodes[index].subtree = (self.nodes.len() - index) as u32;
     }
 
-    /// Appends a whole subtree, as the next child of the node that is open.
+    /// Appends a subtree as the next child of the node that is open.
     pub fn append(&mut self, subtree: &Tree) {
         let (voxels, contours) = (self.voxels, self.contours.len() as u32);
         self.nodes.extend(subtree.nodes.iter().map(|node| TreeNode {
@@ -203,10 +205,11 @@ impl Tree {
         self.voxels += subtree.voxels;
     }
 
-    /// Takes what is below node `index` out of the tree: a tree of its own, whose root is a copy of the node. The node
-    /// stays, with its attributes and contours. Its subtree must have been closed and be the last of the tree.
+    /// Moves the descendants of node `index` to a new tree, whose root is a copy of the node. The node stays in this
+    /// tree, with its attributes and contours. Its subtree must be closed and the last of the tree.
     ///
-    /// Pack the result into a block ([`pack`](crate::pack())), then say which with [`attach`](Self::attach).
+    /// Next, [`pack`](crate::pack()) the result into a block, and pass the number of that block to
+    /// [`attach`](Self::attach).
     ///
     /// # Panics
     /// If the node's subtree is not the last.
@@ -259,17 +262,17 @@ impl Tree {
         detached
     }
 
-    /// Says which block has the children of the node that was detached last.
+    /// Sets the block with the children of the node that was detached last.
     pub fn attach(&mut self, block: u32) {
         self.outside.push(block);
     }
 
-    /// Number of voxels, the root not counted.
+    /// Number of voxels, not counting the root.
     pub fn voxels(&self) -> u64 {
         u64::from(self.voxels)
     }
 
-    /// The non-leaf children of node `index` in slot order: (slot, node index). None if they have been detached.
+    /// The non-leaf children of node `index` in slot order: (slot, node index). Empty if they are detached.
     pub fn children(&self, index: usize) -> impl Iterator<Item = (u8, usize)> + '_ {
         let mut next = index + 1;
         let nonleaf = if self.nodes[index].detached { 0 } else { self.nodes[index].nonleaf() };
@@ -282,7 +285,7 @@ impl Tree {
 
     /// Level of the deepest voxel; the root is level 0.
     pub fn levels(&self) -> u32 {
-        // The ends of the subtrees that are open: as many as the node is deep.
+        // Ends of the open subtrees; their number is the depth of the node.
         let (mut open, mut deepest) = (Vec::new(), 0);
         for (index, node) in self.nodes.iter().enumerate() {
             while open.last().is_some_and(|end| *end <= index) {
@@ -294,11 +297,11 @@ impl Tree {
         deepest as u32
     }
 
-    /// Whether the nodes are what [`open`](Self::open) and [`close`](Self::close) make of an octree, each node with
-    /// its children behind it and its attributes in place.
+    /// Checks that the tree is well-formed, as [`open`](Self::open) and [`close`](Self::close) make it: every node is
+    /// followed by its children, and the numbers of attributes fit.
     ///
     /// # Errors
-    /// What is wrong with the first node that is not.
+    /// A description of the first fault.
     pub(crate) fn check(&self) -> Result<(), FormatError> {
         if self.nodes.is_empty() {
             return Err(FormatError::Limit("an octree needs at least one voxel".into()));
@@ -307,7 +310,10 @@ impl Tree {
             [("colours", self.colors.len()), ("normals", self.normals.len()), ("ambient values", self.ambient.len())]
         {
             if count != 0 && count != self.voxels as usize {
-                let what = format!("{count} {what} for {} voxels: give every voxel one, or none", self.voxels);
+                let what = format!(
+                    "the tree has {count} {what} and {} voxels, expected one for every voxel or none",
+                    self.voxels
+                );
                 return Err(FormatError::Limit(what));
             }
         }
@@ -317,16 +323,20 @@ impl Tree {
             ("ambient", self.ambient.len(), self.ambient_blocks.len()),
         ] {
             if blocks != 0 && (blocks != self.nodes.len() || values != 0) {
-                let what = format!("{blocks} {what} blocks for {} nodes: one each and no values", self.nodes.len());
+                let what = format!(
+                    "the tree has {blocks} {what} blocks and {values} {what} values for {} nodes, \
+                     expected one block for every node and no values",
+                    self.nodes.len()
+                );
                 return Err(FormatError::Limit(what));
             }
         }
         self.check_values()?;
         if let Some(index) = self.contours.iter().position(|c| c.0 << 14 == 0) {
-            return Err(FormatError::Limit(format!("contour {index} has no normal")));
+            return Err(FormatError::Limit(format!("the normal of contour {index} is zero")));
         }
         let (mut voxels, mut contours, mut detached) = (0, 0, 0);
-        // End of each open subtree and the children still to come in it.
+        // For each open subtree: its end, and the number of children still missing.
         let mut open = vec![(self.nodes.len(), 1u32)];
         for (index, node) in self.nodes.iter().enumerate() {
             while open.last() == Some(&(index, 0)) {
@@ -364,25 +374,32 @@ impl Tree {
 }
 
 impl Tree {
-    /// Whether what is stored as it is fits the nodes.
+    /// Checks that plain values and values at corners fit the nodes.
     fn check_values(&self) -> Result<(), FormatError> {
         let refuse = |what: String| Err(FormatError::Limit(what));
         let blocks = !(self.color_blocks.is_empty() && self.normal_blocks.is_empty());
         let voxels = !(self.colors.is_empty() && self.normals.is_empty());
         let of_plain = !(self.alphas.is_empty() && self.own.is_empty());
         if self.plain && blocks || of_plain && !self.plain {
-            return refuse("alphas and masks of plain values take a plain tree, and that has no blocks".into());
+            return refuse("alphas and masks of plain values need a plain tree, which has no encoded blocks".into());
         }
         if !self.alphas.is_empty() && self.alphas.len() != self.colors.len() {
-            return refuse(format!("{} alphas for {} colours", self.alphas.len(), self.colors.len()));
+            return refuse(format!(
+                "the tree has {} alphas and {} colours, expected one for every colour",
+                self.alphas.len(),
+                self.colors.len()
+            ));
         }
         for (what, count) in [("masks of plain values", self.own.len()), ("corner masks", self.corners.len())] {
             if count != 0 && count != self.nodes.len() {
-                return refuse(format!("{count} {what} for {} nodes: one each, or none", self.nodes.len()));
+                return refuse(format!(
+                    "the tree has {count} {what} and {} nodes, expected one for every node or none",
+                    self.nodes.len()
+                ));
             }
         }
         if !self.corners.is_empty() && (blocks || voxels) {
-            return refuse("a tree with corners has no other colours and normals".into());
+            return refuse("a tree with values at corners must not have other colours and normals".into());
         }
         for (index, (own, node)) in self.own.iter().zip(&self.nodes).enumerate() {
             let range = node.first_voxel as usize..;
@@ -391,18 +408,24 @@ impl Tree {
             let mut values = others().map(|(voxel, _)| value(voxel));
             let first = values.next();
             if own & !node.valid != 0 || values.any(|value| Some(value) != first) {
-                return refuse(format!("voxels of node {index} without values of their own differ: mask {own:08b}"));
+                return refuse(format!(
+                    "the voxels of node {index} that share a value (outside mask {own:08b}) differ"
+                ));
             }
         }
         let mut next = 0;
         for (index, corners) in self.corners.iter().enumerate() {
             if corners.mask >= OWN_CUBE << 1 || corners.first as usize != next {
-                return refuse(format!("corners of node {index} do not fit: {corners:?}"));
+                return refuse(format!(
+                    "the corners of node {index} have mask {:#x} and first value {}, \
+                     expected a mask of 28 bits and first value {next}",
+                    corners.mask, corners.first
+                ));
             }
             next += corners.count();
         }
         if next != self.corner_values.len() {
-            return refuse(format!("{} corner values for masks of {next}", self.corner_values.len()));
+            return refuse(format!("the tree has {} corner values, its masks need {next}", self.corner_values.len()));
         }
         Ok(())
     }

@@ -1,9 +1,9 @@
-//! The container: a file of equal clusters, and chunks that are chains of them.
+//! The container: a file of clusters of equal size; a chunk is a chain of clusters.
 //!
 //! ```text
 //! cluster 0..      master chunk: "Clusters", version 2, number of clusters, bytes per cluster, number of chunks,
 //!                  default compression; for each chunk {group, id, first cluster, compression, stored size, size};
-//!                  for each cluster the next one of its chain
+//!                  for each cluster the next cluster of its chain
 //! other clusters   the chunks
 //! ```
 
@@ -18,11 +18,11 @@ const IDENTIFIER: &[u8; 8] = b"Clusters";
 const VERSION: u32 = 2;
 /// Words of the master chunk before its tables.
 const HEADER_WORDS: u64 = 7;
-/// Words for each chunk.
+/// Words per chunk in the table of the master chunk.
 const CHUNK_WORDS: u64 = 6;
-/// Next cluster of the last of a chain.
+/// Marks the last cluster of a chain in place of the next cluster.
 const LAST: u32 = 0x7fff_ffff;
-/// Bytes per cluster of the files written here; the authors' default.
+/// Bytes per cluster in files written by this library; the authors' default.
 const CLUSTER_BYTES: usize = 4096;
 
 /// Group and number of a chunk.
@@ -42,7 +42,7 @@ struct Chunk {
     size: u32,
 }
 
-/// A file that is being read. Every chunk can be read once.
+/// A file that is being read. Every chunk can be read only once.
 pub(super) struct Clusters<R> {
     source: R,
     path: PathBuf,
@@ -53,12 +53,12 @@ pub(super) struct Clusters<R> {
 }
 
 impl<R: Read + Seek> Clusters<R> {
-    /// Reads the master chunk. `path` is for messages.
+    /// Reads the master chunk. `path` is used in messages only.
     pub(super) fn open(mut source: R, path: &Path) -> Result<Self, FormatError> {
         let io = |e| FormatError::io(path, e);
         let length = source.seek(SeekFrom::End(0)).map_err(io)?;
         source.seek(SeekFrom::Start(0)).map_err(io)?;
-        let short = |what: &str| fault("start", format!("{length} bytes are too few for {what}"));
+        let short = |what: &str| fault("start", format!("the file has {length} bytes, too few for {what}"));
         if length < HEADER_WORDS * 4 {
             return Err(short("a header"));
         }
@@ -70,12 +70,12 @@ impl<R: Read + Seek> Clusters<R> {
         let header = words(&header);
         let [version, clusters, cluster_bytes, chunk_count] = [2, 3, 4, 5].map(|i| header[i]);
         if version != VERSION {
-            return Err(fault("start", format!("version {version} of the container; only {VERSION} is known")));
+            return Err(fault("start", format!("the container has version {version}, expected {VERSION}")));
         }
         let table_words = u64::from(chunk_count) * CHUNK_WORDS + u64::from(clusters);
         let master = (HEADER_WORDS + table_words) * 4;
         if !(64..=1 << 30).contains(&cluster_bytes) {
-            return Err(fault("start", format!("clusters of {cluster_bytes} bytes")));
+            return Err(fault("start", format!("clusters have {cluster_bytes} bytes, expected 64 to 2^30")));
         }
         if u64::from(clusters) * u64::from(cluster_bytes) > length || master > length {
             return Err(short(&format!("{chunk_count} chunks in {clusters} clusters of {cluster_bytes} bytes")));
@@ -101,17 +101,17 @@ impl<R: Read + Seek> Clusters<R> {
         self.chunks.keys().filter(|id| id.0 == group).count()
     }
 
-    /// Takes a chunk out of the file; the words in it, the last filled up with zeros.
+    /// Reads the words of a chunk, the last padded with zeros, and removes the chunk from the list.
     pub(super) fn take(&mut self, id: ChunkId) -> Result<Vec<u32>, FormatError> {
         let place = || format!("chunk {} of group {}", id.1, id.0);
-        let chunk = self.chunks.remove(&id).ok_or_else(|| fault(place(), "is not in the file, or used twice"))?;
+        let chunk = self.chunks.remove(&id).ok_or_else(|| fault(place(), "it is not in the file, or used twice"))?;
         if chunk.compression != 0 {
-            return Err(fault(place(), "is compressed; save the file without compression"));
+            return Err(fault(place(), "it is compressed, expected uncompressed: save the file without compression"));
         }
         if chunk.stored != chunk.size {
-            return Err(fault(place(), format!("{} bytes stored for {}", chunk.stored, chunk.size)));
+            return Err(fault(place(), format!("the stored size is {} bytes, expected {}", chunk.stored, chunk.size)));
         }
-        // The chain is followed before anything is allocated; no cluster can be in two.
+        // Follow the chain before allocating anything. A cluster must be in only one chain.
         let mut left = u64::from(chunk.size);
         let mut runs: Vec<(u64, u64)> = Vec::new();
         let mut cluster = chunk.first;
@@ -119,7 +119,12 @@ impl<R: Read + Seek> Clusters<R> {
             match self.taken.get_mut(cluster as usize) {
                 Some(taken) if !*taken => *taken = true,
                 Some(_) => return Err(fault(place(), format!("cluster {cluster} is used twice"))),
-                None => return Err(fault(place(), format!("cluster {cluster} of {}", self.next.len()))),
+                None => {
+                    return Err(fault(
+                        place(),
+                        format!("its chain has cluster {cluster}, the file has {} clusters", self.next.len()),
+                    ));
+                }
             }
             let (at, bytes) = (u64::from(cluster) * self.cluster_bytes, left.min(self.cluster_bytes));
             match runs.last_mut() {
@@ -149,7 +154,7 @@ fn words(bytes: &[u8]) -> Vec<u32> {
     bytes.as_chunks().0.iter().map(|word| u32::from_le_bytes(*word)).collect()
 }
 
-/// A file that is being put together.
+/// A file that is being assembled in memory.
 #[derive(Default)]
 pub(super) struct NewFile {
     chunks: BTreeMap<ChunkId, Vec<u32>>,
@@ -161,24 +166,24 @@ impl NewFile {
         self.chunks.insert(id, words);
     }
 
-    /// Whether the clusters and the bytes of the chunks can be numbered.
+    /// Checks that the numbers of clusters and of bytes per chunk fit the format.
     pub(super) fn check(&self) -> Result<(), FormatError> {
         let chunk = self.chunks.values().map(|words| words.len() as u64 * 4).max().unwrap_or(0);
         let clusters = self.layout().1;
         if chunk > i32::MAX as u64 || clusters >= u64::from(LAST) {
             return Err(FormatError::Limit(format!(
-                "{clusters} clusters, the largest chunk of {chunk} bytes: an .oct file has less than 2^31 of either"
+                "the .oct file has {clusters} clusters and a chunk of {chunk} bytes, expected less than 2^31 of both"
             )));
         }
         Ok(())
     }
 
-    /// Bytes of the master chunk, and clusters in all.
+    /// Size of the master chunk in bytes, and total number of clusters.
     fn layout(&self) -> (u64, u64) {
         let needs = |bytes: u64| bytes.div_ceil(CLUSTER_BYTES as u64).max(1);
         let others: u64 = self.chunks.values().map(|words| needs(words.len() as u64 * 4)).sum();
         let master = |clusters: u64| (HEADER_WORDS + CHUNK_WORDS * (self.chunks.len() as u64 + 1) + clusters) * 4;
-        // The table of the clusters takes clusters itself.
+        // The table of the clusters is in clusters too, so iterate until it fits.
         let mut clusters = others + 1;
         while others + needs(master(clusters)) > clusters {
             clusters = others + needs(master(clusters));

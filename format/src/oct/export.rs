@@ -1,4 +1,4 @@
-//! From an octree to chunks.
+//! Converts an octree to the chunks of an `.oct` file.
 
 use std::collections::BTreeSet;
 
@@ -12,17 +12,17 @@ use super::slice::{COMPLETE, NewSlice, Place, entry};
 use crate::file::attachment;
 use crate::{AmbientBlock, BlockParts, ColorBlock, FormatError, NormalBlock, Octree};
 
-/// Voxels that the authors' builder wants in a slice on average.
+/// The average number of voxels per slice that the authors' builder aims at.
 const SLICE_VOXELS: f64 = 49152.0;
-/// A cube is divided if its voxels, those above them and those that may come below might not fit a block in the authors'
-/// memory, where contour pointers have 24 bits and a voxel takes up to 17 words.
+/// A cube is divided if its voxels, their ancestors and possible descendants might not fit into one block in the
+/// authors' memory layout, in which contour pointers have 24 bits and a voxel takes up to 17 words.
 const BLOCK_VOXELS: usize = (1 << 24) / 17;
-/// Cubes of lower levels are always divided, as the authors' builder does.
+/// Cubes of levels below this one are always divided, as in the authors' builder.
 const DIVIDED_LEVELS: usize = 2;
-/// The object list has room for the states of a multiple of so many slices.
+/// Slice states per word. The object list has states for a multiple of this many slices.
 const STATES_PER_WORD: usize = 16;
 
-/// A file in memory, and what it cannot hold.
+/// A file in memory, and what was lost or changed.
 pub(super) struct Exported {
     pub(super) file: NewFile,
     pub(super) lost: Vec<String>,
@@ -53,20 +53,20 @@ pub(super) fn export(octree: &Octree) -> Result<Exported, FormatError> {
     Ok(Exported { file: exporter.file, lost: exporter.lost })
 }
 
-/// The voxels of one level, depth first.
+/// The voxels of one level, in depth-first order.
 struct Layer {
     /// Slot of the descriptor of each, or [`LEAF`].
     slots: Vec<u32>,
-    /// First child of each among the voxels of the next level; one more at the end.
+    /// For each, the index of its first child among the voxels of the next level; then the end of the last.
     first: Vec<u32>,
 }
 
-/// A slice to write: the voxels of the level that is being written, in the cube of one voxel of a higher level.
+/// A slice to write: the voxels of the current level in the cube of a voxel of a coarser level.
 #[derive(Clone, Copy)]
 struct Task {
     id: u32,
     place: Place,
-    /// The cube: level and index of its voxel.
+    /// Level and index of the voxel whose cube it is.
     level: usize,
     voxel: usize,
 }
@@ -85,7 +85,9 @@ impl Exporter<'_> {
         let exact = self.octree.octree_to_mesh(index);
         let rounded = exact.as_mat4();
         if !(rounded.is_finite() && rounded.as_dmat4().determinant().is_normal()) {
-            return Err(FormatError::Limit(format!("object {index}: the transform needs more than 32-bit floats")));
+            return Err(FormatError::Limit(format!(
+                "the transform of object {index} cannot be rounded to 32-bit floats"
+            )));
         }
         if rounded.as_dmat4() != exact {
             self.lost.push(format!("object {index}: the transform is rounded to 32-bit floats"));
@@ -121,27 +123,27 @@ impl Exporter<'_> {
         }
         let mut lose = |what: &str| self.lost.push(format!("object {index}: {what}"));
         if gaps.colors {
-            lose("some or all voxels have no colour; in the file they are white");
+            lose("some or all voxels have no colour, they are white in the file");
         }
         if gaps.normals {
-            lose("some or all voxels have no normal; in the file they face +z");
+            lose("some or all voxels have no normal, it is +z in the file");
         }
         if gaps.rounded {
-            lose("colours and normals of blocks or corners are the nearest of one for every voxel");
+            lose("colours and normals of blocks or corners are converted to one value for every voxel and rounded");
         }
         if gaps.lattice > 0 {
-            lose(&format!("{} voxels have values at corners that the file says in another way", gaps.lattice));
+            lose(&format!("{} voxels have values at corners that are stored in another way", gaps.lattice));
         }
         if gaps.ambient {
-            lose("some voxels have no ambient occlusion; in the file all light reaches them");
+            lose("some voxels have no ambient occlusion, all light reaches them in the file");
         }
         if let Some(error) = gaps.constant.filter(|error| *error > 0.0) {
-            lose(&format!("constant colours became blocks: channels are up to {error:.1} steps of 255 off"));
+            lose(&format!("constant colours became blocks, channels are off by up to {error:.1}/255"));
         }
         Ok(())
     }
 
-    /// Types of the attachments of an object in the file. Those that the file has no place for are listed.
+    /// Types of the attachments of an object in the file. Adds attachments without a counterpart to `lost`.
     fn kinds(&mut self, index: usize) -> Vec<u32> {
         let parts: Vec<&BlockParts> = (self.octree.blocks().iter().zip(self.octree.parts()))
             .filter(|(block, _)| block.object as usize == index)
@@ -172,14 +174,14 @@ impl Exporter<'_> {
         kinds
     }
 
-    /// What follows the cube of a slice, or a part of it, at the next level.
+    /// Appends the child entries and the slices for a cube, or a part of one, at the next level.
     fn follow(&mut self, layers: &[Layer], level: usize, cube: Task, entries: &mut Vec<i32>, tasks: &mut Vec<Task>) {
         let voxels = |at: usize| range(layers, cube.level, cube.voxel, at);
         let next = match layers.get(level + 1) {
             Some(layer) if layer.slots[voxels(level + 1)].iter().any(|slot| *slot != LEAF) => voxels(level + 1).len(),
             _ => return entries.push(entry::NONE),
         };
-        // As the authors' builder decides, so that a file of theirs comes back in the same slices. Any choice is valid.
+        // Decides as the authors' builder does, so that importing and exporting keeps the slices. Any choice is valid.
         let all = || (cube.level..=level + 1).map(|at| voxels(at).len()).sum::<usize>() + 8 * next;
         let uneven = || {
             let octants = voxels(cube.level + 1).filter(|v| !range(layers, cube.level + 1, *v, level + 1).is_empty());
@@ -235,7 +237,7 @@ impl Exporter<'_> {
         NewSlice { id, place, entries, split: &split, masks: &masks, attachments: &attachments }.words()
     }
 
-    /// A word for each node, mask and pointer; then the contours.
+    /// A word with mask and pointer for each node, then the contours.
     fn contours(&self, nodes: &[u32]) -> Vec<u32> {
         let mut words = vec![0; nodes.len()];
         for (index, slot) in nodes.iter().enumerate() {
@@ -245,7 +247,7 @@ impl Exporter<'_> {
         words
     }
 
-    /// A colour block and a normal block for every pair of siblings. They are pairs of slots in both formats.
+    /// A colour block and a normal block for every pair of siblings, which are pairs of slots in both formats.
     fn blocks(&self, nodes: &[u32], gaps: &mut Gaps) -> Vec<u32> {
         let mut words = Vec::new();
         for slot in nodes.iter().filter(|slot| **slot % 2 == 0) {
@@ -318,7 +320,7 @@ fn layers(octree: &Octree, root: u32) -> Result<Vec<Layer>, FormatError> {
             }
         }
         if next.len() >= LEAF as usize {
-            return Err(FormatError::Limit("a level of 2^32 voxels or more".into()));
+            return Err(FormatError::Limit("a level has 2^32 voxels or more".into()));
         }
         first.push(next.len() as u32);
         layers.push(Layer { slots, first });
@@ -327,7 +329,7 @@ fn layers(octree: &Octree, root: u32) -> Result<Vec<Layer>, FormatError> {
     Ok(layers)
 }
 
-/// Where the descendants at level `at` of a voxel are.
+/// The descendants of a voxel at level `at`, as a range of indices.
 fn range(layers: &[Layer], level: usize, voxel: usize, at: usize) -> std::ops::Range<usize> {
     layers[level..at]
         .iter()

@@ -1,4 +1,4 @@
-//! Colours and normals that are written one for every voxel, or one for every corner of one.
+//! Colours and normals written as one value per voxel (palette) or per corner of a voxel.
 
 use std::collections::HashMap;
 
@@ -6,26 +6,29 @@ use crate::file::attachment;
 use crate::values::plain::{OWN_CUBE, plain_entry, slots};
 use crate::{CornerCell, CornerValue, NodeCorners, Octree, RawNormal};
 
-/// What is missing of an object's attributes, and how far constant colours are from the blocks for them.
+/// Which attributes of an object are missing or inexact in the file.
 #[derive(Default)]
 pub(super) struct Gaps {
     pub(super) colors: bool,
     pub(super) normals: bool,
+    /// Largest error of constant colours in blocks, in units of 1/255; `None` if there are no constant colours.
     pub(super) constant: Option<f32>,
     pub(super) ambient: bool,
-    /// Some colours or normals are not stored as they are, and a palette has to take the nearest.
+    /// Some colours or normals are not plain values, so their palette entries are rounded.
     pub(super) rounded: bool,
-    /// Descriptors whose corners are others in the file.
+    /// Number of descriptors whose corners are stored differently in the file.
     pub(super) lattice: u64,
 }
 
-/// What the voxels of an object have, where that depends on what is above them.
+/// Values of the voxels of an object that depend on those of their ancestors.
 #[derive(Default)]
 pub(super) struct Inherited {
-    /// For each slot of the image that holds a descriptor, which of its voxels get a value in a palette: those that have
-    /// one of their own, and those that differ from their parent, whose value the file gives to all others.
+    /// For each slot of the image with a descriptor, the mask of its voxels that get a value in the palette: those
+    /// whose value is stored separately, and those whose value differs from their parent's. All others inherit that of
+    /// their parent.
     own: Vec<u8>,
-    /// By the slot of the descriptor, corners that are not those of the octree, as the file would not say the same of it.
+    /// By slot of the descriptor: corners to write instead of those of the octree, which would decode differently in
+    /// the file.
     corners: HashMap<u32, (u32, Vec<CornerValue>)>,
 }
 
@@ -56,11 +59,11 @@ impl Inherited {
         while let Some((slot, above)) = stack.pop() {
             let valid = octree.descriptor(slot).valid_mask();
             let (node, values) = node_corners(octree, slot);
-            // Where corners lack, the file gives a voxel those of the nearest voxel above that has them.
+            // In the file, a voxel without corners inherits those of the nearest ancestor that has some.
             let lacking = slots(valid).any(|child| !node.has_child(child));
             let own = (node.mask & OWN_CUBE != 0).then(|| values.get(node.rank(OWN_CUBE)..node.count())).flatten();
             let expected = above.map(|cell| cell.of_voxel());
-            // What the file says of this descriptor, and its voxels hand down.
+            // The corners of this descriptor in the file, which its voxels inherit.
             let mut said = (node, values);
             if lacking && own != expected.as_ref().map(|corners| &corners[..]) {
                 gaps.lattice += 1;
@@ -75,7 +78,7 @@ impl Inherited {
         Self { corners, ..Self::default() }
     }
 
-    /// A word for each node, mask and pointer; then the values.
+    /// A word with mask and pointer for each node, then the values.
     pub(super) fn palette_words(&self, octree: &Octree, nodes: &[u32], gaps: &mut Gaps) -> Vec<u32> {
         let mut words = vec![0; nodes.len()];
         for (index, slot) in nodes.iter().enumerate() {
@@ -88,7 +91,7 @@ impl Inherited {
         words
     }
 
-    /// Two words for each node, mask and pointer; then the values.
+    /// Two words with mask and pointer for each node, then the values.
     pub(super) fn corner_words(&self, octree: &Octree, nodes: &[u32]) -> Vec<u32> {
         let mut words = vec![0; nodes.len() * 2];
         for (index, slot) in nodes.iter().enumerate() {
@@ -105,13 +108,14 @@ impl Inherited {
     }
 }
 
-/// All points of the lattice: with the values that there are, those between the corners of the voxel, or none.
+/// Values for all points of the lattice: existing values, values interpolated between the corners of the voxel, or
+/// none.
 fn lattice(node: NodeCorners, values: &[CornerValue]) -> (u32, Vec<CornerValue>) {
     let point = |index: u32| {
         if node.mask >> index & 1 != 0 {
             return values.get(node.rank(1 << index)).copied().unwrap_or_default();
         }
-        // One of the octants that the point is a corner of, and which corner of that.
+        // An octant of which the point is a corner, and the number of that corner.
         let place = [index % 3, index / 3 % 3, index / 9];
         let bits = |bit: fn(u32) -> u32| (0..3).fold(0, |all, axis| all | bit(place[axis]) << axis);
         let (child, corner) = (bits(|at| at / 2) as u8, bits(|at| at - at / 2));
@@ -122,7 +126,7 @@ fn lattice(node: NodeCorners, values: &[CornerValue]) -> (u32, Vec<CornerValue>)
     (OWN_CUBE - 1, (0..27).map(point).collect())
 }
 
-/// Which voxels of a descriptor have colours or normals that no other voxel shares.
+/// The mask of the voxels of a descriptor whose colours or normals are stored separately.
 fn plain_mask(octree: &Octree, slot: u32) -> u8 {
     let parts = &octree.parts()[octree.block_of(slot) as usize];
     let masks = parts.attachments.iter().map(|(kind, ..)| match *kind {
@@ -135,7 +139,7 @@ fn plain_mask(octree: &Octree, slot: u32) -> u8 {
     masks.fold(0, |all, mask| all | mask)
 }
 
-/// Colour and normal of a voxel, as a palette has them.
+/// Colour and normal of a voxel for a palette.
 fn value(octree: &Octree, slot: u32, child: u8, gaps: &mut Gaps) -> CornerValue {
     let color = octree.plain_color(slot, child).unwrap_or_else(|| match octree.color(slot, child) {
         Some(color) => {

@@ -1,4 +1,4 @@
-//! From chunks to an octree.
+//! Converts the chunks of an `.oct` file to an octree.
 
 use std::io::{Read, Seek};
 
@@ -21,7 +21,7 @@ const OBJECT_WORDS: usize = 34;
 /// An entry of the object list.
 struct Object {
     transform: DMat4,
-    /// Slice of the root; `None`: nothing has been built.
+    /// Slice of the root; `None` if nothing has been built.
     root: Option<u32>,
     attachments: Vec<u32>,
 }
@@ -33,7 +33,7 @@ pub(super) fn import<R: Read + Seek>(mut file: Clusters<R>) -> Result<Imported, 
     for (index, object) in objects.iter().enumerate() {
         match object.root {
             Some(root) => octrees.push(import_object(&mut file, index, root, object, &mut lost)?),
-            None => lost.push(format!("object {index}: has no voxels")),
+            None => lost.push(format!("object {index} has no voxels")),
         }
     }
     let unused = [(SLICES, "slices that belong to no object"), (MESHES, "meshes that octrees were built from")];
@@ -51,10 +51,10 @@ pub(super) fn import<R: Read + Seek>(mut file: Clusters<R>) -> Result<Imported, 
 
 fn read_objects(words: &[u32]) -> Result<Vec<Object>, FormatError> {
     let broken = |what: &str| fault("octree chunk", what);
-    let short = || broken("is too short");
+    let short = || broken("it is too short");
     let (header, mut rest) = words.split_first_chunk::<5>().ok_or_else(short)?;
     if bytemuck::bytes_of(header)[..8] != *b"Octree  " || header[2] != 1 {
-        return Err(broken("does not begin with \"Octree  \" and version 1"));
+        return Err(broken("it does not begin with \"Octree  \" and version 1"));
     }
     let mut objects = Vec::new();
     for index in 0..header[3] {
@@ -63,7 +63,7 @@ fn read_objects(words: &[u32]) -> Result<Vec<Object>, FormatError> {
             |at: usize| DMat4::from_cols_array(&std::array::from_fn(|i| f64::from(f32::from_bits(head[at + i]))));
         let (to_world, to_object) = (matrix(0), matrix(16));
         let mut transform = to_world * to_object;
-        // The product of two affine matrices is one, whatever rounding says.
+        // The product of two affine matrices is affine; remove rounding errors.
         if to_world.row(3) == DVec4::W && to_object.row(3) == DVec4::W {
             transform = DMat4::from_cols(
                 transform.x_axis.truncate().extend(0.0),
@@ -73,12 +73,15 @@ fn read_objects(words: &[u32]) -> Result<Vec<Object>, FormatError> {
             );
         }
         if !crate::check::tables::is_usable(&transform.to_cols_array()) {
-            return Err(broken(&format!("object {index} has a transform that cannot be inverted")));
+            return Err(broken(&format!("the transform of object {index} is not finite, affine and invertible")));
         }
-        let root = match head[32] as i32 {
-            -1 => None,
-            root => Some(u32::try_from(root).map_err(|_| broken(&format!("object {index} begins at slice {root}")))?),
-        };
+        let root =
+            match head[32] as i32 {
+                -1 => None,
+                root => Some(u32::try_from(root).map_err(|_| {
+                    broken(&format!("the root slice of object {index} is {root}, expected -1 or above"))
+                })?),
+            };
         let attachments = tail.get(..head[33] as usize).ok_or_else(short)?;
         rest = &tail[attachments.len()..];
         objects.push(Object { transform, root, attachments: attachments.to_vec() });
@@ -102,10 +105,10 @@ fn import_object<R: Read + Seek>(
     }
     let layers = Layers::read(file, root, has, source)?;
     if layers.layers[0].nodes.is_empty() {
-        return Err(fault(format!("slice {root}"), "the root is not divided: there are no voxels"));
+        return Err(fault(format!("slice {root}"), "the root has no children, so there are no voxels"));
     }
     if layers.unbuilt > 0 {
-        lose(format!("plans for {} slices that have not been built; their voxels are leaves", layers.unbuilt));
+        lose(format!("{} slices that have not been built, their voxels are leaves", layers.unbuilt));
     }
     let mut planter = Planter { layers: &layers, tree: Tree::default(), bare: 0, rounded: 0 };
     planter.tree.plain = source == Some(kind::PALETTE);
@@ -116,28 +119,28 @@ fn import_object<R: Read + Seek>(
     }
     let octree = assemble(&tree, object.transform, &AssembleOptions::default())?;
     if bare > 0 {
-        lose(format!("{bare} voxels have no colour and normal, nor has any above them; they are white and face +z"));
+        lose(format!("{bare} voxels and their ancestors have no colour and normal, they are white with normal +z"));
     }
     if rounded > 0 {
         lose(format!(
-            "colours and normals of {rounded} voxels are rounded, as they lie between those of corners above"
+            "colours and normals at the corners of {rounded} voxels are interpolated from an ancestor's and rounded"
         ));
     }
     Ok(octree)
 }
 
-/// Makes the tree, depth first.
+/// Makes the tree, depth-first.
 struct Planter<'a> {
     layers: &'a Layers,
     tree: Tree,
-    /// Voxels that have no value, nor has any above them.
+    /// Number of voxels without a value of their own or of an ancestor.
     bare: u64,
     /// Voxels whose corners had to be interpolated.
     rounded: u64,
 }
 
 impl Planter<'_> {
-    /// Adds a node of a level and what is below it.
+    /// Adds a node of a level and its descendants.
     fn plant(&mut self, level: usize, index: u32, attributes: Attributes) {
         let layers = self.layers;
         let node = &layers.layers[level].nodes[index as usize];
@@ -188,12 +191,13 @@ impl Planter<'_> {
         }
         self.tree.close(opened);
     }
+
     fn value(&mut self, voxel: &mut Voxel, CornerValue { color: [r, g, b, alpha], normal }: CornerValue) {
         (voxel.color, voxel.normal) = (Some([r, g, b]), Some(normal));
         self.tree.alphas.push(alpha);
     }
 
-    /// The corners of a node; where some lack, with those of its own voxel, which has these attributes.
+    /// Adds the corners of a node. If some are missing, adds the corners of its own voxel, which has these attributes.
     fn corners(&mut self, node: &Node, attributes: Attributes) {
         let mut corners = NodeCorners { mask: node.mask, first: self.tree.corner_values.len() as u32 };
         self.tree.corner_values.extend(own_values(self.layers, node));

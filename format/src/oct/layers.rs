@@ -1,4 +1,4 @@
-//! The slices of an object, level by level: what a tree is made from.
+//! The slices of an object, level by level, from which a tree is made.
 
 use std::io::{Read, Seek};
 
@@ -7,41 +7,41 @@ use super::slice::{Place, Slice, entry};
 use super::{fault, kind};
 use crate::{AmbientBlock, FormatError};
 
-/// In place of a node: the voxel is a leaf.
+/// Marks a leaf in place of the index of a node.
 pub(super) const LEAF: u32 = u32::MAX;
 
 /// A voxel that is not a leaf.
 #[derive(Clone, Copy)]
 pub(super) struct Node {
-    /// Which children it has; never zero.
+    /// Mask of its children; never zero.
     pub(super) valid: u8,
-    /// Which of them have a contour.
+    /// Mask of the children with a contour.
     pub(super) contours: u8,
-    /// Its first child among the voxels of the next level.
+    /// Index of its first child among the voxels of the next level.
     pub(super) first_child: u32,
-    /// The contour of the first child that has one.
+    /// Index of the contour of the first child that has one.
     pub(super) first_contour: u32,
-    /// Which children, or corners of children, have a colour and a normal of their own.
+    /// Mask of the children, or of the corners of children, with their own colour and normal.
     pub(super) mask: u32,
-    /// Where its colours and normals begin.
+    /// Index of the first word of its colours and normals.
     pub(super) first_value: u32,
-    /// Its ambient occlusion block, which it may share with a sibling.
+    /// Index of its ambient occlusion block, which it may share with a sibling.
     pub(super) ambient: u32,
 }
 
 /// The voxels of one level, in depth-first order.
 #[derive(Default)]
 pub(super) struct Layer {
-    /// For each voxel its node, or [`LEAF`].
+    /// For each voxel the index of its node, or [`LEAF`].
     pub(super) voxels: Vec<u32>,
-    /// Those that are not leaves.
+    /// The voxels that are not leaves.
     pub(super) nodes: Vec<Node>,
 }
 
-/// An object.
+/// The voxels of an object by level.
 #[derive(Default)]
 pub(super) struct Layers {
-    /// Level 0, the root, first.
+    /// The levels, from level 0 (the root) on.
     pub(super) layers: Vec<Layer>,
     /// Contours of all nodes.
     pub(super) contours: Vec<u32>,
@@ -49,7 +49,7 @@ pub(super) struct Layers {
     pub(super) values: Vec<u32>,
     /// Ambient occlusion blocks.
     pub(super) ambient: Vec<AmbientBlock>,
-    /// Slices that are planned and not built.
+    /// Number of slices that have not been built.
     pub(super) unbuilt: u64,
     /// Whether there are contours.
     with_contours: bool,
@@ -59,7 +59,7 @@ pub(super) struct Layers {
     pub(super) kind: Option<u32>,
 }
 
-/// A slice to read: where it is, and the voxels in its cube.
+/// A slice to read: its place, and the range of the voxels in its cube.
 struct Task {
     id: u32,
     place: Place,
@@ -67,23 +67,23 @@ struct Task {
     count: usize,
 }
 
-/// Voxels of the level that is being made.
+/// The voxels of the level that is being read.
 #[derive(Default)]
 struct Front {
     /// Lower corners.
     positions: Vec<[u32; 3]>,
-    /// Nodes that they are children of.
+    /// The nodes whose children they are.
     parents: Vec<u32>,
 }
 
 impl Layers {
-    /// Whether colours and normals are not in blocks.
+    /// Whether colours and normals are a palette or values at corners.
     pub(super) fn own_values(&self) -> bool {
         matches!(self.kind, Some(kind::PALETTE | kind::CORNERS))
     }
 
-    /// Reads the slices from that of the root on. `has` says of what types there are attachments, `kind` which of them
-    /// has the colours and normals.
+    /// Reads the slices from the root on. `has` tells which types of attachments there are; `kind` is the type with the
+    /// colours and normals.
     pub(super) fn read<R: Read + Seek>(
         file: &mut Clusters<R>,
         root: u32,
@@ -105,7 +105,7 @@ impl Layers {
                     Some(slice) => layers.slice(&slice, &task, &front, &mut layer, &mut next, &mut next_tasks)?,
                 }
                 if total + next.positions.len() >= LEAF as usize {
-                    return Err(FormatError::Limit("an .oct file with 2^32 voxels or more".into()));
+                    return Err(FormatError::Limit("the .oct file has 2^32 voxels or more".into()));
                 }
             }
             layers.layers.push(layer);
@@ -115,7 +115,7 @@ impl Layers {
         Ok(layers)
     }
 
-    /// Takes the nodes of a slice, and finds out what voxels and slices follow it.
+    /// Adds the nodes of a slice, and the voxels and slices of the next level below it.
     fn slice(
         &mut self,
         slice: &Slice,
@@ -129,7 +129,7 @@ impl Layers {
             return Ok(());
         }
         if task.place.voxel_scale == 0 {
-            return Err(slice.broken("has voxels of scale 0 that are divided"));
+            return Err(slice.broken("voxels of scale 0 have children"));
         }
         let first_node = layer.nodes.len();
         let first_child = next.positions.len();
@@ -184,9 +184,10 @@ impl Layers {
                 .and_then(|rest| rest.get(..mask.count_ones() as usize))
                 .filter(|values| mask & !node.valid == 0 && values.iter().all(|value| value << 14 != 0));
             let Some(values) = values else {
-                return Err(
-                    slice.broken(format!("the contours of node {index} do not fit: mask {mask:08b} at {pointer}"))
+                let what = format!(
+                    "mask {mask:08b} at word {pointer} does not fit its voxels or the attachment, or a normal is zero"
                 );
+                return Err(slice.broken(format!("contours of node {index}: {what}")));
             };
             self.contours.extend_from_slice(values);
         }
@@ -227,9 +228,8 @@ impl Layers {
                 .and_then(|rest| rest.get(..2 * mask.count_ones() as usize))
                 .filter(|_| mask & !allowed == 0 && self.values.len() < LEAF as usize - 64);
             let Some(values) = values else {
-                return Err(
-                    slice.broken(format!("the attributes of node {index} do not fit: mask {mask:b} at {pointer}"))
-                );
+                let what = format!("mask {mask:b} at word {pointer} does not fit its voxels or the attachment");
+                return Err(slice.broken(format!("attributes of node {index}: {what}")));
             };
             self.values.extend_from_slice(values);
         }
@@ -237,7 +237,8 @@ impl Layers {
     }
 }
 
-/// Siblings that are not leaves share blocks two by two: tells the pair of each node, and returns their number.
+/// Siblings that are not leaves share blocks in pairs. Calls `of(node, pair)` for each node and returns the number of
+/// pairs.
 fn pairs(parents: &[u32], mut of: impl FnMut(usize, usize)) -> usize {
     let (mut pairs, mut index) = (0, 0);
     while index < parents.len() {
@@ -251,7 +252,7 @@ fn pairs(parents: &[u32], mut of: impl FnMut(usize, usize)) -> usize {
 /// Words of a colour block and a normal block.
 pub(super) const BLOCK_WORDS: usize = 6;
 
-/// Reads the entries of one cube: what slices follow, and which of the voxels at `cursor` and behind lie in each.
+/// Reads the child entries of one cube. Adds the slices of the next level with the voxels, from `cursor` on, in each.
 fn follow(
     slice: &Slice,
     entries: &mut impl Iterator<Item = i32>,
@@ -260,11 +261,14 @@ fn follow(
     cursor: &mut usize,
     tasks: &mut Vec<Task>,
 ) -> Result<(), FormatError> {
-    let entry = entries.next().ok_or_else(|| slice.broken("too few child entries"))?;
+    let entry = entries.next().ok_or_else(|| slice.broken("it has too few child entries"))?;
     if entry == entry::SPLIT {
-        // Siblings stay together: they share blocks.
+        // Siblings share blocks, so they must be in the same slice.
         if place.cube_scale < place.voxel_scale + 2 {
-            return Err(slice.broken(format!("divides a cube of scale {} too far", place.cube_scale)));
+            return Err(slice.broken(format!(
+                "it divides a cube of scale {} with voxels of scale {} too far",
+                place.cube_scale, place.voxel_scale
+            )));
         }
         return (0..8).try_for_each(|slot| follow(slice, entries, place.octant(slot), voxels, cursor, tasks));
     }
@@ -275,9 +279,9 @@ fn follow(
     let count = *cursor - first;
     match u32::try_from(entry) {
         Ok(id) if count > 0 => tasks.push(Task { id, place, first, count }),
-        Ok(id) => return Err(fault(format!("slice {id}"), "follows a cube without voxels")),
+        Ok(id) => return Err(fault(format!("slice {id}"), "there are no voxels in its cube")),
         Err(_) if entry == entry::NONE => {}
-        Err(_) => return Err(slice.broken(format!("child entry {entry} means nothing"))),
+        Err(_) => return Err(slice.broken(format!("child entry {entry} is invalid, expected -2 or above"))),
     }
     Ok(())
 }

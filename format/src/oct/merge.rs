@@ -1,12 +1,12 @@
-//! Several octrees in one.
+//! Merges several octrees into one.
 
 use crate::{FormatError, Octree};
 
-/// The objects of all these octrees, in order. Pointers are distances within an object, so only the tables and the block
-/// numbers in the info sections change.
+/// An octree with the objects of all these octrees, in order. Pointers are distances within an object, so only the
+/// tables and the block numbers in the info sections change.
 ///
 /// # Errors
-/// More slots than an image can have.
+/// The image would have more than 2^32 slots.
 pub(super) fn merge(mut octrees: Vec<Octree>) -> Result<Octree, FormatError> {
     if octrees.len() == 1 {
         return Ok(octrees.remove(0));
@@ -44,7 +44,7 @@ mod tests {
     use super::*;
     use crate::{AssembleOptions, Contour, RawNormal, Tree, Voxel, assemble, oct, validate};
 
-    /// A chain of nodes with two leaves beside each, in as many blocks as it takes.
+    /// A chain of nodes, each with two leaves as siblings, in several blocks.
     fn chain(nodes: u8, colors: bool) -> Octree {
         let mut tree = Tree::default();
         let voxel = |k: u8, leaf| Voxel {
@@ -69,7 +69,7 @@ mod tests {
         assemble(&tree, transform, &AssembleOptions { block_slots: 64, near_limit: 1 }).expect("a well-formed tree")
     }
 
-    /// Everything that can be told of the voxels of an object.
+    /// All properties of the voxels of an object.
     fn contents(octree: &Octree, object: usize) -> Vec<String> {
         let mut stack = vec![octree.objects()[object].root_slot as u32];
         let mut found = vec![format!("{}", octree.octree_to_mesh(object))];

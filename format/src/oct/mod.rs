@@ -1,11 +1,12 @@
-//! Files of the paper's authors (`.oct`, ESVO 1.x), read and written.
+//! Reading and writing files of the paper's authors (`.oct`, ESVO 1.x).
 //!
-//! Their files hold the same octrees in another order: a container of numbered chunks (`clusters`), in it a list of
-//! objects and the *slices* of each (`slice`), a slice being the voxels of one level in one cube. Contours, blocks of
-//! colours, normals and ambient occlusion, values of voxels (palettes there, plain attributes here) and values at corners
-//! have the same bits in both formats and are carried over as they are. What one side cannot hold is listed, a sentence
-//! each, in [`Imported::lost`] and in what [`write()`] returns: of their files, meshes and the plans for slices that have
-//! not been built; of ours, metadata, sections and attachments that are not theirs, and what they have in one way only.
+//! These files contain the same octrees in another order: a container of numbered chunks (`clusters`) with a list of
+//! objects and the *slices* of each object (`slice`). A slice is the voxels of one level in one cube. Contours, blocks
+//! of colours, normals and ambient occlusion, values of voxels (palettes there, plain attachments here) and values at
+//! corners have the same bits in both formats and are copied unchanged. [`Imported::lost`] and the result of
+//! [`write()`] list, in one sentence each, everything that the other format cannot represent. In `.oct` files these are
+//! meshes and slices that have not been built; in esvo files metadata, unknown sections, attachments without a
+//! counterpart, and combinations of attachments that `.oct` files do not support.
 //!
 //! ```no_run
 //! use std::path::Path;
@@ -36,20 +37,18 @@ use crate::{FormatError, Octree};
 
 /// An octree from an `.oct` file.
 pub struct Imported {
-    /// The octree: one object for each of the file that has voxels.
+    /// The octree, with one object for each object of the file that has voxels.
     pub octree: Octree,
-    /// What of the file is not in it, or changed on the way; empty if nothing.
+    /// What was lost or changed, one sentence each. Empty if nothing was.
     pub lost: Vec<String>,
 }
 
-/// Reads an `.oct` file.
-///
-/// Takes memory in proportion to the length of the file, whatever its bytes say.
+/// Reads an `.oct` file. Memory is proportional to the length of the file, also for damaged files.
 ///
 /// # Errors
-/// The system's; a file that is damaged ([`FormatError::Oct`]), is compressed with zlib, or has no voxels.
+/// The system's; a file that is damaged ([`FormatError::Oct`]), compressed with zlib, or without voxels.
 pub fn open(path: &Path) -> Result<Imported, FormatError> {
-    // Asked before opening: to open a pipe would wait for a writer.
+    // Check before opening, as opening a pipe waits for a writer.
     let metadata = std::fs::metadata(path).map_err(|e| FormatError::io(path, e))?;
     if !metadata.is_file() {
         return Err(FormatError::io(path, std::io::Error::other("not a regular file")));
@@ -58,38 +57,39 @@ pub fn open(path: &Path) -> Result<Imported, FormatError> {
     import::import(clusters::Clusters::open(file, path)?)
 }
 
-/// Reads an `.oct` file that is in memory.
+/// Reads an `.oct` file in memory.
 ///
 /// # Errors
-/// As [`open`], but for the system's.
+/// Those of [`open`], except the system's.
 pub fn from_bytes(bytes: &[u8]) -> Result<Imported, FormatError> {
     import::import(clusters::Clusters::open(Cursor::new(bytes), Path::new("bytes in memory"))?)
 }
 
-/// Writes an octree as an `.oct` file, to a temporary beside `path` that is renamed: `path` is either untouched or
-/// complete. Returns what the file cannot hold, a sentence each; the same octree always gives the same bytes.
+/// Writes an octree as an `.oct` file, to a temporary file in the folder of `path` that is renamed: `path` is either
+/// untouched or complete. Returns what was lost or changed, one sentence each. The same octree always gives the same
+/// bytes.
 ///
-/// The file is put together in memory before it is written.
+/// The file is assembled in memory before it is written.
 ///
 /// # Errors
-/// The system's; an octree that is not [sound](Octree::sound), or larger than the numbers of the file can say.
+/// The system's; an octree that is not [sound](Octree::sound), or too large for the format.
 pub fn write(octree: &Octree, path: &Path) -> Result<Vec<String>, FormatError> {
     let exported = export::export(octree)?;
     crate::write_atomically(path, |out| exported.file.write_to(out)).map_err(|e| FormatError::io(path, e))?;
     Ok(exported.lost)
 }
 
-/// Like [`write()`], to anything that takes bytes.
+/// Like [`write()`], to any output.
 ///
 /// # Errors
-/// As [`write()`]; those of `out` come as [`FormatError::Io`] without a path.
+/// Those of [`write()`]; those of `out` as [`FormatError::Io`] with the path `output`.
 pub fn write_to(octree: &Octree, out: &mut dyn Write) -> Result<Vec<String>, FormatError> {
     let exported = export::export(octree)?;
     exported.file.write_to(out).map_err(|e| FormatError::io(Path::new("output"), e))?;
     Ok(exported.lost)
 }
 
-/// Something wrong with the file.
+/// An error about the part `place` of the file.
 fn fault(place: impl Into<String>, what: impl Into<String>) -> FormatError {
     FormatError::Oct { place: place.into(), what: what.into() }
 }
@@ -98,7 +98,7 @@ fn fault(place: impl Into<String>, what: impl Into<String>) -> FormatError {
 mod kind {
     /// Colours and normals in blocks.
     pub(super) const BLOCKS: u32 = 1;
-    /// A colour and a normal for every voxel that differs from its parent.
+    /// A colour and a normal for every voxel whose values differ from its parent's.
     pub(super) const PALETTE: u32 = 3;
     /// Contours.
     pub(super) const CONTOURS: u32 = 6;

@@ -1,24 +1,24 @@
-//! Slices: the voxels of one level in one cube, in depth-first order.
+//! A slice: the voxels of one level in one cube, in depth-first order.
 
 use super::fault;
 use crate::FormatError;
 
 /// Words of a slice before its tables.
 const HEADER_WORDS: usize = 15;
-/// The voxels of the next level have been built.
+/// State of a slice: the voxels of the next level have been built.
 pub(super) const COMPLETE: u32 = 2;
-/// The slice has been planned only.
+/// State of a slice: it has not been built.
 pub(super) const UNBUILT: u32 = 1;
 
-/// What follows a cube of a slice at the next level: cubes and slices, depth first.
+/// Child entries: the slices of the next level in the cube of a slice, depth-first.
 pub(super) mod entry {
     /// The cube is divided; its eight octants follow.
     pub(in super::super) const SPLIT: i32 = -2;
-    /// Nothing follows: all voxels of the cube are leaves.
+    /// There is no slice, as all voxels of the cube are leaves.
     pub(in super::super) const NONE: i32 = -1;
 }
 
-/// Where a slice is.
+/// The place of a slice.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Place {
     /// Lower corner of its cube in units of 2^-23 of the root.
@@ -30,7 +30,7 @@ pub(super) struct Place {
 }
 
 impl Place {
-    /// That of the root slice.
+    /// The place of the root slice.
     pub(super) const ROOT: Self = Self { position: [0; 3], cube_scale: 23, voxel_scale: 23 };
 
     /// Octant `slot` of the cube.
@@ -46,13 +46,13 @@ impl Place {
     }
 }
 
-/// A slice as read.
+/// A slice that has been read.
 pub(super) struct Slice {
     words: Vec<u32>,
     id: u32,
     /// Number of voxels.
     voxels: u32,
-    /// Number of those that are not leaves.
+    /// Number of voxels that are not leaves.
     nodes: u32,
     entries: (usize, usize),
     attachments: Vec<(u32, usize, usize)>,
@@ -61,30 +61,31 @@ pub(super) struct Slice {
 }
 
 impl Slice {
-    /// Checks the tables of slice `id`, which has to be at `place` and hold so many voxels. `None`: not built yet.
+    /// Checks the tables of slice `id`, which must be at `place` and have `voxels` voxels. `None` if it has not been
+    /// built.
     pub(super) fn new(id: u32, words: Vec<u32>, place: Place, voxels: u32) -> Result<Option<Self>, FormatError> {
         let broken = |what: String| fault(format!("slice {id}"), what);
         let Some(header) = words.first_chunk::<HEADER_WORDS>() else {
-            return Err(broken(format!("{} words are too few", words.len())));
+            return Err(broken(format!("it has {} words, expected at least {HEADER_WORDS}", words.len())));
         };
         let found =
             Place { position: [header[2], header[3], header[4]], cube_scale: header[5], voxel_scale: header[6] };
         if header[0] != id || found != place {
-            return Err(broken(format!("is slice {} at {found:?}, but should be at {place:?}", header[0])));
+            return Err(broken(format!("its header says slice {} at {found:?}, expected {place:?}", header[0])));
         }
         match header[1] {
             COMPLETE => {}
             UNBUILT => return Ok(None),
-            state => return Err(broken(format!("is in state {state}: 1 or 2 was expected"))),
+            state => return Err(broken(format!("its state is {state}, expected 1 or 2"))),
         }
         let (count, nodes) = (header[11], header[13]);
         if count != voxels {
-            return Err(broken(format!("holds {count} voxels, but {voxels} lie in its cube")));
+            return Err(broken(format!("it has {count} voxels, expected the {voxels} in its cube")));
         }
         let range = |what: &str, start: u32, length: usize| {
             let start = start as usize;
             if start.checked_add(length).is_none_or(|end| end > words.len()) {
-                let what = format!("{what}: {length} words from word {start} of {}", words.len());
+                let what = format!("{what}: {length} words from word {start} on leave its {} words", words.len());
                 return Err(broken(what));
             }
             Ok(start)
@@ -100,12 +101,14 @@ impl Slice {
         let slice = Self { id, voxels: count, nodes, entries, attachments, split, masks, words };
         let bits = (0..count).filter(|voxel| slice.is_split(*voxel)).count();
         if bits != nodes as usize {
-            return Err(slice.broken(format!("{bits} split bits for {nodes} valid masks")));
+            return Err(
+                slice.broken(format!("it has {bits} split bits and {nodes} valid masks, expected as many of both"))
+            );
         }
         Ok(Some(slice))
     }
 
-    /// Something wrong with this slice.
+    /// An error about this slice.
     pub(super) fn broken(&self, what: impl Into<String>) -> FormatError {
         fault(format!("slice {}", self.id), what)
     }
@@ -131,18 +134,20 @@ impl Slice {
         if mask == 0 { Err(self.broken(format!("node {node} has no child"))) } else { Ok(mask) }
     }
 
-    /// The entries of what follows.
+    /// The child entries.
     pub(super) fn entries(&self) -> impl Iterator<Item = i32> + '_ {
         self.words[self.entries.0..][..self.entries.1].iter().map(|word| *word as i32)
     }
 
-    /// The attachment of this type; at least `least` words of it.
+    /// The attachment of this type, which must have at least `least` words.
     pub(super) fn attachment(&self, kind: u32, least: usize) -> Result<&[u32], FormatError> {
         let Some(&(_, start, length)) = self.attachments.iter().find(|attachment| attachment.0 == kind) else {
-            return Err(self.broken(format!("has no attachment of type {kind}, though others have")));
+            return Err(self.broken(format!("it has no attachment of type {kind}, which its object has")));
         };
         if length < least {
-            return Err(self.broken(format!("attachment of type {kind}: {length} words instead of {least} or more")));
+            return Err(
+                self.broken(format!("the attachment of type {kind} has {length} words, expected at least {least}"))
+            );
         }
         Ok(&self.words[start..start + length])
     }
@@ -155,12 +160,12 @@ pub(super) struct NewSlice<'a> {
     pub(super) entries: &'a [i32],
     pub(super) split: &'a [bool],
     pub(super) masks: &'a [u8],
-    /// Type and words.
+    /// Type and words of each.
     pub(super) attachments: &'a [(u32, Vec<u32>)],
 }
 
 impl NewSlice<'_> {
-    /// The words of the chunk, parts in the order of the header, without gaps.
+    /// The words of the chunk: the parts in the order of the header, without gaps.
     pub(super) fn words(&self) -> Vec<u32> {
         let list = HEADER_WORDS + self.entries.len();
         let split = list + self.attachments.len() * 3;

@@ -1,22 +1,22 @@
-//! Colours and normals that are not in blocks: one for every voxel (a palette), or for every corner of one.
+//! Colours and normals read as one value per voxel (palette) or per corner of a voxel.
 
 use super::kind;
 use super::layers::{Layers, Node};
 use crate::{CornerCell, CornerValue, NodeCorners};
 
-/// What a voxel has, of its own or from the nearest ancestor that does.
+/// Colours and normals of a voxel, either its own or inherited from the nearest ancestor that has some.
 #[derive(Clone, Copy)]
 pub(super) enum Attributes {
-    /// Nothing.
+    /// None.
     None,
     /// A value.
     One(CornerValue),
-    /// Values at the corners of a cube that the voxel is or is a part of.
+    /// Values at the corners of the voxel's cube or of an ancestor's.
     Corners(CornerCell),
 }
 
 impl Attributes {
-    /// Those of child `slot` of a node that has these.
+    /// The attributes of child `slot` of a node with these attributes.
     pub(super) fn child(self, layers: &Layers, node: &Node, slot: u8) -> Self {
         let corners = NodeCorners { mask: node.mask, first: 0 };
         if layers.kind == Some(kind::CORNERS) {
@@ -33,7 +33,7 @@ impl Attributes {
     }
 }
 
-/// The values of a node: alpha, blue, green and red from the top; a raw normal.
+/// The values of a node: a word with alpha, blue, green and red from the top, and a raw normal.
 pub(super) fn own_values(layers: &Layers, node: &Node) -> Vec<CornerValue> {
     let words = &layers.values[node.first_value as usize..][..2 * node.mask.count_ones() as usize];
     bytemuck::cast_slice(words).to_vec()

@@ -1,11 +1,11 @@
-//! Blocks read from a file, and the regions that they are chosen by.
+//! Blocks read from a file, and regions to select them by.
 
 use glam::DVec3;
 
 use crate::block::BlockParts;
 use crate::file::{BlockEntry, CODEC_RAW};
 
-/// A box in octree space, where the root cube is `[0, 1]³`; faces belong to it.
+/// A closed box in octree space, where the root cube is `[0, 1]³`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Region {
     /// Lower corner.
@@ -18,22 +18,22 @@ impl Region {
     /// All of the root cube.
     pub const ALL: Self = Self { low: DVec3::ZERO, high: DVec3::ONE };
 
-    /// The cube at `position`, in units of 2^-23 of the root cube, of this scale: its edge is `2^(scale - 23)`.
-    /// Scales beyond 23 count as 23.
+    /// The cube with its lower corner at `position`, in units of 2^-23 of the root cube, and the edge `2^(scale - 23)`.
+    /// Scales above 23 count as 23.
     pub fn cube(position: [u32; 3], scale: u32) -> Self {
         let unit = 1.0 / f64::from(1u32 << 23);
         let low = DVec3::from(position.map(f64::from)) * unit;
         Self { low, high: low + f64::from(1u32 << scale.min(23)) * unit }
     }
 
-    /// Whether the two have a point in common. With a NaN in either they have none.
+    /// Whether the two boxes have a point in common. False if either contains NaN.
     pub fn meets(&self, other: &Self) -> bool {
         self.low.cmple(other.high).all() && other.low.cmple(self.high).all()
     }
 }
 
-/// A block that has been read: its stored bytes match their checksum, it is not compressed any more, and its info
-/// section fits. What its descriptors say has not been checked.
+/// A block that has been read and decompressed. Its checksum and its info section have been checked, its descriptors
+/// have not.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Block {
     pub(crate) index: u32,
@@ -47,7 +47,7 @@ impl Block {
         self.index
     }
 
-    /// Where the parts of the block lie, counted from its own first slot, word and byte.
+    /// The places of the parts of the block, relative to its own start.
     pub fn parts(&self) -> &BlockParts {
         &self.parts
     }
@@ -58,7 +58,7 @@ impl Block {
     }
 }
 
-/// Where byte `at` of a block lies in the file, or in the image if the block is compressed.
+/// Offset of byte `at` of a block in the file, or in the image if the block is compressed.
 pub(crate) fn file_offset(block: &BlockEntry, at: u64) -> u64 {
     at + if block.codec == CODEC_RAW { block.file_offset } else { block.image_offset }
 }

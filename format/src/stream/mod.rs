@@ -1,4 +1,4 @@
-//! Reading a part of a file (spec section 11).
+//! Reading parts of a file from any source of bytes (spec section 11).
 
 pub(crate) mod block;
 mod partial;

@@ -1,4 +1,5 @@
-//! An octree of some blocks of a file: laid out anew, pointers between blocks put right, and leaves where blocks lack.
+//! An octree of some of the blocks of a file: relocates blocks, corrects the pointers between them, and turns voxels
+//! whose children are in missing blocks into leaves.
 
 use crate::check::topology::Bits;
 use crate::file::*;
@@ -6,7 +7,7 @@ use crate::octree::Image;
 use crate::stream::block::{Block, file_offset};
 use crate::{Broken, ChildDescriptor, FormatError, Octree, ids};
 
-/// Makes an octree of `blocks`, in the order of the table that they are from.
+/// Makes an octree of `blocks`, which must be in the order of the table.
 pub(crate) fn assemble(
     objects: &[ObjectEntry],
     table: &[BlockEntry],
@@ -31,11 +32,11 @@ pub(crate) fn assemble(
     Ok(octree)
 }
 
-/// A descriptor on the way.
+/// A descriptor that the walk visits.
 struct Step {
     /// Slot in the new image.
     slot: u32,
-    /// Place of its block among the new ones.
+    /// Index of its block among `blocks`.
     place: usize,
     /// Level of its children.
     level: u32,
@@ -44,7 +45,7 @@ struct Step {
 struct Partial<'a> {
     table: &'a [BlockEntry],
     blocks: &'a [&'a Block],
-    /// Place of each block of the table among the new ones.
+    /// For each block of the table, its index among `blocks`.
     places: Vec<Option<u32>>,
     entries: Vec<BlockEntry>,
     image: Vec<u64>,
@@ -55,7 +56,9 @@ impl<'a> Partial<'a> {
     /// Copies the blocks and gives them their new numbers.
     fn new(table: &'a [BlockEntry], blocks: &'a [&'a Block]) -> Result<Self, FormatError> {
         if blocks.is_empty() {
-            return Err(FormatError::Limit("no blocks: an octree takes at least the root block of an object".into()));
+            return Err(FormatError::Limit(
+                "no blocks were given: an octree needs at least the root block of an object".into(),
+            ));
         }
         let mut places: Vec<Option<u32>> = vec![None; table.len()];
         let mut entries = Vec::with_capacity(blocks.len());
@@ -63,16 +66,16 @@ impl<'a> Partial<'a> {
         for (place, block) in blocks.iter().enumerate() {
             let index = block.index as usize;
             let Some(entry) = table.get(index).filter(|entry| entry.image_size == block.slots.len() as u64 * 8) else {
-                return Err(FormatError::Limit(format!("block {index} is not of this file")));
+                return Err(FormatError::Limit(format!("block {index} does not belong to this file")));
             };
             let parent = match entry.parent {
                 NO_PARENT => NO_PARENT,
                 parent => places[parent as usize].ok_or_else(|| {
-                    FormatError::Limit(format!("block {index} cannot be used without block {parent}, its parent"))
+                    FormatError::Limit(format!("block {index} was given without block {parent}, its parent"))
                 })?,
             };
             if places[index].replace(place as u32).is_some() {
-                return Err(FormatError::Limit(format!("block {index} is there twice")));
+                return Err(FormatError::Limit(format!("block {index} was given twice")));
             }
             let image_offset = image.len() as u64 * 8;
             let stored_size = entry.image_size;
@@ -106,7 +109,7 @@ impl<'a> Partial<'a> {
         u64::from(self.start(place)) + u64::from(self.blocks[place].parts.array_slots)
     }
 
-    /// A finding at a slot of the new image, told by its place in the file.
+    /// A finding at a slot of the new image, reported with its offset in the file.
     fn broken(&self, rule: &'static str, place: usize, slot: u64, what: &str) -> Broken {
         let within = slot - u64::from(self.start(place));
         let block = self.blocks[place].index;
@@ -114,7 +117,7 @@ impl<'a> Partial<'a> {
         Broken::new(rule, at, format!("block {block}, slot {within}: {what}"))
     }
 
-    /// Walks an object, puts its pointers right and counts what there is of it.
+    /// Walks an object, corrects its pointers between blocks, and counts its parts.
     fn object(&mut self, object: &ObjectEntry, place: usize) -> Result<ObjectEntry, Broken> {
         let root = self.start(place) + FIRST_SLOT;
         let from = &self.table[object.root_block as usize];
@@ -136,7 +139,12 @@ impl<'a> Partial<'a> {
         let mut stack = vec![Step { slot: root, place, level: 1 }];
         while let Some(step) = stack.pop() {
             if step.level > object.levels {
-                return Err(self.broken(ids::CHILD_DEPTH, step.place, step.slot.into(), "deeper than its object"));
+                return Err(self.broken(
+                    ids::CHILD_DEPTH,
+                    step.place,
+                    step.slot.into(),
+                    "its voxels are deeper than the levels of its object",
+                ));
             }
             let children = self.children(&step, &mut part)?;
             let descriptor = ChildDescriptor(self.image[step.slot as usize]);
@@ -153,29 +161,32 @@ impl<'a> Partial<'a> {
         Ok(part)
     }
 
-    /// Slot and block of the first child of a descriptor, if it has any that are there; if they are not, they become
-    /// leaves.
+    /// Slot and block of the first child of a descriptor. `None` if it has no non-leaf children, or if they are in a
+    /// missing block; they become leaves then.
     fn children(&mut self, step: &Step, part: &mut ObjectEntry) -> Result<Option<(u32, usize)>, Broken> {
         let (slot, place) = (step.slot, step.place);
         let fail = |rule, what| Err(self.broken(rule, place, slot.into(), what));
         let descriptor = ChildDescriptor(self.image[slot as usize]);
         let (valid, leaf) = (descriptor.valid_mask(), descriptor.leaf_mask());
         if leaf & !valid != 0 || valid == 0 {
-            return fail(ids::CHILD_LEAF_MASK, "its masks do not fit");
+            return fail(ids::CHILD_LEAF_MASK, "its valid and leaf masks do not fit");
         }
         if descriptor.nonleaf_mask() == 0 {
             return Ok(None);
         }
         let near = u64::from(slot) + u64::from(descriptor.child_ptr());
         if descriptor.child_ptr() == 0 || near >= self.array_end(place) {
-            return fail(if descriptor.far() { ids::CHILD_FAR } else { ids::CHILD_RANGE }, "child pointer");
+            return fail(
+                if descriptor.far() { ids::CHILD_FAR } else { ids::CHILD_RANGE },
+                "its child pointer is zero or leads out of the descriptor array",
+            );
         }
         if !descriptor.far() {
             return Ok(Some((near as u32, place)));
         }
         let distance = self.image[near as usize];
         if distance == 0 || distance > u64::from(u32::MAX) {
-            return fail(ids::CHILD_FAR, "far pointer");
+            return fail(ids::CHILD_FAR, "its far pointer is zero or has more than 32 bits");
         }
         self.claim(near, 1, place)?;
         let target = u64::from(slot) + distance;
@@ -192,13 +203,13 @@ impl<'a> Partial<'a> {
                 ids::CHILD_BLOCK,
                 place,
                 slot.into(),
-                "leads to no first descriptor of a child block",
+                "its far pointer does not lead to the first descriptor of a child block",
             ));
         }
         match self.places[found] {
             Some(child) => {
                 let first = self.start(child as usize) + FIRST_SLOT;
-                // Blocks keep their order, so this one lies ahead.
+                // Blocks keep their order, so the child block comes later.
                 self.image[near as usize] = u64::from(first - slot);
                 part.far_pointers += 1;
                 Ok(Some((first, child as usize)))
@@ -212,14 +223,14 @@ impl<'a> Partial<'a> {
         }
     }
 
-    /// Takes slots of the descriptor array of a block that nothing else has taken.
+    /// Marks slots of the descriptor array of a block as used. They must be unused.
     fn claim(&mut self, first: u64, count: u32, place: usize) -> Result<(), Broken> {
         if first + u64::from(count) > self.array_end(place) {
             return Err(self.broken(ids::CHILD_RANGE, place, first, "children leave the descriptor array"));
         }
         for slot in first..first + u64::from(count) {
             if !self.claimed.insert(slot as usize) {
-                return Err(self.broken(ids::CHILD_ONCE, place, slot, "is referred to twice"));
+                return Err(self.broken(ids::CHILD_ONCE, place, slot, "two pointers lead to it"));
             }
         }
         Ok(())

@@ -1,4 +1,4 @@
-//! Reading a part of a file: tables first, then the blocks of a region down to a level (spec section 11).
+//! Reading parts of a file: the tables first, then the blocks of a region down to a level (spec section 11).
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -13,7 +13,7 @@ use crate::stream::partial::assemble;
 use crate::stream::source::RangeRead;
 use crate::{FormatError, Octree, OpenOptions};
 
-/// What the first read asks for. Writers put directory and tables at the start: in most files they are within.
+/// Size of the first read in bytes. Most files have their directory and tables within it.
 const PREFIX: u64 = 8192;
 
 /// Reads single blocks of a file from any [`RangeRead`].
@@ -27,7 +27,7 @@ const PREFIX: u64 = 8192;
 /// # let mut file = Vec::new();
 /// # octree.write_to(&mut file).unwrap();
 /// let reader = StreamReader::open(&file)?;
-/// // What shows the voxels of the lower corner down to level 9, then an octree of it that can be cast.
+/// // The blocks that show the voxels of the lower corner down to level 9, and an octree of them that can be cast.
 /// let corner = Region { low: glam::DVec3::ZERO, high: glam::DVec3::splat(0.25) };
 /// let blocks = reader.blocks_for(0, &corner, 9);
 /// let octree = reader.partial(&blocks)?;
@@ -55,8 +55,8 @@ impl<S: RangeRead> StreamReader<S> {
         Self::open_with(source, &OpenOptions::default())
     }
 
-    /// Opens a file: reads header, directory and tables, checks them and their checksums, and reads nothing else. A
-    /// file as this library writes it takes one read of 8 KiB, and another if its tables are longer than that.
+    /// Opens a file: reads header, directory and tables, and checks them and their checksums. Reads nothing else. Files
+    /// written by this library need one read of 8 KiB, and another one if their tables are longer.
     ///
     /// # Errors
     /// The source's, or the rule that the file breaks.
@@ -66,7 +66,7 @@ impl<S: RangeRead> StreamReader<S> {
         let mut input = Input { source: &source, length, prefix: Vec::new(), bytes: 0, reads: 0 };
         let first = length.unwrap_or(PREFIX).min(PREFIX);
         input.prefix = match input.fetch(0, first) {
-            // Shorter than any file of this version can be, but its header may say what it is.
+            // Too short for a file of this version, but the header may tell what kind of file it is.
             Err(FormatError::Source { source, .. }) if source.kind() == std::io::ErrorKind::UnexpectedEof => {
                 input.fetch(0, HEADER_BYTES)?
             }
@@ -108,20 +108,20 @@ impl<S: RangeRead> StreamReader<S> {
         &self.blocks
     }
 
-    /// Bytes that have been read from the source.
+    /// Number of bytes read from the source.
     pub fn bytes_read(&self) -> u64 {
         self.bytes.load(Ordering::Relaxed)
     }
 
-    /// Reads that the source has been asked for.
+    /// Number of reads from the source.
     pub fn reads(&self) -> u64 {
         self.reads.load(Ordering::Relaxed)
     }
 
-    /// Reads the bytes of a section other than the block data, and checks them; `None` if there is none with this tag.
+    /// Reads and checks the bytes of a section other than the block data. `None` if there is no section with this tag.
     ///
     /// # Errors
-    /// The source's; a wrong checksum; more than the memory limit.
+    /// The source's; a wrong checksum; the memory limit.
     pub fn section(&self, tag: [u8; 4]) -> Result<Option<Vec<u8>>, FormatError> {
         let Some(section) = self.sections.iter().find(|s| s.tag == tag && tag != TAG_DATA) else { return Ok(None) };
         self.options.check(section.length)?;
@@ -130,13 +130,13 @@ impl<S: RangeRead> StreamReader<S> {
         Ok(Some(bytes))
     }
 
-    /// The blocks of an object that it takes to show what of it is in a region, down to voxels of level `max_level`:
-    /// its root block and the blocks below whose cubes meet the region and that hold descriptors of coarser voxels.
-    /// In the order of the table, so parents first; none if there is no such object.
+    /// The blocks needed to show the part of an object within a region, down to voxels of level `max_level`: the root
+    /// block and all blocks whose cubes meet the region and that have voxels of these levels. In the order of the
+    /// table, that is, parents first. Empty if there is no such object.
     pub fn blocks_for(&self, object: usize, region: &Region, max_level: u32) -> Vec<u32> {
         let wanted = |block: &BlockEntry| {
-            // A block below a voxel of level L has the descriptors from level L + 1 on, which say what voxels there
-            // are from level L + 2 on.
+            // A block below a voxel of level L has the descriptors of voxels from level L + 1 on, which list the voxels
+            // from level L + 2 on.
             let first_level = 23 - block.cube_scale + 2;
             let cube = Region::cube(block.cube_position, block.cube_scale);
             block.parent == NO_PARENT || first_level <= max_level && cube.meets(region)
@@ -148,15 +148,18 @@ impl<S: RangeRead> StreamReader<S> {
     /// Reads a block, checks its stored bytes against their checksum, decompresses it and checks its info section.
     ///
     /// # Errors
-    /// The source's; the rule that the block breaks; no such block; more than the memory limit.
+    /// The source's; the rule that the block breaks; no such block; the memory limit.
     pub fn read_block(&self, index: u32) -> Result<Block, FormatError> {
         let Some(block) = self.blocks.get(index as usize) else {
-            return Err(FormatError::Limit(format!("block {index} of {}", self.blocks.len())));
+            return Err(FormatError::Limit(format!(
+                "there is no block {index}: the file has {} blocks, counted from 0",
+                self.blocks.len()
+            )));
         };
         self.options.check(block.image_size)?;
         let stored = self.fetch(block.file_offset, block.stored_size)?;
         compression::check_crc(index as usize, block, &stored)?;
-        // Only now: so many bytes are there, and the table says no more than can be made of them.
+        // Allocated only now: the stored bytes exist, and the table has been checked for impossible ratios.
         let mut slots = vec![0u64; (block.image_size / 8) as usize];
         let image: &mut [u8] = bytemuck::cast_slice_mut(&mut slots);
         compression::decode(index as usize, block, &stored, image)?;
@@ -164,7 +167,7 @@ impl<S: RangeRead> StreamReader<S> {
         Ok(Block { index, parts, slots })
     }
 
-    /// Reads blocks and makes an octree of them that can be cast, see [`partial_of`](Self::partial_of).
+    /// Reads blocks and makes an octree of them, see [`partial_of`](Self::partial_of).
     ///
     /// # Errors
     /// Those of [`read_block`](Self::read_block) and [`partial_of`](Self::partial_of).
@@ -178,16 +181,16 @@ impl<S: RangeRead> StreamReader<S> {
         self.partial_of(&blocks)
     }
 
-    /// Makes an octree of blocks of this file: they lie one behind the other in the order of the table, and a
-    /// descriptor whose children are in a block that is not among them has leaves for children. Objects without a block
-    /// among them are left out; of the others counts and levels are those of the part. With all blocks, the image is
-    /// the one of the file, bit for bit. Metadata and unknown sections stay behind.
+    /// Makes an octree of blocks of this file, in the order of the table. Descriptors whose children are in a missing
+    /// block get leaves as children. Objects without blocks are left out; counts and levels of the others are those of
+    /// the part. With all blocks, the image is identical to that of the file. Metadata and unknown sections are not
+    /// included.
     ///
     /// All pointers are checked: the octree is [sound](Octree::sound).
     ///
     /// # Errors
-    /// A block without its parent, twice, or not of this file; no block at all; the rule that a descriptor breaks; more
-    /// than the memory limit.
+    /// A block without its parent, twice, or of another file; no blocks; the rule that a descriptor breaks; the memory
+    /// limit.
     pub fn partial_of<'a>(&self, blocks: impl IntoIterator<Item = &'a Block>) -> Result<Octree, FormatError> {
         let mut blocks: Vec<&Block> = blocks.into_iter().collect();
         blocks.sort_unstable_by_key(|block| block.index);
@@ -204,11 +207,11 @@ impl<S: RangeRead> StreamReader<S> {
     }
 }
 
-/// The source, and what has been read of it.
+/// The source, with the bytes and reads counted.
 struct Input<'a, S> {
     source: &'a S,
     length: Option<u64>,
-    /// Its first bytes.
+    /// The first bytes of the source, if they have been read.
     prefix: Vec<u8>,
     bytes: u64,
     reads: u64,
@@ -223,7 +226,7 @@ impl<S: RangeRead> Input<'_, S> {
         let mut bytes = Vec::new();
         while (bytes.len() as u64) < length {
             let have = bytes.len() as u64;
-            // Of a source that does not tell its length, no more memory is taken than twice what it has.
+            // If the length is unknown, allocate at most twice the bytes read so far (at least 1 MiB).
             let ahead = if self.length.is_some_and(|all| end <= all) { length } else { have.max(1 << 20) };
             bytes.resize(length.min(have + ahead) as usize, 0);
             let part = &mut bytes[have as usize..];

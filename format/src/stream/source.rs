@@ -1,4 +1,4 @@
-//! Where a [`StreamReader`](crate::StreamReader) reads from: anything that has bytes at offsets.
+//! Sources of a [`StreamReader`](crate::StreamReader): anything with bytes at offsets.
 
 use std::fs::File;
 use std::io::{Error, ErrorKind, Read, Result, Seek, SeekFrom};
@@ -9,11 +9,11 @@ pub trait RangeRead {
     /// Fills `buf` with the bytes from `offset` on.
     ///
     /// # Errors
-    /// [`ErrorKind::UnexpectedEof`] if there are not as many; what else the source says.
+    /// [`ErrorKind::UnexpectedEof`] if there are fewer bytes; other errors of the source.
     fn read_at(&self, offset: u64, buf: &mut [u8]) -> Result<()>;
 
-    /// How many bytes there are, if that can be told. If it can, a file of another length than its header says is
-    /// refused (rule H004).
+    /// Length in bytes, if known. If it is known, a file whose length differs from that in its header is refused (rule
+    /// H004).
     ///
     /// # Errors
     /// Those of the source.
@@ -90,12 +90,12 @@ macro_rules! forward {
 
 forward!(&T, Box<T>, Arc<T>);
 
-/// Any [`Read`] and [`Seek`] as a [`RangeRead`]. Reads wait for each other.
+/// Adapts any [`Read`] and [`Seek`] to [`RangeRead`]. Concurrent reads wait for each other.
 #[derive(Debug)]
 pub struct SeekSource<R>(Mutex<R>);
 
 impl<R: Read + Seek> SeekSource<R> {
-    /// Offsets count from the start of `reader`, wherever it stands.
+    /// Offsets count from the start of `reader`, not from its current position.
     pub fn new(reader: R) -> Self {
         Self(Mutex::new(reader))
     }
@@ -108,7 +108,7 @@ impl<R: Read + Seek> SeekSource<R> {
 
 impl<R: Read + Seek> RangeRead for SeekSource<R> {
     fn read_at(&self, offset: u64, buf: &mut [u8]) -> Result<()> {
-        // Every read seeks first: where another that panicked has left the reader does not matter.
+        // Every read seeks first, so the position left by a read that panicked does not matter.
         let mut reader = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         reader.seek(SeekFrom::Start(offset))?;
         reader.read_exact(buf)

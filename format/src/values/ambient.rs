@@ -1,4 +1,5 @@
-//! Ambient occlusion blocks: 16 values in 64 bits, two references and a weight of three bits for each (spec section 8.4).
+//! Ambient occlusion blocks: 16 values in 64 bits, as two references and a three-bit weight per value (spec section
+//! 8.4).
 
 use bytemuck::{Pod, Zeroable};
 
@@ -10,15 +11,15 @@ use bytemuck::{Pod, Zeroable};
 /// bits 16 + 3i .. 18 + 3i   weight of value i: 0 is reference 1, 7 is reference 0
 /// ```
 ///
-/// A value is the part of the light from all around that reaches the voxel: 0 is none, 1 is all of it.
+/// A value is the fraction of the ambient light that reaches the voxel, 0 to 1.
 #[repr(transparent)]
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Pod, Zeroable, Default, serde::Serialize, serde::Deserialize)]
 pub struct AmbientBlock(pub u64);
 
-/// Weight of reference 0 in a decoded value, times this, is the weight that is stored.
+/// A stored weight is this times the weight of reference 0.
 const STEPS: f32 = 7.0;
 
-/// Where the search for references begins: sixteenths of the range off its upper end and off its lower end.
+/// Starting points of the search for references: sixteenths of the range below its upper end and above its lower end.
 const STARTS: [(i32, i32); 9] = [(0, 0), (1, 1), (2, 0), (0, 2), (1, 0), (0, 1), (2, 2), (2, 1), (1, 2)];
 
 /// The references of the low 16 bits in units of 1/255.
@@ -26,12 +27,12 @@ fn references(head: u16) -> (f32, f32) {
     (f32::from(head) / 256.0, f32::from(head as u8))
 }
 
-/// The value of a weight in units of 1/255; a little more than 255 at the most.
+/// The value of a weight in units of 1/255; can be slightly above 255.
 fn mix((ref0, ref1): (f32, f32), weight: u32) -> f32 {
     (weight as f32 * ref0 + (STEPS - weight as f32) * ref1) / STEPS
 }
 
-/// Squares of errors and the largest error of a choice, in units of 1/255.
+/// Errors of a block: sum of squares and maximum, in units of 1/255.
 #[derive(Clone, Copy)]
 struct Cost {
     squares: f32,
@@ -48,20 +49,20 @@ impl AmbientBlock {
         (self.0 >> (16 + 3 * i)) as u32 & 7
     }
 
-    /// A block for these values in units of 1/255; `None` entries are unused and cost nothing.
+    /// Encodes these values in units of 1/255. `None` entries are unused and do not affect the result.
     ///
-    /// With `low` and `high` the least and the greatest value, no decoded value is off by more than
-    /// `(high - low + 1) / 14` units, and not at all if they are equal. Within that, references are looked for that make
-    /// the root of the mean square of the errors small: it is at most twice the least that any pair of references
-    /// gives, and half a unit; a few hundredths more in most cases.
+    /// No decoded value is off by more than `(high - low + 1) / 14` units, where `low` and `high` are the least and the
+    /// greatest value; equal values decode exactly. Within that bound the encoder searches for references with a small
+    /// root mean square error: at most twice the optimum over all pairs of references plus half a unit, in most cases a
+    /// few hundredths above the optimum.
     pub fn encode(values: &[Option<u8>; 16]) -> Self {
         let used = || values.iter().flatten().copied();
         let (Some(low), Some(high)) = (used().min(), used().max()) else { return Self::default() };
         if low == high {
             return Self(u64::from(u16::from_le_bytes([low, high])));
         }
-        // With the ends of the range as references a step is a seventh of it and of what the bits below add, and no error
-        // more than half of that. Ranges that leave out a little at the ends, or go beyond them, may be better.
+        // With the ends of the range as references, a step is a seventh of the range (plus up to 1 for the fraction
+        // bits), and no error exceeds half a step. References slightly inside or outside the range may be better.
         let bound = (f32::from(high - low) + 1.0) / 14.0;
         let part = |sixteenths: i32| (i32::from(high - low) * sixteenths + 8) >> 4;
         let mut best = Self::assign(values, (high.into(), low.into()));
@@ -80,7 +81,7 @@ impl AmbientBlock {
                 best = block;
             }
         }
-        // One reference or both a step further, as long as that is better.
+        // Move one or both references by one step as long as the error decreases.
         loop {
             let (ref0, ref1) = best.0.head();
             let near = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, -1), (-1, 1)];
@@ -99,7 +100,7 @@ impl AmbientBlock {
         (ref0.into(), ref1.into())
     }
 
-    /// The best weights for these references, and what they cost.
+    /// The block with the best weights for these references, and its errors.
     fn assign(values: &[Option<u8>; 16], (ref0, ref1): (i32, i32)) -> (Self, Cost) {
         let head = u16::from_le_bytes([ref1.clamp(0, 255) as u8, ref0.clamp(0, 255) as u8]);
         let (ref0, ref1) = references(head);
@@ -110,7 +111,7 @@ impl AmbientBlock {
             let off = |weight: u32| (mix((ref0, ref1), weight).min(255.0) - f32::from(*value)).abs();
             let mut weight = ((f32::from(*value) - ref1) * scale + 0.5).clamp(0.0, STEPS) as u32;
             if ref0 > 255.0 {
-                // What is beyond all light is all light: steps are no longer equal.
+                // Values above 255 are clamped, so the steps are not equal: try all weights.
                 weight = (0..8).min_by(|a, b| off(*a).total_cmp(&off(*b))).unwrap_or(weight);
             }
             block |= u64::from(weight) << (16 + 3 * i);
@@ -120,7 +121,8 @@ impl AmbientBlock {
         (Self(block), cost)
     }
 
-    /// References with the least squares for the weights of this block; `None` if they do not say.
+    /// References with the least squared error for the weights of this block. `None` if the weights do not determine
+    /// them.
     fn fit(self, values: &[Option<u8>; 16]) -> Option<(i32, i32)> {
         let (mut aa, mut ab, mut bb, mut av, mut bv) = (0.0, 0.0, 0.0, 0.0, 0.0);
         for (i, value) in values.iter().enumerate() {
@@ -150,7 +152,7 @@ mod tests {
         values.iter().enumerate().map(of).sum()
     }
 
-    /// The least that any pair of references gives, each value having the best of the eight that there are.
+    /// The least sum of squared errors over all pairs of references, with the best weight for each value.
     fn exhaustive(values: &[Option<u8>; 16]) -> f64 {
         let least = |head: u16| AmbientBlock::assign(values, ((head >> 8).into(), (head & 255).into())).1.squares;
         (0..=u16::MAX).map(least).fold(f32::MAX, f32::min).into()

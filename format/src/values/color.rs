@@ -12,8 +12,8 @@ use crate::values::lanes::{sum, sums, weights};
 /// high word  index of colour i in bits 2i+1..2i: 0 = ref0, 1 = ref1, 2 = (2 ref0 + ref1) / 3, 3 = (ref0 + 2 ref1) / 3
 /// ```
 ///
-/// Channels are decoded together with all the bits below them in the low word, which act as their fraction. Decoded
-/// channels are in `0.0..1.0` and mean sRGB-encoded intensity.
+/// A channel is decoded together with all the bits below it in the low word, which act as its fraction. Decoded
+/// channels are sRGB-encoded intensities in `0.0..1.0`.
 #[repr(C)]
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Pod, Zeroable, Default, serde::Serialize, serde::Deserialize)]
 pub struct ColorBlock {
@@ -43,13 +43,16 @@ impl ColorBlock {
         palette(self.head)[(self.indices >> (2 * i) & 3) as usize]
     }
 
-    /// A block for these colours: with the two furthest apart as references, or with fits of least squares for the indices
-    /// that these give, as long as that is better. `None` entries are unused and cost nothing.
+    /// Encodes these colours. `None` entries are unused and do not affect the result.
     ///
-    /// The root of the mean square of the errors is at most twice that which an exhaustive search over the references
-    /// finds, and 1.5 steps of 255; in most cases within a few hundredths of it.
+    /// Starts with the two colours furthest apart as references, then fits the references to the resulting indices by
+    /// least squares and repeats as long as the error decreases.
+    ///
+    /// The root mean square error is at most twice that of an exhaustive search over the references plus 1.5 steps of
+    /// 1/255; in most cases it is within a few hundredths of that of the search.
     pub fn encode(colors: &[Option<[u8; 3]>; 16]) -> Self {
-        // Those that are used come first, with a fourth byte of 1. No branches: which they are cannot be predicted.
+        // Move the used colours to the front and give them a fourth byte of 1. Branchless, as the pattern of used
+        // entries is unpredictable.
         let (mut words, mut places, mut count) = ([0u32; 24], [0u8; 16], 0);
         for (i, color) in colors.iter().enumerate() {
             let word = color.map_or(0, |[r, g, b]| u32::from_le_bytes([r, g, b, 1]));
@@ -64,8 +67,8 @@ impl ColorBlock {
     }
 }
 
-/// A block's references and index for a single colour: the second reference makes up for what is lost in the first, of which
-/// a third is seen.
+/// A block's references and index for a single colour. Index 2 decodes to `(2 ref0 + ref1) / 3`, so `ref1` corrects a
+/// third of `ref0`'s quantization error.
 fn one_color(word: u32) -> (u32, u32) {
     let bytes = word.to_le_bytes();
     let wanted = [0, 1, 2].map(|k| wide(bytes[k]));
@@ -77,30 +80,33 @@ fn one_color(word: u32) -> (u32, u32) {
     (head, nearest as u32)
 }
 
-/// Up to `4 G` colours, four to a vector, steps of 255. Lanes behind the last are filled and weigh nothing.
+/// Up to `4 G` colours, four per vector, in units of 1/255. Lanes after the last colour repeat the first and have
+/// weight 0.
 struct Texels<const G: usize> {
     channels: [[Vec4; G]; 3],
     weights: [Vec4; G],
     count: f32,
 }
 
-/// What references can do for colours.
+/// References, and the best index for every colour.
 struct Assigned<const G: usize> {
     head: u32,
     /// Low and high bits of the indices.
     bits: [u32; 2],
-    /// How much of the second reference each colour gets.
+    /// Weight of the second reference in each colour.
     shares: [Vec4; G],
-    /// Sum of the squares of the errors.
+    /// Sum of the squared errors.
     error: f32,
 }
 
-/// Steps of 255, squared, between colours that lie so close together that their mean in full precision is worth trying.
+/// Squared distance in units of 1/255 of the two colours furthest apart, below which the mean of all colours in full
+/// precision is tried as well.
 const CLOSE: i32 = 160;
-/// Mean squares above which a first fit is worth its time, being more than what rounding costs, and further ones.
+/// Mean squared error above which the first, second and third fit are done. Below the first value, rounding accounts
+/// for most of the error.
 const WORTH_FITTING: [f32; 3] = [8.0, 32.0, 32.0];
 
-/// The block for the first `count` words, whose indices go to these places.
+/// The block for the first `count` words. The index of word `k` is stored at bit `places[k]`.
 fn search<const G: usize>(words: &mut [u32; 24], places: &[u8; 16], count: usize) -> ColorBlock {
     let (first, mut differ) = (words[0], 0);
     for (i, word) in words.iter_mut().take(4 * G).enumerate() {
@@ -111,7 +117,7 @@ fn search<const G: usize>(words: &mut [u32; 24], places: &[u8; 16], count: usize
         let (head, index) = one_color(first);
         return ColorBlock { head, indices: places[..count].iter().fold(0, |indices, place| indices | index << place) };
     }
-    // So that every colour has `2 G` others behind it.
+    // Repeat the first `2 G` words, so that `2 G` others follow every colour.
     words.copy_within(..2 * G, 4 * G);
     let mut lanes = [[0.0f32; 24]; 3];
     for i in 0..6 * G {
@@ -135,7 +141,7 @@ fn search<const G: usize>(words: &mut [u32; 24], places: &[u8; 16], count: usize
         if best.error <= worth * texels.count {
             break;
         }
-        // Least squares for the references given the indices: pays on gradients, where the extremes are outliers.
+        // Fit the references to the indices. Helps on gradients whose extremes are outliers.
         let fitted = texels.assign(texels.fit(&best.shares));
         if fitted.error >= best.error {
             break;
@@ -148,7 +154,7 @@ fn search<const G: usize>(words: &mut [u32; 24], places: &[u8; 16], count: usize
     ColorBlock { head: best.head, indices: (0..4 * G).fold(0, |indices, k| indices | index(k)) }
 }
 
-/// Indices of the two colours furthest apart among the first `4 G`, which the next `2 G` lanes repeat.
+/// Indices of the two colours furthest apart among the first `4 G`. The next `2 G` lanes repeat the first ones.
 fn furthest_pair<const G: usize>(lanes: &[[f32; 24]; 3]) -> (usize, usize) {
     let mut furthest = [Vec4::ZERO; G];
     let mut tag = Vec4::ZERO;
@@ -157,7 +163,7 @@ fn furthest_pair<const G: usize>(lanes: &[[f32; 24]; 3]) -> (usize, usize) {
             let apart =
                 |channel: &[f32; 24]| Vec4::from_slice(&channel[4 * g..]) - Vec4::from_slice(&channel[4 * g + shift..]);
             let (r, g, b) = (apart(&lanes[0]), apart(&lanes[1]), apart(&lanes[2]));
-            // The square is an integer below 2^18, so that it keeps the shift in three more bits, exactly.
+            // The squared distance is an integer below 2^18: with three more bits for the shift it is still exact.
             *furthest = furthest.max((r * r + g * g + b * b) * 8.0 + tag);
         }
         tag += Vec4::ONE;
@@ -183,8 +189,8 @@ impl<const G: usize> Texels<G> {
         texels
     }
 
-    /// The best indices for given references. The four colours lie on a line, so that thresholds along it tell which is the
-    /// nearest.
+    /// The best indices for given references. The four colours of the block lie on a line, so thresholds along the line
+    /// decide which one is nearest.
     #[inline]
     fn assign(&self, head: u32) -> Assigned<G> {
         let [a, b] = references(head).map(|r| r.map(|c| c * 255.0));
@@ -211,7 +217,7 @@ impl<const G: usize> Texels<G> {
         Assigned { head, bits, shares, error: sum(error) }
     }
 
-    /// References with the least squared error for these shares; the second makes up for the rounding of the first.
+    /// References with the least squared error for these shares. The second reference is fitted to the rounded first.
     #[inline]
     fn fit(&self, shares: &[Vec4; G]) -> u32 {
         let (mut bs, mut bb) = (Vec4::ZERO, Vec4::ZERO);
@@ -229,7 +235,7 @@ impl<const G: usize> Texels<G> {
         let ax = sums(ax);
         let bx = sums(bx);
         let det = aa * bb - ab * ab;
-        // Where all shares are the same, the mean is as good as any.
+        // If all shares are equal, the system is singular; use the mean.
         let (pa, pb) = if det < 1e-3 { (1.0 / self.count, -1.0 / self.count) } else { (bb / det, ab / det) };
         let part = |k: usize| wide_part(ax[k] * pa - bx[k] * pb);
         let ref0 = quantize_first([part(0), part(1), part(2)]);
@@ -240,7 +246,7 @@ impl<const G: usize> Texels<G> {
     }
 }
 
-/// Bit i goes to bit 2i.
+/// Moves bit i to bit 2i.
 fn spread(bits: u32) -> u32 {
     let bits = (bits | bits << 8) & 0x00ff_00ff;
     let bits = (bits | bits << 4) & 0x0f0f_0f0f;
@@ -253,25 +259,25 @@ fn wide(byte: u8) -> i64 {
     i64::from(byte) * 0x0101_0101
 }
 
-/// The same for a number of steps of 255.
+/// A channel in the decoder's integer units, from units of 1/255.
 fn wide_part(steps: f32) -> i64 {
     (steps.clamp(0.0, 255.0) * 0x0101_0101 as f32) as i64
 }
 
-/// The low word for two colours. Nothing lies below the blue of the first reference, so that it is rather too dark than too
-/// bright: the one with less blue goes there.
+/// The low word for two colours. The blue field of the first reference has no bits below it and so tends to decode too
+/// dark: the colour with less blue becomes the first reference.
 fn quantize_pair(a: [u8; 4], b: [u8; 4]) -> u32 {
     let (a, b) = if a[2] > b[2] { (b, a) } else { (a, b) };
     let wide = |color: [u8; 4]| [wide(color[0]), wide(color[1]), wide(color[2])];
     quantize_second(wide(b), quantize_first(wide(a)))
 }
 
-/// The nearest value of a field, `below` being what its channel is with nothing in the field.
+/// The nearest value of a field of `bits` bits. `below` is the decoded channel with the field at zero.
 fn field(wanted: i64, below: i64, bits: u32) -> i64 {
     ((wanted - below + (1 << (31 - bits))) >> (32 - bits)).clamp(0, (1 << bits) - 1)
 }
 
-/// The first reference, each field chosen for the bits that lie below it.
+/// The first reference. Each field is rounded with the fields below it known.
 fn quantize_first(wanted: [i64; 3]) -> u32 {
     let b = field(wanted[2], 0, 5);
     let g = field(wanted[1], b << 21, 6);
@@ -279,7 +285,7 @@ fn quantize_first(wanted: [i64; 3]) -> u32 {
     (r << 11 | g << 5 | b) as u32
 }
 
-/// The low word with this first reference and a second, likewise.
+/// The low word with this first reference and a second, rounded in the same way.
 fn quantize_second(wanted: [i64; 3], ref0: u32) -> u32 {
     let low = i64::from(ref0);
     let low = field(wanted[2], low << 11, 5) << 16 | low;
@@ -317,7 +323,7 @@ mod tests {
                 colors.iter().enumerate().map(of).sum::<f32>()
             };
             prop_assume!(colors.iter().flatten().count() > 0);
-            // Which of several pairs that are as far apart the encoder takes is its own affair.
+            // Several pairs may be equally far apart; the encoder may take any of them.
             let plain = furthest_pairs(&colors)
                 .into_iter()
                 .map(|(a, b)| error(with_references(&colors, quantize_pair(wide4(a), wide4(b))).0))
@@ -361,7 +367,7 @@ mod tests {
         [r, g, b, 1]
     }
 
-    /// All pairs of colours that are as far apart as any.
+    /// All pairs of colours with the largest distance.
     fn furthest_pairs(colors: &[Option<[u8; 3]>; 16]) -> Vec<([u8; 3], [u8; 3])> {
         let used: Vec<[u8; 3]> = colors.iter().flatten().copied().collect();
         let apart = |a: [u8; 3], b: [u8; 3]| (0..3).map(|k| u32::from(a[k].abs_diff(b[k])).pow(2)).sum::<u32>();
@@ -370,7 +376,7 @@ mod tests {
         pairs().filter(|(a, b)| Some(apart(*a, *b)) == furthest).collect()
     }
 
-    /// Best indices for given references, each by trying all, and the squared error in steps of 255.
+    /// The best indices for given references, by trying all, and the squared error in units of 1/255.
     fn with_references(colors: &[Option<[u8; 3]>; 16], head: u32) -> (ColorBlock, f32) {
         let palette = palette(head).map(|c| c.map(|x| x * 255.0));
         let (mut indices, mut error) = (0, 0.0);
@@ -385,12 +391,12 @@ mod tests {
         (ColorBlock { head, indices }, error)
     }
 
-    /// The references with the least squares for these indices, each channel by trying all of its pairs.
+    /// The references with the least squared error for these indices, by trying all pairs of every channel.
     fn exhaustive_references(colors: &[Option<[u8; 3]>; 16], indices: u32) -> u32 {
         const WEIGHT: [f32; 4] = [1.0, 0.0, 2.0 / 3.0, 1.0 / 3.0];
         let mut head = 0u32;
         for (k, bits, shift) in [(0, 5, 11), (1, 6, 5), (2, 5, 0)] {
-            // Sums over the colours, so that a pair takes no loop over them.
+            // Sums over the colours, computed once, so that a pair needs no loop over them.
             let (mut aa, mut ab, mut bb, mut av, mut bv) = (0.0, 0.0, 0.0, 0.0, 0.0);
             for (i, color) in colors.iter().enumerate() {
                 let Some(color) = color else { continue };
@@ -410,8 +416,8 @@ mod tests {
         head
     }
 
-    /// What an encoder finds that starts from every pair of the colours, tries all references for the indices, and goes on
-    /// as long as that is better.
+    /// The least error found from every pair of colours as start, by exhaustive search for the references, repeated as
+    /// long as the error decreases.
     fn thorough(colors: &[Option<[u8; 3]>; 16]) -> f32 {
         let used: Vec<[u8; 3]> = colors.iter().flatten().copied().collect();
         let mut least = f32::MAX;
@@ -441,7 +447,7 @@ mod tests {
         ) {
             let channel = |base: u8, part: u8| base + (u16::from(part) * u16::from(spread) / 255) as u8;
             let colors = parts.map(|part| {
-                // On a line, as where one colour is lit more and less, or anywhere in a box.
+                // Either on a line, as with one colour under varying light, or anywhere in a box.
                 part.map(|part| [0, 1, 2].map(|k| channel(base[k], if grey { part[0] } else { part[k] })))
             });
             prop_assume!(colors.iter().flatten().count() > 0);

@@ -1,4 +1,5 @@
-//! The 32-bit contour: a pair of parallel planes that bounds the surface in a voxel (paper section 3.2; spec section 7).
+//! The 32-bit contour: a pair of parallel planes that bounds the surface in a voxel (paper section 3.2; spec section
+//! 7).
 
 use bytemuck::{Pod, Zeroable};
 
@@ -8,15 +9,15 @@ use bytemuck::{Pod, Zeroable};
 /// 31..25 thickness (unsigned) | 24..18 position | 17..12 nx | 11..6 ny | 5..0 nz   (signed)
 /// ```
 ///
-/// Each field is decoded together with all the bits below it, which act as its fraction. In voxel units, with `p`
-/// measured from the centre of the voxel (so that the voxel is the cube of edge 1 around the origin), the contour is the
-/// slab `|n·p - position| <= thickness / 2`. The normal is not of unit length; its components reach ±32.
-/// It is not zero (K004). A voxel is its cube, cut by its own contour and by those of all its ancestors (spec 7).
+/// Each field is decoded together with all the bits below it, which act as its fraction. The contour is the slab
+/// `|n·p - position| <= thickness / 2` in voxel units: `p` is measured from the centre of the voxel, whose edge is 1.
+/// The normal is not of unit length; its components are within ±32 and not all zero (K004). A voxel is its cube, cut by
+/// its own contour and by those of all its ancestors (spec 7).
 #[repr(transparent)]
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Pod, Zeroable, serde::Serialize, serde::Deserialize)]
 pub struct Contour(pub u32);
 
-/// A decoded contour. All decoded values are exact in `f32` up to its 24 bits of precision and exact in `f64`.
+/// A decoded contour. All values are exact in `f64`; in `f32` they are exact up to its 24 bits of precision.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Slab {
     /// Plane normal, not normalised, components within ±32.
@@ -39,17 +40,17 @@ impl Slab {
     }
 }
 
-/// Bounds beyond which a plane of a contour can no longer cut its voxel.
+/// Bound on `n·p` within the voxel; a plane further out cannot cut it.
 const MAX_BOUND: f64 = 48.0;
 /// Units of the position and thickness fields, in `n·p`.
 const UNIT: f64 = 0.75;
 
-/// The nearest integer; unlike `f64::round` no call into a library where the target has no instruction for it.
+/// The nearest integer. `f64::round` would be a library call on targets without an instruction for it.
 fn nearest(x: f64) -> i32 {
     (x + 0.5f64.copysign(x)) as i32
 }
 
-/// The smallest integer that is no less, within 0 and 129; without a call into a library, likewise.
+/// The smallest integer not below `x`, clamped to 0..=129; no library call either. Zero for NaN.
 fn round_up(x: f64) -> u32 {
     let x = x.clamp(0.0, 128.5);
     let whole = x as u32;
@@ -57,7 +58,7 @@ fn round_up(x: f64) -> u32 {
 }
 
 impl Contour {
-    /// The slab this contour stands for, exactly.
+    /// The exact slab of this contour.
     pub fn decode(self) -> Slab {
         let word = self.0;
         let signed = |shift: u32, unit: f64| f64::from((word << shift) as i32) * unit;
@@ -97,9 +98,9 @@ impl Contour {
 
     /// The tightest contour with these normal bits that encloses `lo <= n·p <= hi`, where `n` is the *decoded* normal.
     ///
-    /// Bounds are clamped to ±48, beyond any point of the voxel's cube. The decoded slab always encloses the (clamped)
-    /// bounds: a position is rounded to the nearest field value and the thickness upwards from there. `None` if the
-    /// bounds need more thickness than the field can hold, that is, if no slab of this normal would constrain anything.
+    /// Bounds are clamped to ±48, which no point of the voxel's cube reaches. The decoded slab always encloses the
+    /// clamped bounds: the position is rounded to nearest, then the thickness is rounded up. `None` if the thickness
+    /// exceeds the range of its field; no slab with this normal would cut the voxel then.
     pub fn encode_bounds(normal_bits: u32, lo: f64, hi: f64) -> Option<Contour> {
         let (lo, hi) = (lo.max(-MAX_BOUND), hi.min(MAX_BOUND));
         let mut word = normal_bits & 0x3ffff;
@@ -151,7 +152,7 @@ mod tests {
                 let slab = contour.decode();
                 prop_assert!(slab.lo() <= lo && slab.hi() >= hi, "{slab:?} must enclose {lo}..{hi}");
                 prop_assert_eq!(slab.normal, Contour::decode_normal(bits));
-                // Half a unit of position on each side, then up to one unit of rounding.
+                // Rounding the position adds half a unit on each side, rounding the thickness up to one unit.
                 prop_assert!(slab.thickness <= hi - lo + 2.0 * UNIT);
             } else {
                 prop_assert!(hi - lo > 126.0 * UNIT - 1.0);
@@ -165,7 +166,7 @@ mod tests {
             let d = Contour::decode_normal(Contour::encode_normal(n).unwrap());
             let dot = n.iter().zip(d).map(|(a, b)| a * b).sum::<f64>();
             let cosine = dot / length / d.iter().map(|c| c * c).sum::<f64>().sqrt();
-            // Half a unit per axis against a largest component of 31.
+            // The error is half a unit per axis; the largest component is 31.
             prop_assert!(cosine > 0.9993, "{n:?} became {d:?}");
         }
     }

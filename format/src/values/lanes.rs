@@ -1,8 +1,8 @@
-//! Sixteen texels in vectors of four lanes, for the encoders of blocks.
+//! Sums and weights of vectors of four lanes, for the block encoders.
 
 use glam::Vec4;
 
-/// The sum of the lanes, in an order that is the same on every machine: so are the bytes that depend on it.
+/// The sum of the lanes. The order of the additions is the same on every machine, as the bytes of files depend on it.
 pub(crate) fn sum(v: Vec4) -> f32 {
     let [a, b, c, d] = v.to_array();
     (a + b) + (c + d)

@@ -1,4 +1,4 @@
-//! Values of voxels, and the ways in which they are encoded.
+//! Values of voxels and their encodings (spec sections 7 and 8).
 
 pub(crate) mod ambient;
 pub(crate) mod color;

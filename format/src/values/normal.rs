@@ -12,13 +12,13 @@ use crate::values::lanes::{sum, sums, weights};
 /// 31 sign of the main axis | 30..29 main axis (0 = x, 1 = y, 2 = z) | 28..14 u (signed) | 13..0 v (signed)
 /// ```
 ///
-/// `u` belongs to the axis after the main one (cyclically), `v` to the one after that; each is decoded together with the
-/// bits below it.
+/// `u` is the coordinate along the axis after the main axis (cyclically), `v` along the axis after that. Each is
+/// decoded together with the bits below it.
 #[repr(transparent)]
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Pod, Zeroable, Default, serde::Serialize, serde::Deserialize)]
 pub struct RawNormal(pub u32);
 
-/// The nearest integer; unlike `f32::round` no call into a library where the target has no instruction for it.
+/// The nearest integer. `f32::round` would be a library call on targets without an instruction for it.
 fn nearest(x: f32) -> i32 {
     (x + 0.5f32.copysign(x)) as i32
 }
@@ -45,11 +45,11 @@ impl RawNormal {
         self.decode_point().normalize()
     }
 
-    /// The nearest raw normal of a direction of any length; +z for one that is zero or not finite.
+    /// The raw normal nearest to a direction of any length. +z if the direction is zero or not finite.
     #[inline]
     pub fn encode(n: Vec3) -> Self {
         let a = n.abs();
-        // Which does not hold for what is not a number.
+        // False for NaN.
         if !(a.x + a.y + a.z < f32::MAX && n != Vec3::ZERO) {
             return Self::encode_unusual(n);
         }
@@ -69,7 +69,7 @@ impl RawNormal {
 
     #[cold]
     fn encode_unusual(n: Vec3) -> Self {
-        // Components may be so large that they have no sum.
+        // The sum of finite components can overflow; scaling down avoids that.
         let n = if n.is_finite() && n != Vec3::ZERO { n * 0.25 } else { Vec3::Z };
         Self::encode(n)
     }
@@ -83,7 +83,7 @@ impl RawNormal {
 /// ```
 ///
 /// An axis is three signed 4-bit integers (x 15..12, y 11..8, z 7..4) and an exponent (3..0), each component decoded
-/// together with the bits below it. The normal is `base + c[iu] u + c[iv] v`, normalised, with
+/// together with the bits below it. A normal is `base + c[iu] u + c[iv] v`, normalised, with
 /// `c = {-1, -1/3, 1/3, 1}`.
 #[repr(C)]
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Pod, Zeroable, Default, serde::Serialize, serde::Deserialize)]
@@ -101,21 +101,22 @@ pub struct NormalBlock {
 /// The grid coordinates.
 const GRID: [f32; 4] = [-1.0, -1.0 / 3.0, 1.0 / 3.0, 1.0];
 
-/// Decodes the axis in the top 16 bits of `word`, the bits below acting as fraction. Units: the main axis is 1.
+/// Decodes the axis in the top 16 bits of `word`; the bits below act as fraction. In units in which the main component
+/// of the base is 1.
 fn decode_axis(word: u32) -> Vec3 {
     let exponent = word >> 16 & 15;
-    // 2^(exponent - 10) in the units of the base, whose main axis is 2^31.
+    // The axis is scaled by 2^(exponent - 10) in integer units, in which the main component of the base is 2^31.
     let scale = f32::from_bits((exponent + 127 - 10) << 23) / MAIN;
     Vec3::new(word as i32 as f32, (word << 4) as i32 as f32, (word << 8) as i32 as f32) * scale
 }
 
-/// The 16-bit axis nearest to `axis`; `below` are the 16 bits that will lie under it in the decoder's word.
+/// The 16-bit axis nearest to `axis`. `below` are the 16 bits below it in the decoder's word.
 fn encode_axis(axis: Vec3, below: u32) -> u32 {
-    // Smallest exponent for which the largest component still fits into 4 signed bits: a logarithm, rounded up.
+    // The smallest exponent for which the largest component fits into 4 signed bits: a base-2 logarithm, rounded up.
     let largest = axis.abs().max_element() * (1.0 / 7.4);
     let logarithm = ((largest.to_bits() as i32 + 0x7f_ffff) >> 23) - 127;
     let exponent = (logarithm + 13).clamp(0, 15) as u32;
-    // Integers, the field of each component being on top of what lies below it in the decoder's word.
+    // In integers: the field of each component is rounded with the bits below it in the decoder's word known.
     let scale = f32::from_bits((127 + 41 - exponent) << 23);
     let [x, y, z] = (axis * scale).to_array().map(|component| component as i64);
     let field = |wanted: i64, below: u32| ((wanted - i64::from(below) + (1 << 27)) >> 28).clamp(-8, 7) as u32 & 15;
@@ -134,20 +135,21 @@ impl NormalBlock {
         point.normalize_or(Vec3::Z)
     }
 
-    /// A block for these unit normals; `None` entries are unused. The grid is placed as a patch around the mean, along the
-    /// principal axes of the normals, or, where they point every way, with axes that reach for the outliers. Then a fit of
-    /// least squares for the indices that this gives is tried, in which what is rounded later makes up for what was rounded
-    /// before.
+    /// Encodes these unit normals. `None` entries are unused and do not affect the result.
     ///
-    /// Normals that are all the same come back within 0.05 degrees; those in a cone of half angle `a`, up to 45 degrees,
-    /// within `0.6 a` and 0.05 degrees, most of them within `0.2 a`.
+    /// Places the grid around the mean, along the principal axes of the normals; if the normals spread too far for
+    /// that, places axes that reach the outliers. Then fits the grid to the resulting indices by least squares. Each
+    /// rounded value is taken into account by those fitted after it.
+    ///
+    /// Equal normals decode within 0.05 degrees. Normals in a cone of half angle `a`, up to 45 degrees, decode within
+    /// `0.6 a + 0.05` degrees, most of them within `0.2 a`.
     pub fn encode(normals: &[Option<Vec3>; 16]) -> Self {
         let Some(first) = normals.iter().flatten().next() else { return Self::default() };
         if normals.iter().flatten().all(|n| n == first) {
-            // Axes of length zero: every point of the grid is the base.
+            // With axes of length zero every grid point is the base.
             return Self { base: RawNormal::encode(*first), ..Self::default() };
         }
-        // Those that are used come first. No branches: which they are cannot be predicted.
+        // Move the used normals to the front. Branchless, as the pattern of used entries is unpredictable.
         let (mut lanes, mut places, mut count) = ([[0.0f32; 16]; 3], [0u8; 16], 0);
         for (i, normal) in normals.iter().enumerate() {
             let n = normal.as_ref().unwrap_or(&Vec3::ZERO);
@@ -159,33 +161,33 @@ impl NormalBlock {
     }
 }
 
-/// Up to `4 G` unit normals, four to a vector. Lanes behind the last repeat the first and weigh nothing.
+/// Up to `4 G` unit normals, four per vector. Lanes after the last normal repeat the first and have weight 0.
 struct Texels<const G: usize> {
     normals: [[Vec4; G]; 3],
     sum: Vec3,
-    /// The direction of the sum, or zero if it has none.
+    /// The direction of the sum; zero if the sum is zero.
     centre: Vec3,
     weights: [Vec4; G],
     count: f32,
 }
 
-/// What a grid can do for normals.
+/// A grid, and the best point of it for every normal.
 struct Assigned<const G: usize> {
     base: RawNormal,
     axes: u32,
-    /// Point of the grid for each normal, u index and four times the v index.
+    /// Grid point of each normal: u index + 4 * v index.
     points: [Vec4; G],
-    /// Sum of the squares of the chords between normals and points.
+    /// Sum of the squared chords between normals and grid points.
     error: f32,
 }
 
-/// Mean square of the chords (about 1.8 degrees) below which another fit is not worth its time.
+/// Mean squared chord (about 1.8 degrees) below which no further fit is done.
 const GOOD: f32 = 1e-3;
-/// How wide the normals may be across, as a part of how wide they are along, for the second axis to make up for the
-/// rounding of the first, half of a seventh, instead.
+/// Ratio of the minor to the major extent of the normals below which the second axis does not cover the minor extent
+/// but corrects the rounding error of the first axis. That error is up to half of a seventh.
 const NARROW: f32 = 0.07;
 
-/// The block for the first `count` lanes, whose indices go to these places.
+/// The block for the first `count` lanes. The indices of lane `k` are stored at bit `places[k]`.
 fn search<const G: usize>(lanes: &[[f32; 16]; 3], places: &[u8; 16], count: usize) -> NormalBlock {
     let texels = Texels::<G>::new(lanes, count);
     let mut best = texels.patch().unwrap_or_else(|| texels.reach());
@@ -200,7 +202,7 @@ fn search<const G: usize>(lanes: &[[f32; 16]; 3], places: &[u8; 16], count: usiz
     }
     let mut block = NormalBlock { base: best.base, axes: best.axes, ..NormalBlock::default() };
     for g in 0..G {
-        // Integers in the low bits; zero where nothing is used.
+        // Adding 2^23 leaves the integer in the low bits. Unused lanes become zero.
         let points = (best.points[g] * texels.weights[g] + Vec4::splat(8_388_608.0)).to_array().map(f32::to_bits);
         for (point, place) in points.into_iter().zip(&places[4 * g..]) {
             block.u_indices |= (point & 3) << (place & 31);
@@ -214,13 +216,13 @@ fn dot(a: [Vec4; 3], b: Vec3) -> Vec4 {
     a[0] * b.x + a[1] * b.y + a[2] * b.z
 }
 
-/// The nearest integers of numbers below 2^22.
+/// The nearest integers. For magnitudes below 2^22.
 fn round(x: Vec4) -> Vec4 {
     let big = Vec4::splat(12_582_912.0);
     (x + big) - big
 }
 
-/// Coordinates in the grid of indices.
+/// The grid coordinates of indices.
 fn coordinate(index: Vec4) -> Vec4 {
     index * (2.0 / 3.0) - Vec4::ONE
 }
@@ -244,8 +246,8 @@ impl<const G: usize> Texels<G> {
         [self.normals[0][g], self.normals[1][g], self.normals[2][g]]
     }
 
-    /// The grid as a patch on the plane through the mean normal, along the principal axes of the normals there. `None` if
-    /// a normal is so far from the mean that it has no good place on that plane.
+    /// A grid on the tangent plane at the mean normal, along the principal axes of the projected normals. `None` if a
+    /// normal is too far from the mean to be projected well.
     fn patch(&self) -> Option<Assigned<G>> {
         let axis = self.centre;
         if axis == Vec3::ZERO {
@@ -293,7 +295,7 @@ impl<const G: usize> Texels<G> {
         Some(self.assign(base, axes))
     }
 
-    /// Axes that reach from the mean to the normals furthest from what is expressible so far.
+    /// A grid around the mean, each axis in turn reaching to the normal that is furthest from the points so far.
     fn reach(&self) -> Assigned<G> {
         let start = if self.sum.length() < 0.1 * self.count { self.furthest(&[-self.sum]) } else { self.sum };
         let base = RawNormal::encode(start);
@@ -328,7 +330,7 @@ impl<const G: usize> Texels<G> {
         furthest
     }
 
-    /// A fit for the points that the normals have been given.
+    /// Fits the grid to the points that the normals are assigned to.
     fn refine(&self, found: &Assigned<G>) -> Option<Assigned<G>> {
         let (base, u, v) = (found.base.decode_point(), decode_axis(found.axes << 16), decode_axis(found.axes));
         let (mut lengths, mut us, mut vs) = ([Vec4::ZERO; G], [Vec4::ZERO; G], [Vec4::ZERO; G]);
@@ -337,7 +339,7 @@ impl<const G: usize> Texels<G> {
             let row = round(found.points[g] * 0.25 - Vec4::splat(0.375));
             (us[g], vs[g]) = (coordinate(found.points[g] - row * 4.0), coordinate(row));
             let point = |k: usize| us[g] * u[k] + vs[g] * v[k] + Vec4::splat(base[k]);
-            // What comes closest to the point in the direction of the normal.
+            // The length at which the normal comes closest to its grid point.
             let length = n[0] * point(0) + n[1] * point(1) + n[2] * point(2);
             lengths[g] = length.max(Vec4::splat(0.05)) * self.weights[g];
         }
@@ -345,8 +347,9 @@ impl<const G: usize> Texels<G> {
         Some(self.assign(base, axes))
     }
 
-    /// Base and axes of the grid that comes closest, in the sum of squares, to the normals at these lengths, with these
-    /// coordinates. The u axis is rounded first; the v axis is fitted to what it became, and the base to both.
+    /// Base and axes of the grid with the least sum of squared distances to the normals scaled to these lengths, at
+    /// these grid coordinates. The u axis is rounded first; the v axis is fitted to the rounded u axis, and the base to
+    /// both.
     fn fit(&self, lengths: &[Vec4; G], us: &[Vec4; G], vs: &[Vec4; G]) -> Option<(RawNormal, u32)> {
         let (mut su, mut sv, mut suu, mut suv, mut svv) = (Vec4::ZERO, Vec4::ZERO, Vec4::ZERO, Vec4::ZERO, Vec4::ZERO);
         let (mut sp, mut spu, mut spv) = ([Vec4::ZERO; 3], [Vec4::ZERO; 3], [Vec4::ZERO; 3]);
@@ -375,7 +378,7 @@ impl<const G: usize> Texels<G> {
         } else {
             (pu * inverse(uu), Vec3::ZERO)
         };
-        // The length of the main axis, which the base cannot have, becomes 1.
+        // The main component of an encoded base is ±1: scale everything so that it is.
         let unit = (p_mean - u * u_mean - v * v_mean).abs().max_element();
         if unit.is_nan() || unit < 0.01 {
             return None;
@@ -392,8 +395,8 @@ impl<const G: usize> Texels<G> {
     /// The best point of a grid for every normal.
     fn assign(&self, base: RawNormal, axes: u32) -> Assigned<G> {
         let (u, v, point) = (decode_axis(axes << 16), decode_axis(axes), base.decode_point());
-        // Relative to the middle, so that small angles keep their precision: the point with the least square of the chord is
-        // that with the most `2 n·p - p·p`.
+        // Relative to the mean direction, so that small angles keep their precision. The point with the least squared
+        // chord is the one with the largest `2 n·p - p·p`.
         let centre = self.centre;
         let steps = Vec4::from_array(GRID);
         let row = [
@@ -444,7 +447,7 @@ fn half_angle(x: f32, y: f32) -> (f32, f32) {
     if length == 0.0 {
         return (1.0, 0.0);
     }
-    // The larger of the two first, so that nothing cancels out.
+    // Compute the larger of the two first, to avoid cancellation.
     let larger = (0.5 + 0.5 * x.abs() / length).sqrt();
     let smaller = 0.5 * y / (length * larger);
     if x >= 0.0 { (larger, smaller) } else { (smaller.abs(), larger.copysign(y)) }
@@ -517,7 +520,7 @@ mod tests {
 
         #[test]
         fn raw_normals_of_directions_are_too(n in prop::array::uniform3(-2i8..=2), f in prop::array::uniform3(-1.0f32..1.0), scale in 0.0f32..0.1) {
-            // With equal and with zero components.
+            // Includes equal components and components of zero.
             let n = Vec3::from(n.map(f32::from)) + Vec3::from(f) * scale.max(0.05) - Vec3::from(f) * 0.05;
             prop_assert_eq!(RawNormal::encode(n), plain_raw(n));
         }
@@ -529,7 +532,7 @@ mod tests {
             let found = decode_axis(bits << 16 | below);
             let unit = 2f32.powi((bits & 15) as i32 - 13);
             for k in 0..3 {
-                // At the ends of the range of a field its fraction counts too.
+                // At the ends of a field's range the fraction adds to the error.
                 prop_assert!((found[k] - axis[k]).abs() <= unit * 0.66, "{axis} became {found} in units of {unit}");
             }
             prop_assert!(bits & 15 == 0 || axis.abs().max_element() > 3.69 * unit);
@@ -553,7 +556,7 @@ mod tests {
         }
     }
 
-    /// The raw normal as section 8.2 of the specification puts it.
+    /// The raw normal, computed as section 8.2 of the specification describes.
     fn plain_raw(n: Vec3) -> RawNormal {
         let n = if n.is_finite() && n != Vec3::ZERO { n } else { Vec3::Z };
         let a = n.abs();

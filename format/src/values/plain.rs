@@ -1,4 +1,4 @@
-//! Colours and normals stored as they are: one for each voxel, or one for each corner of a voxel (spec sections 8.5 and
+//! Plain values: uncompressed colours and normals, one per voxel or one per corner of a voxel (spec sections 8.5 and
 //! 8.6).
 
 use bytemuck::{Pod, Zeroable};
@@ -12,25 +12,27 @@ pub(crate) fn plain_entry(word: u32) -> (u8, usize) {
     (word as u8, (word >> 8) as usize)
 }
 
-/// Values that an entry of a plain attachment leads to: one for each voxel in its mask, and one for all others together.
+/// Number of values that an entry of a plain attachment refers to: one for each voxel in its mask, and one that all
+/// other voxels share.
 pub(crate) fn plain_count(mask: u8, valid: u8) -> usize {
     mask.count_ones() as usize + usize::from(valid & !mask != 0)
 }
 
-/// Which of them is that of child `child`.
+/// Index of the value of child `child` among them.
 pub(crate) fn plain_rank(mask: u8, child: u8) -> usize {
     let below = if mask >> child & 1 != 0 { mask & ((1 << child) - 1) } else { mask };
     below.count_ones() as usize
 }
 
-/// Bit of a corner mask that says that values for the corners of the descriptor's own voxel follow the others.
+/// Bit of a corner mask: values for the corners of the descriptor's own voxel follow the others.
 pub(crate) const OWN_CUBE: u32 = 1 << 27;
 
 /// A colour and a normal at a corner of a voxel.
 #[repr(C)]
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Pod, Zeroable, Default, serde::Serialize, serde::Deserialize)]
 pub struct CornerValue {
-    /// Red, green, blue, sRGB-encoded, and alpha. An alpha of 0 says that there is no value: no surface comes near.
+    /// Red, green and blue, sRGB-encoded, and alpha. Alpha 0 means that the corner has no value, as no surface is near
+    /// it.
     pub color: [u8; 4],
     /// Normal.
     pub normal: RawNormal,
@@ -39,20 +41,20 @@ pub struct CornerValue {
 /// Corners of the children of one voxel: a lattice of 3 x 3 x 3 points, x fastest.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default, serde::Serialize, serde::Deserialize)]
 pub struct NodeCorners {
-    /// Bits 0 to 26: which points have a value. Bit 27: eight values for the corners of the voxel itself follow, for the
-    /// children whose corners lack; corner `x + 2 y + 4 z`. The bits above are zero.
+    /// Bits 0 to 26: the points that have a value. Bit 27: eight values for the corners `x + 2 y + 4 z` of the voxel
+    /// itself follow; they are for children of which some corner has no value. The bits above are zero.
     pub mask: u32,
-    /// Index of the first value; the others follow in the order of the bits.
+    /// Index of the first value. The others follow in the order of the bits.
     pub first: u32,
 }
 
 impl NodeCorners {
-    /// How many values there are.
+    /// Number of values.
     pub fn count(self) -> usize {
         (self.mask & (OWN_CUBE - 1)).count_ones() as usize + if self.mask & OWN_CUBE != 0 { 8 } else { 0 }
     }
 
-    /// The points of the lattice that are the corners of child `child`, as bits, in their order.
+    /// The mask bits of the corners of child `child`, in the order of the corners.
     pub(crate) fn of_child(child: u8) -> [u32; 8] {
         std::array::from_fn(|k| {
             let along = |axis: usize| u32::from(child >> axis & 1) + (k as u32 >> axis & 1);
@@ -60,17 +62,17 @@ impl NodeCorners {
         })
     }
 
-    /// Whether all corners of child `child` have a value of their own.
+    /// Whether all corners of child `child` have a value in the lattice.
     pub fn has_child(self, child: u8) -> bool {
         Self::of_child(child).iter().all(|bit| self.mask & bit != 0)
     }
 
-    /// Which of the values is that of a point whose bit this is, and which is in the mask.
+    /// Index of the value of the point with this bit. The bit must be set in the mask.
     pub(crate) fn rank(self, bit: u32) -> usize {
         (self.mask & (bit - 1)).count_ones() as usize
     }
 
-    /// What child `child` lies in, given the values that begin at [`first`](Self::first).
+    /// The cell that child `child` lies in. `values` are those from index [`first`](Self::first) on.
     pub(crate) fn cell(self, child: u8, values: &[CornerValue]) -> Option<CornerCell> {
         if self.has_child(child) {
             let mut corners = [CornerValue::default(); 8];
@@ -85,28 +87,28 @@ impl NodeCorners {
     }
 }
 
-/// Values at the corners of a cube, and the part of it that a voxel is.
+/// Values at the corners of a cube, and the place of a voxel in that cube.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct CornerCell {
     /// At corner `x + 2 y + 4 z`.
     pub corners: [CornerValue; 8],
     /// Lower corner of the voxel in the cube, whose edge is 1.
     pub low: Vec3,
-    /// Edge of the voxel, that of the cube being 1.
+    /// Edge of the voxel; the edge of the cube is 1.
     pub size: f32,
 }
 
 impl CornerCell {
-    /// That of an octant of the voxel.
+    /// The cell of octant `child` of the voxel.
     pub(crate) fn child(self, child: u8) -> Self {
         let size = self.size * 0.5;
         let offset = Vec3::from([0, 1, 2].map(|axis| f32::from(child >> axis & 1)));
         Self { low: self.low + offset * size, size, ..self }
     }
 
-    /// Colour (sRGB-encoded, alpha as the fourth, channels in `0.0..=1.0`) and unit normal at a point of the voxel, whose
-    /// corners are 0 and 1: the means of the values at the corners, by weights that are linear along each axis. `None` if
-    /// no corner that counts has a value.
+    /// Colour (sRGB-encoded, alpha last, channels in `0.0..=1.0`) and unit normal at a point of the voxel, interpolated
+    /// trilinearly between the corners. Coordinates of the point are 0 to 1 within the voxel. `None` if no corner with
+    /// a weight above zero has a value.
     pub fn at(&self, point: Vec3) -> Option<([f32; 4], Vec3)> {
         let at = self.low + self.size * point;
         let (mut color, mut normal, mut sum) = (glam::Vec4::ZERO, Vec3::ZERO, 0.0);
@@ -120,12 +122,13 @@ impl CornerCell {
         (sum > 0.0).then(|| ((color / (sum * 255.0)).to_array(), normal.normalize_or(Vec3::Z)))
     }
 
-    /// Colour and normal in the middle of the voxel.
+    /// Colour and normal at the centre of the voxel.
     pub fn middle(&self) -> Option<([f32; 4], Vec3)> {
         self.at(Vec3::splat(0.5))
     }
 
-    /// The values at the eight corners of the voxel, rounded where they are between those of the cube.
+    /// The values at the eight corners of the voxel. Corners that are not corners of the cube are interpolated and
+    /// rounded.
     pub(crate) fn of_voxel(&self) -> [CornerValue; 8] {
         if self.size == 1.0 {
             return self.corners;
@@ -140,7 +143,7 @@ impl CornerCell {
     }
 }
 
-/// The child slots of a mask.
+/// The child slots in a mask, in order.
 pub(crate) fn slots(mask: u8) -> impl Iterator<Item = u8> {
     (0..8).filter(move |slot| mask >> slot & 1 != 0)
 }

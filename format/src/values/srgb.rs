@@ -7,8 +7,8 @@ pub fn decode(encoded: f32) -> f32 {
 
 /// [`decode`] in double precision.
 ///
-/// The builder decodes texels with this function, and its averaged colours with [`decode`]. Rounded to `f32`, the results
-/// of the two differ in the last bit for most bytes, so neither can replace the other without changing files.
+/// The builder filters textures with this function and tabulates colours with [`decode`]. Rounded to `f32`, the results
+/// of the two differ in the last bits for most bytes, so neither can replace the other without changing files.
 pub fn decode_f64(encoded: f64) -> f64 {
     if encoded <= 0.04045 { encoded / 12.92 } else { ((encoded + 0.055) / 1.055).powf(2.4) }
 }

@@ -1,4 +1,4 @@
-//! Ways to break a file, a rule at a time.
+//! Ways to break a file, one rule at a time.
 
 use esvo_format::{AssembleOptions, assemble};
 
@@ -15,7 +15,7 @@ pub(crate) struct Broken {
     pub(crate) bytes: Vec<u8>,
 }
 
-/// Every way to break a file that is known here, in the order of the lists.
+/// All broken files, in the order of the lists below.
 pub(crate) fn broken_files() -> Vec<Broken> {
     let mut files = Vec::new();
     for (sealed, cases) in [(false, RAW), (true, SEALED)] {
@@ -24,7 +24,7 @@ pub(crate) fn broken_files() -> Vec<Broken> {
             change(&mut file);
             match rule {
                 _ if !sealed => {}
-                // The tables cannot be located any more.
+                // The tables cannot be located any more, so the checksums of blocks stay.
                 "D006" | "O001" | "B001" => {
                     file.seal_sections();
                     file.seal_header();
@@ -41,10 +41,10 @@ pub(crate) fn broken_files() -> Vec<Broken> {
     files
 }
 
-/// How to break a rule: its id, the sample to start from, the change. Checksums are put right afterwards.
+/// How to break a rule: its id, the name of the sample, the change.
 type Case = (&'static str, &'static str, fn(&mut File));
 
-/// The same for changes after which nothing is put right.
+/// Changes after which checksums are not corrected.
 const RAW: &[Case] = &[
     ("H001", "contours", |f| f.0[0] = b'E'),
     ("H001", "contours", |f| f.0.truncate(63)),
@@ -57,7 +57,7 @@ const RAW: &[Case] = &[
         f.0[meta + 2] ^= 1;
     }),
     ("D004", "everything", |f| {
-        // Parts of their own checksums: then the section has none.
+        // With the flag for its own checksums, the checksum of the section must be zero.
         let entry = f.entry(b"META");
         f.set_u32(entry + 4, 2);
         f.seal_header();
@@ -69,7 +69,7 @@ const RAW: &[Case] = &[
         f.seal_header();
     }),
     ("B006", "contours", |f| {
-        // Both normals are as good as each other to every other rule.
+        // Either normal is valid by all other rules.
         let pool = f.pool(0);
         f.0[pool] ^= 0x40;
     }),
@@ -215,8 +215,8 @@ const SEALED: &[Case] = &[
     }),
     ("B009", "blocks", |f| set_block(f, 1, 64, 1)),
     ("B010", "blocks", |f| {
-        // Voxel 07 becomes a leaf: block 1 with its descriptor, four leaves and two contours is lost, and so is a far
-        // pointer.
+        // Voxel 07 becomes a leaf, so no pointer leads to block 1 with a descriptor, four leaves and two contours; and
+        // there is one far pointer less.
         let at = f.slot(4);
         let far = at + 8 * (f.u32(at) >> 17) as usize;
         f.set_u64(far, 0);
@@ -243,7 +243,7 @@ const SEALED: &[Case] = &[
     ("C001", "contours", |f| change_low(f, 6, |low| low | 1 << 3)),
     ("C002", "contours", |f| change_low(f, 2, |low| low & 0xffff)),
     ("C002", "contours", |f| change_low(f, 2, |low| low | 0x7fff << 17)),
-    ("C002", "contours", |f| change_low(f, 5, |low| low & 0xffff | 4 << 17)), // the second child behind the array
+    ("C002", "contours", |f| change_low(f, 5, |low| low & 0xffff | 4 << 17)), // the second child is after the array
     ("C002", "blocks", |f| set_far(f, 4, 1 << 31)),
     ("C002", "blocks", |f| set_far(f, 4, 9)),
     ("C003", "contours", |f| {
@@ -429,7 +429,7 @@ pub(crate) fn sample(name: &str) -> File {
     File(bytes_of(&samples().into_iter().find(|(n, _)| *n == name).expect("a sample").1))
 }
 
-/// Two blocks with the same parent whose children stand the other way round.
+/// Two blocks with the same parent whose children are in the reverse order.
 fn blocks_out_of_order() -> File {
     let shape =
         Shape { seed: 3, levels: 4, valid: 0, leaf: 0, contour: 0, colors: Colors::None, normals: false, nodes: 99 };
@@ -448,7 +448,7 @@ fn blocks_out_of_order() -> File {
     file
 }
 
-/// Swaps two blocks of one page each, with the pointers that lead to them and, by whole pages, those out of them.
+/// Swaps two blocks of one page each, and corrects the far pointers to and from them.
 fn swap_blocks(f: &mut File, a: usize, b: usize) {
     let page = 8192;
     let (start_a, start_b) = (f.slot(1024 * a), f.slot(1024 * b));
@@ -474,7 +474,7 @@ fn swap_blocks(f: &mut File, a: usize, b: usize) {
             }
         }
     }
-    // Each descriptor with a far pointer: in the blocks that refer to a and b, and in a and b.
+    // The descriptors with far pointers: in the blocks that refer to a and b, and in a and b.
     for block in 0..f.blocks() {
         let array = f.u32(f.slot(1024 * block)) as usize;
         for slot in 2..array {

@@ -10,7 +10,7 @@ pub(crate) mod survive;
 use esvo_format::{ColorBlock, Contour, NormalBlock, Octree, RawNormal, Tree, Voxel};
 use glam::Vec3;
 
-/// SplitMix64: enough randomness for test trees, and the same everywhere.
+/// SplitMix64: reproducible random numbers for test trees.
 pub(crate) struct Rng(pub(crate) u64);
 
 impl Rng {
@@ -22,7 +22,7 @@ impl Rng {
         z ^ (z >> 31)
     }
 
-    /// True with probability `p` of 256.
+    /// True with probability `p / 256`.
     pub(crate) fn chance(&mut self, p: u32) -> bool {
         (self.bits() >> 56) < u64::from(p)
     }
@@ -44,7 +44,7 @@ pub(crate) enum Colors {
     Many,
 }
 
-/// What a random tree is made of. Probabilities are of 256.
+/// Parameters of a random tree. Probabilities are in units of 1/256.
 #[derive(Clone, Debug)]
 pub(crate) struct Shape {
     pub(crate) seed: u64,
@@ -54,7 +54,7 @@ pub(crate) struct Shape {
     pub(crate) contour: u32,
     pub(crate) colors: Colors,
     pub(crate) normals: bool,
-    /// About as many nodes at most.
+    /// Approximate maximum number of nodes.
     pub(crate) nodes: usize,
 }
 
@@ -97,7 +97,7 @@ impl Shape {
     }
 }
 
-/// What was seen on the way.
+/// Features that the comparison has seen.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub(crate) struct Seen {
     pub(crate) descriptors: u64,
@@ -105,8 +105,8 @@ pub(crate) struct Seen {
     pub(crate) deepest: u32,
 }
 
-/// Walks tree and octree side by side. Masks and contours must be equal to the bit; colours and normals must be what
-/// the encoders make of each pair of siblings.
+/// Walks tree and octree in parallel. Masks and contours must be identical; colours and normals must be the results of
+/// the encoders for each pair of siblings.
 pub(crate) fn compare(tree: &Tree, octree: &Octree) -> Seen {
     let root = octree.objects()[0].root_slot as u32;
     let mut seen = Seen::default();
@@ -136,7 +136,7 @@ fn same_node(tree: &Tree, octree: &Octree, index: usize, slot: u32, level: u32, 
     }
     let placed: Vec<(usize, u32)> =
         children.iter().map(|&(child, node)| (node, octree.child(slot, child).expect("checked above"))).collect();
-    // Siblings are consecutive and start at an even slot: pairs of siblings are pairs of slots.
+    // Siblings are consecutive and start at an even slot, so pairs of siblings are pairs of slots.
     assert!(placed.first().is_none_or(|first| first.1 % 2 == 0), "first child of node {index}");
     assert!(placed.windows(2).all(|w| w[1].1 == w[0].1 + 1), "children of node {index}");
     for pair in placed.chunks(2) {

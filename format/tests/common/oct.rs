@@ -1,4 +1,4 @@
-//! What an octree holds in the order of its voxels, whatever its layout; and files with damage.
+//! The contents of an octree in the order of its voxels, regardless of its layout; and damaged files.
 
 use esvo_format::{Octree, oct};
 use glam::Vec3;
@@ -16,7 +16,7 @@ pub(crate) struct Content {
     pub(crate) normal: Option<Vec3>,
 }
 
-/// The voxels of an object, depth first.
+/// The voxels of an object in depth-first order.
 pub(crate) fn contents(octree: &Octree, object: usize) -> Vec<Content> {
     octree.sound().expect("a sound octree");
     let mut found = Vec::new();
@@ -42,7 +42,7 @@ fn add(octree: &Octree, parent: u32, level: u32, found: &mut Vec<Content>) {
     }
 }
 
-/// Every voxel, to the bit.
+/// Compares every voxel, bit by bit.
 pub(crate) fn same(a: &[Content], b: &[Content]) {
     for (index, (a, b)) in a.iter().zip(b).enumerate() {
         assert_eq!(a, b, "voxel {index}");
@@ -50,8 +50,8 @@ pub(crate) fn same(a: &[Content], b: &[Content]) {
     assert_eq!(a.len(), b.len());
 }
 
-/// Reads the file cut short, and with `rounds` of each of: one bit flipped, one word replaced, many bytes replaced.
-/// Returns how many were refused. What is not must be sound.
+/// Reads the truncated file, and `rounds` variants each with one flipped bit, one replaced word, many replaced bytes.
+/// Returns the number of refused variants. All others must be sound.
 pub(crate) fn damage(bytes: &[u8], seed: u64, rounds: usize) -> usize {
     let mut rng = Rng(seed);
     let mut refused = 0;
@@ -65,7 +65,7 @@ pub(crate) fn damage(bytes: &[u8], seed: u64, rounds: usize) -> usize {
     for _ in 0..rounds / 4 {
         read(&bytes[..rng.below(bytes.len() as u64) as usize]);
     }
-    // Where there is something but zeros, damage is likelier to matter.
+    // Damage to bytes that are not zero is more likely to have an effect.
     let used: Vec<usize> = (0..bytes.len() / 4).filter(|word| bytes[4 * word..4 * word + 4] != [0; 4]).collect();
     for round in 0..rounds {
         let mut bytes = bytes.to_vec();

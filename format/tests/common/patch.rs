@@ -1,11 +1,10 @@
-//! Changing the bytes of a file, with the checksums put right afterwards.
+//! Changing bytes of a file and correcting its checksums afterwards.
 
-/// A file in memory. Offsets are those of version 1, as the writer lays it out: the directory behind the header, blocks
-/// stored as they are.
+/// A file in memory, with the layout of this library's writer: directory after the header, uncompressed blocks.
 #[derive(Clone)]
 pub(crate) struct File(pub(crate) Vec<u8>);
 
-/// Places of the header and of the directory's entries.
+/// Offsets in the header and in entries of the directory.
 pub(crate) const DIRECTORY: usize = 64;
 pub(crate) const ENTRY: usize = 32;
 
@@ -77,7 +76,7 @@ impl File {
         self.info(index) + 32 + 16 * k
     }
 
-    /// Puts every checksum right that can be located: blocks, sections, directory, header.
+    /// Corrects all checksums: blocks, sections, directory, header. The tables must be intact.
     pub(crate) fn seal(&mut self) {
         self.seal_blocks();
         self.seal_sections();
@@ -110,7 +109,7 @@ impl File {
         self.set_u32(60, crc);
     }
 
-    /// Puts right every checksum that can be found, wherever the tables of a damaged file may lead.
+    /// Corrects all checksums that can be found, also in damaged files.
     pub(crate) fn seal_whatever_is_there(&mut self) {
         let length = self.0.len();
         if length < 64 {
@@ -142,7 +141,7 @@ impl File {
         self.set_u32(60, crc);
     }
 
-    /// Puts right the checksum of the block whose entry is at `at`.
+    /// Corrects the checksum of the block whose table entry is at `at`.
     fn seal_block(&mut self, at: usize) {
         let (start, length) = (self.u64(at + 40) as usize, self.u64(at + 48) as usize);
         if let Some(bytes) = start.checked_add(length).and_then(|end| self.0.get(start..end)) {

@@ -1,4 +1,4 @@
-//! Small octrees that cover every part of a file between them.
+//! Small octrees that together cover every part of a file.
 
 use esvo_format::{AssembleOptions, Contour, CornerValue, NodeCorners, Octree, RawNormal, Tree, Voxel, assemble};
 use glam::{DMat4, DVec3, Vec3};
@@ -26,7 +26,8 @@ fn voxel(with: With, k: usize, leaf: bool) -> Voxel {
     }
 }
 
-/// A tree of three levels: two non-leaf children of the root, the first with one non-leaf child and the second with two.
+/// A tree of three levels: two non-leaf children of the root, the first with one non-leaf child and the second with
+/// two.
 fn branching(with: With) -> Tree {
     let mut tree = Tree::default();
     let mut next = 0;
@@ -62,7 +63,7 @@ fn rainbow(k: usize) -> [u8; 3] {
     [(k * 20) as u8, (255 - k * 16) as u8, (k * 90) as u8]
 }
 
-/// The tree with everything in it stored as it is, some colours not opaque.
+/// A tree with plain values, some of whose colours are not opaque.
 fn plain() -> Tree {
     let mut tree = branching(With { contours: true, colors: Some(|k| rainbow(k / 2)), normals: true });
     tree.plain = true;
@@ -70,11 +71,12 @@ fn plain() -> Tree {
     tree
 }
 
-/// Corners of every voxel of some descriptors, of the voxels that there are of others, and of the voxel itself.
+/// Corners: for some descriptors the whole lattice, for others only the corners of existing voxels and those of the
+/// voxel itself.
 fn corners() -> Tree {
     let mut tree = branching(With::default());
     for (k, node) in tree.nodes.iter().enumerate() {
-        // Children 0 and 7 of the lattice: its first points and its last ones.
+        // Children 0 and 7 use the first and the last points of the lattice.
         let mask = [(1 << 27) - 1, 1 << 27 | 0x361b, 0x07ff_e000][k % 3];
         let corners = NodeCorners { mask, first: tree.corner_values.len() as u32 };
         let value = |i: usize| CornerValue {

@@ -1,11 +1,11 @@
-//! Reading bytes that nobody vouches for.
+//! Reading untrusted bytes.
 
 use esvo_format::{FormatError, Octree, OpenOptions, stats, validate_bytes_with};
 
-/// The vectors' largest image has 0.3 MiB; compressed ones may say anything.
+/// The largest image of a vector has 0.3 MiB. Damaged compressed files may claim any size.
 const OPTIONS: OpenOptions = OpenOptions { memory_limit: 16 << 20 };
 
-/// Does everything with the bytes that a program might do before it trusts them. Returns whether they are refused.
+/// Applies all functions that accept untrusted bytes. Returns whether the bytes are refused.
 pub(crate) fn survive(bytes: &[u8]) -> bool {
     let report = match validate_bytes_with(bytes, &OPTIONS) {
         Ok(report) => report,
@@ -21,7 +21,7 @@ pub(crate) fn survive(bytes: &[u8]) -> bool {
             assert_eq!(counted.bytes.total(), counted.image_bytes);
             octree.needs();
             match octree.sound() {
-                // Whatever is sound can be walked to its end.
+                // Every sound octree can be walked to its end.
                 Ok(()) => visit(&octree),
                 Err(broken) => assert!(!report.is_ok(), "{broken}"),
             }
@@ -32,7 +32,7 @@ pub(crate) fn survive(bytes: &[u8]) -> bool {
     !report.is_ok()
 }
 
-/// Looks at every voxel.
+/// Visits every voxel.
 pub(crate) fn visit(octree: &Octree) {
     let mut stack: Vec<u32> = octree.objects().iter().map(|o| o.root_slot as u32).collect();
     while let Some(slot) = stack.pop() {

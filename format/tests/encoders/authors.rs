@@ -1,16 +1,16 @@
-//! The method of the paper's authors: references that are the two colours furthest apart; a base that is the mean of the
-//! normals, an axis towards the normal furthest from it, and another towards the one that is then furthest off. Values are
-//! put into their fields as well as ours: what is compared is the choice of them.
+//! The method of the paper's authors. Colours: the references are the two colours furthest apart. Normals: the base is
+//! the mean of the normals, one axis points to the normal furthest from it, the other to the normal with the largest
+//! remaining error. Fields are rounded as well as in our encoder, so that only the choice of the values is compared.
 
 use esvo_format::{ColorBlock, NormalBlock, RawNormal};
 use glam::Vec3;
 
 use super::blocks::{Colors, Normals};
 
-/// A reference, each channel the nearest to what was asked for with the bits that lie below it in `head`, from 32 bits on.
+/// A reference: each channel is rounded to nearest with the bits below it in `head` known.
 fn reference(color: [u8; 3], below: u32, shifts: [u32; 3]) -> u32 {
     let mut head = below;
-    // Blue, green, red: width and place in the reference.
+    // Blue, green, red: width and position in the reference.
     for (channel, bits, at) in [(2, 5, 0), (1, 6, 5), (0, 5, 11)] {
         let at = at + 16 - shifts[0];
         let word = |field: u32| (head | field << at) << shifts[channel];
@@ -21,7 +21,7 @@ fn reference(color: [u8; 3], below: u32, shifts: [u32; 3]) -> u32 {
     head
 }
 
-/// Colours.
+/// Encodes colours.
 pub fn colors(colors: &Colors) -> ColorBlock {
     let used: Vec<[u8; 3]> = colors.iter().flatten().copied().collect();
     let Some(&first) = used.first() else { return ColorBlock::default() };
@@ -48,7 +48,7 @@ pub fn colors(colors: &Colors) -> ColorBlock {
     ColorBlock { head, indices }
 }
 
-/// A raw normal, fractions cut off.
+/// A raw normal, with fractions truncated.
 fn raw(n: Vec3) -> RawNormal {
     let n = n.to_array();
     let mut axis = 0;
@@ -63,7 +63,7 @@ fn raw(n: Vec3) -> RawNormal {
     RawNormal(u32::from(n[axis] < 0.0) << 31 | (axis as u32) << 29 | u << 14 | v)
 }
 
-/// The 16 bits of an axis, `below` being those under it.
+/// The 16 bits of an axis. `below` are the bits below it.
 fn axis(v: Vec3, below: u32) -> u32 {
     let unit = |exponent: u32| 2f32.powi(exponent as i32 - 13);
     let exponent = (0..15).find(|e| v.abs().max_element() <= 7.4 * unit(*e)).unwrap_or(15);
@@ -75,7 +75,7 @@ fn axis(v: Vec3, below: u32) -> u32 {
     word >> 16
 }
 
-/// What the grid can reach with the axes so far, for each texel, and the index pair that does.
+/// For each texel the best point of the grid with the axes so far, and its pair of indices.
 fn nearest(block: &NormalBlock, n: Vec3) -> (u32, u32, Vec3) {
     let mut best = (0, 0, Vec3::ZERO, f32::MIN);
     for (u, v) in (0..16).map(|k| (k & 3, k >> 2)) {
@@ -87,7 +87,7 @@ fn nearest(block: &NormalBlock, n: Vec3) -> (u32, u32, Vec3) {
     (best.0, best.1, best.2)
 }
 
-/// Normals.
+/// Encodes normals.
 pub fn normals(normals: &Normals) -> NormalBlock {
     let used: Vec<Vec3> = normals.iter().flatten().copied().collect();
     if used.is_empty() {
@@ -104,7 +104,7 @@ pub fn normals(normals: &Normals) -> NormalBlock {
         let off = |n: &Vec3| nearest(&block, *n).2.dot(*n);
         let worst = used.iter().copied().min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(Vec3::Z);
         let (u, v, ..) = nearest(&block, worst);
-        // The point of the grid before it is normalised.
+        // The grid point, not normalised.
         let c = [-1.0, -1.0 / 3.0, 1.0 / 3.0, 1.0];
         let [u_axis, _] = axes(block.axes);
         let point = block.base.decode_point() + if half == 0 { Vec3::ZERO } else { u_axis * c[u as usize] };
@@ -121,7 +121,7 @@ pub fn normals(normals: &Normals) -> NormalBlock {
     block
 }
 
-/// The two axes, the length of the main axis of the base being 1.
+/// The two axes, in units in which the main component of the base is 1.
 fn axes(word: u32) -> [Vec3; 2] {
     [word << 16, word].map(|h| {
         let e = (h >> 16 & 15) as i32;

@@ -1,4 +1,4 @@
-//! Blocks of up to sixteen colours or normals: made up, or those of an octree whose attributes are not compressed.
+//! Blocks of up to sixteen colours or normals: synthetic, or those of an octree with plain values.
 
 use esvo_format::Octree;
 use glam::Vec3;
@@ -8,7 +8,7 @@ pub type Colors = [Option<[u8; 3]>; 16];
 /// The unit normals of a block.
 pub type Normals = [Option<Vec3>; 16];
 
-/// Numbers that are the same on every machine (SplitMix64).
+/// SplitMix64: random numbers that are the same on every machine.
 pub struct Random(pub u64);
 
 impl Random {
@@ -48,13 +48,13 @@ impl Random {
     }
 }
 
-/// Where the centres of the voxels of a block are, in two nodes side by side, edges of voxels being 1.
+/// The centres of the voxels of a block, which belong to two adjacent nodes. Voxels have the edge 1.
 fn place(texel: usize) -> Vec3 {
     let bit = |k: usize| (texel >> k & 1) as f32;
     Vec3::new(bit(0) + 2.0 * bit(3) - 1.5, bit(1) - 0.5, bit(2) - 0.5)
 }
 
-/// The texels that a surface through the block passes, about half of them, and never none.
+/// The texels that a surface through the block touches: about half of them, at least one.
 fn surface(random: &mut Random) -> [bool; 16] {
     let (normal, offset) = (random.direction(), random.signed() * 0.5);
     let reach = normal.abs().element_sum() * 0.5;
@@ -133,7 +133,7 @@ pub fn normal_sets(count: usize) -> Vec<(&'static str, Vec<Normals>)> {
     ]
 }
 
-/// The blocks that the colours and normals of an octree would make.
+/// The blocks of the colours and normals of an octree.
 pub fn of_octree(octree: &Octree) -> (Vec<Colors>, Vec<Normals>) {
     let mut slots: Vec<u32> = octree.objects().iter().filter_map(|o| u32::try_from(o.root_slot).ok()).collect();
     let mut at = 0;

@@ -1,4 +1,4 @@
-//! Errors of encoders over many blocks, and what makes one as accurate as another.
+//! Errors of encoders over many blocks, and the comparison of two encoders.
 
 use std::fmt::Write;
 use std::hint::black_box;
@@ -13,9 +13,9 @@ use super::blocks::{Colors, Normals};
 /// Errors of all used texels of a set of blocks.
 #[derive(Clone, Copy, Debug)]
 pub struct Errors {
-    /// Root of the mean square.
+    /// Root mean square.
     pub rms: f64,
-    /// What 99 of 100 are within.
+    /// The 99th percentile.
     pub p99: f64,
 }
 
@@ -26,13 +26,13 @@ impl Errors {
         Self { rms: (squares / errors.len() as f64).sqrt(), p99: errors[(errors.len() - 1) * 99 / 100] }
     }
 
-    /// Whether these are no larger than the others in the mean square, but for what is lost in its sum.
+    /// Whether the root mean square is not above that of the others, up to rounding errors.
     pub fn as_good_as(self, other: Self) -> bool {
         self.rms <= other.rms * (1.0 + 1e-9)
     }
 }
 
-/// Colour errors in steps of 255, the root of the mean square of the three channels.
+/// Colour errors in units of 1/255: the root mean square over the three channels.
 pub fn color_errors(blocks: &[Colors], encode: impl Fn(&Colors) -> ColorBlock) -> Errors {
     let of = |colors: &Colors| {
         let block = encode(colors);
@@ -52,7 +52,7 @@ pub fn normal_errors(blocks: &[Normals], encode: impl Fn(&Normals) -> NormalBloc
         let block = encode(normals);
         let error = |(i, normal): (usize, &Option<Vec3>)| {
             let (normal, found) = ((*normal)?.as_dvec3().normalize(), block.decode(i).as_dvec3().normalize());
-            // By the chord, which is exact where an arc cosine is not.
+            // From the chord, as the arc cosine is inexact for small angles.
             Some((2.0 * (normal.distance(found) * 0.5).min(1.0).asin()).to_degrees())
         };
         normals.iter().enumerate().filter_map(error).collect::<Vec<_>>()
@@ -60,20 +60,20 @@ pub fn normal_errors(blocks: &[Normals], encode: impl Fn(&Normals) -> NormalBloc
     Errors::of(blocks.iter().flat_map(of).collect())
 }
 
-/// The indices of a palette in order along its line instead of 0, 2, 3, 1: what a careless encoder would write.
+/// A broken encoder for the negative control: indices in order along the line of the palette instead of 0, 2, 3, 1.
 pub fn with_colors_in_a_wrong_order(colors: &Colors) -> ColorBlock {
     let block = ColorBlock::encode(colors);
     let index = |i: usize| [0, 3, 1, 2][(block.indices >> (2 * i) & 3) as usize] << (2 * i);
     ColorBlock { indices: (0..16).map(index).sum(), ..block }
 }
 
-/// The indices of the two axes exchanged.
+/// A broken encoder for the negative control: the indices of the two axes are exchanged.
 pub fn with_axes_exchanged(normals: &Normals) -> NormalBlock {
     let block = NormalBlock::encode(normals);
     NormalBlock { u_indices: block.v_indices, v_indices: block.u_indices, ..block }
 }
 
-/// Nanoseconds for a block, the least of several rounds over the blocks or, where there are many, some of them.
+/// Nanoseconds per block: the minimum of several rounds over the blocks (over some of them, if there are many).
 fn time<B, R>(blocks: &[B], encode: impl Fn(&B) -> R) -> f64 {
     let some: Vec<&B> = blocks.iter().step_by((blocks.len() / 4000).max(1)).collect();
     let round = || {
@@ -92,10 +92,10 @@ fn row(table: &mut String, name: &str, blocks: usize, [ours, theirs]: [Errors; 2
     writeln!(table, "| {name} | {blocks} | {cells} | {time:.0} |").expect("a string takes what it is given");
 }
 
-/// Compares the two colour encoders on a set of blocks, with a row for the table if there is one.
+/// Compares the two colour encoders on a set of blocks. Adds a row to the table, if there is one.
 ///
 /// # Panics
-/// If ours is less accurate, or if this cannot tell a broken encoder.
+/// If our encoder is less accurate, or if the comparison does not detect a broken encoder.
 pub fn colors(name: &str, blocks: &[Colors], table: Option<&mut String>) {
     let [ours, theirs] = [color_errors(blocks, ColorBlock::encode), color_errors(blocks, authors::colors)];
     assert!(ours.as_good_as(theirs), "{name}: {ours:?} instead of {theirs:?}");
@@ -106,10 +106,10 @@ pub fn colors(name: &str, blocks: &[Colors], table: Option<&mut String>) {
     }
 }
 
-/// The same for normals. Where all normals of each block are the same nobody can tell axes from each other.
+/// Like [`colors`], for normals. No negative control if all normals of each block are equal, as the axes are zero then.
 ///
 /// # Panics
-/// If ours is less accurate, or if this cannot tell a broken encoder.
+/// If our encoder is less accurate, or if the comparison does not detect a broken encoder.
 pub fn normals(name: &str, blocks: &[Normals], table: Option<&mut String>) {
     let [ours, theirs] = [normal_errors(blocks, NormalBlock::encode), normal_errors(blocks, authors::normals)];
     assert!(ours.as_good_as(theirs), "{name}: {ours:?} instead of {theirs:?}");

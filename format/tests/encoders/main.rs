@@ -1,5 +1,5 @@
-//! The encoders of colour and normal blocks beside the method of the paper's authors, on blocks that are made up. The same
-//! on blocks of real scenes is in `builder/tests/encoders.rs`, which also prints the tables.
+//! Compares the encoders of colour and normal blocks with the method of the paper's authors on synthetic blocks. The
+//! test `builder/tests/encoders.rs` does the same on blocks of real scenes and prints tables.
 
 mod authors;
 mod blocks;
@@ -28,7 +28,7 @@ fn blocks_of_an_octree_are_what_it_holds() {
     let voxels = esvo_format::stats(&octree).voxels as usize;
     assert_eq!(colors.iter().flatten().flatten().count(), voxels);
     assert_eq!(normals.iter().flatten().flatten().count(), voxels);
-    // The first child of the root is the first texel of the block that its slot is in.
+    // The first child of the root is in the first block, at the texel of its child slot.
     let root = octree.objects()[0].root_slot as u32;
     let child = octree.descriptor(root).valid_mask().trailing_zeros() as u8;
     let [r, g, b, _] = octree.plain_color(root, child).unwrap();
