@@ -197,11 +197,16 @@ fn malformed_trees_and_options_are_refused() {
     }
     let mut tree = good.clone();
     tree.colors.pop();
-    refused("give every voxel one", &tree, &options);
+    refused("expected one for every voxel or none", &tree, &options);
     let mut tree = good.clone();
     tree.contours[5].0 = 0xfff << 18;
-    refused("contour 5 has no normal", &tree, &options);
-    for options in [(63, 1), (1 << 21, 1), (64, 0), (64, 1 << 15)] {
-        refused("block_slots", &good, &AssembleOptions { block_slots: options.0, near_limit: options.1 });
+    refused("the normal of contour 5 is zero", &tree, &options);
+    for (block_slots, near_limit, what) in [
+        (63, 1, "block_slots is 63, expected 64 to 1048576"),
+        (1 << 21, 1, "block_slots is 2097152"),
+        (64, 0, "near_limit is 0, expected 1 to 32767"),
+        (64, 1 << 15, "near_limit is 32768"),
+    ] {
+        refused(what, &good, &AssembleOptions { block_slots, near_limit });
     }
 }

@@ -316,13 +316,13 @@ fn what_is_not_there_is_an_error() {
     let child = octree.blocks().iter().position(|b| b.parent != NO_PARENT && b.parent != 0).unwrap() as u32;
     refused("its parent", reader.partial(&[0, child]));
     refused("no blocks", reader.partial(&[]));
-    refused(&format!("block 9999 of {}", octree.blocks().len()), reader.partial(&[0, 9999]));
+    refused(&format!("no block 9999: the file has {}", octree.blocks().len()), reader.partial(&[0, 9999]));
     let block = reader.read_block(0).unwrap();
     refused("twice", reader.partial_of([&block, &block]));
     let large = StreamReader::open(&bytes).unwrap().read_block(octree.blocks().len() as u32 - 1).unwrap();
     let small_bytes = bytes_of(&samples()[0].1);
     let small = StreamReader::open(&small_bytes).unwrap();
-    refused("is not of this file", small.partial_of([&large]));
+    refused("does not belong to this file", small.partial_of([&large]));
     // Enough for three blocks.
     let limited = StreamReader::open_with(&bytes, &OpenOptions { memory_limit: 3 * 8192 }).unwrap();
     assert!(limited.partial(&[0]).is_ok());
