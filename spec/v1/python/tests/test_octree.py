@@ -130,6 +130,27 @@ def test_arrays_of_a_file_are_read_only():
             array[...] = 0
 
 
+def test_the_image_has_all_blocks():
+    octree = open_vector("two_objects_three_blocks")
+    image = octree.image
+    assert np.shares_memory(image, octree.data)
+    assert np.array_equal(image, np.concatenate([octree.block(k).image for k in range(len(octree.blocks))]).view("<u8"))
+    found = octree.descriptors()
+    assert np.array_equal(image[found["slot"]], found["word"])
+    with pytest.raises(ValueError, match="compressed"):
+        _ = open_vector("compressed").image
+
+
+def test_voxels_of_level_23_must_not_be_split():
+    data = bytearray(open_vector("levels_23").data.tobytes())
+    octree = esvo_reader.from_bytes(bytes(data))
+    deepest = [int(nodes["slot"][nodes["level"] == 22][0]) for nodes in octree.walk()]
+    at = octree.block(0).at(8 * deepest[0])
+    data[at] = 0
+    findings = esvo_reader.from_bytes(bytes(with_checksums(data))).validate()
+    assert [f.rule for f in findings] == ["C002"]
+
+
 def test_compressed_blocks_are_bounded():
     octree = esvo_reader.from_bytes(open_vector("compressed").data.tobytes(), max_block_bytes=4096)
     with pytest.raises(EsvoError) as error:

@@ -97,6 +97,16 @@ class Octree:
         findings.settle()
         return opening.parse_metadata(self.section(b"META").tobytes(), int(section["offset"]))
 
+    @property
+    def image(self) -> Array:
+        """uint64: all slots of the image, with page headers, info sections and attachments; a view of the file.
+
+        Raises `ValueError` where a block is compressed, as there is no image in the file then.
+        """
+        if self.blocks["codec"].any():
+            raise ValueError("some blocks are compressed: ask for single blocks")
+        return self.section(b"BLKS").view("<u8")
+
     def section(self, tag: bytes) -> Array:
         """Bytes of a section, uint8. Raises `KeyError` where there is none."""
         entry = self._section[tag]

@@ -262,7 +262,7 @@ def check_stored(table: Table, header: Any, section: Any) -> None:
     codec, size, stored, at = blocks["codec"], blocks["image_size"], blocks["stored_size"], blocks["file_offset"]
     raw = codec == 0
     table.require(codec <= 1, "B005", "codec", "this reader knows 0 and 1")
-    flagged = bool(header["required_features"] & COMPRESSED)
+    flagged = bool(int(header["required_features"]) & COMPRESSED)
     table.require((codec != 1) | flagged, "B005", "codec", "needs required feature bit 0")
     table.require(~raw | (stored == size), "B005", "stored_size", "differs from the size in the image, with codec 0")
     # A byte of a Zstandard frame stands for at most 32768 bytes.

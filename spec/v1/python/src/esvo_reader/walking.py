@@ -53,7 +53,8 @@ class Walk:
 
     def __init__(self, octree: Octree, findings: Findings, level: Optional[int] = None) -> None:
         self.octree, self.findings = octree, findings
-        self.level = MAX_LEVELS if level is None else level
+        # Without a level even voxels of level 23 are followed, to find those that must not be split (C007).
+        self.level = MAX_LEVELS + 1 if level is None else level
         #: How the blocks are entered that were referred to, but not yet visited.
         self.entrances: Dict[int, Entrance] = {}
 
