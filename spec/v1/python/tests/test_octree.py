@@ -9,12 +9,13 @@ import time
 import numpy as np
 import pytest
 import zstandard
-from common import PACKAGE, SPECIFICATION, VALID, open_vector
+from common import INVALID_FOLDER, PACKAGE, SPECIFICATION, VALID, open_vector
 from test_mutations import with_checksums
 
 import esvo_reader
 from esvo_reader import EsvoError, field, records
 from esvo_reader.blocks import decompress
+from esvo_reader.octree import mark_far_pointers
 
 GIB = 1 << 30
 
@@ -149,6 +150,24 @@ def test_voxels_of_level_23_must_not_be_split():
     data[at] = 0
     findings = esvo_reader.from_bytes(bytes(with_checksums(data))).validate()
     assert [f.rule for f in findings] == ["C002"]
+
+
+def test_far_pointers_that_look_like_descriptors():
+    words = np.zeros(16, np.uint64)
+    words[2] = 1 << 8 | 1 << 16 | 1 << 17  # a descriptor with a far pointer, one slot after it
+    words[3] = 1 << 16 | 3 << 17  # the far pointer; as a descriptor it would have one at slot 6
+    words[6] = 1 << 8 | 1
+    far = np.zeros(16, bool)
+    mark_far_pointers(words, 0, far)
+    assert np.flatnonzero(far).tolist() == [3]
+
+
+@pytest.mark.parametrize("name", ["K002_1", "K002_2", "A007_2", "A007_5"])
+def test_reading_checks_what_it_follows(name):
+    octree = esvo_reader.open(INVALID_FOLDER / f"{name}.esvo")
+    with pytest.raises(EsvoError) as error:
+        [octree.voxels(nodes) for nodes in octree.walk()]
+    assert error.value.rule == name[:4]
 
 
 def test_compressed_blocks_are_bounded():
