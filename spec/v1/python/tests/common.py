@@ -12,9 +12,11 @@ from esvo_reader import decode_contours, field
 
 PACKAGE = pathlib.Path(__file__).parents[1]
 SPECIFICATION = PACKAGE.parent
-VALID = sorted((SPECIFICATION / "vectors" / "valid").glob("*.esvo"))
-INVALID = json.loads((SPECIFICATION / "vectors" / "invalid" / "index.json").read_text("utf-8"))
-INVALID_FOLDER = SPECIFICATION / "vectors" / "invalid"
+VECTORS = SPECIFICATION / "vectors"
+VALID = sorted((VECTORS / "valid").glob("*.esvo"))
+INVALID = json.loads((VECTORS / "invalid" / "index.json").read_text("utf-8"))
+INVALID_FOLDER = VECTORS / "invalid"
+STREAMING = json.loads((VECTORS / "streaming" / "index.json").read_text("utf-8"))
 
 
 def path_digits(level, position):
@@ -23,7 +25,17 @@ def path_digits(level, position):
     return "".join(map(str, bits))
 
 
-def voxel_facts(octree, voxels, row, kinds):
+def slab_in_mesh(matrix, contour, center, size):
+    """The planes of a contour in mesh space (section 7)."""
+    linear, origin = matrix[:3, :3], matrix[:3, 3]
+    normal = np.linalg.inv(linear).T @ contour["normal"]
+    length = np.sqrt(normal @ normal)
+    middle = contour["normal"] @ center + size * contour["position"] + normal @ origin
+    low, high = ((middle + side * size * contour["thickness"]) / length for side in (-0.5, 0.5))
+    return {"normal": (normal / length).tolist(), "low": float(low), "high": float(high)}
+
+
+def voxel_facts(octree, number, voxels, row, kinds):
     """A member of `voxels` of the JSON. What has no value is left out."""
     facts = {"slot": int(voxels.child[row]), "leaf": bool(voxels.leaf[row])}
     if voxels.contour is not None and voxels.contour[row]:
@@ -34,14 +46,15 @@ def voxel_facts(octree, voxels, row, kinds):
             "normal": contour["normal"].tolist(),
             "position": float(contour["position"]),
             "thickness": float(contour["thickness"]),
+            "mesh": slab_in_mesh(octree.octree_to_mesh(number), contour, voxels.center[row], voxels.size[row]),
         }
     for name in ("color", "normal", "ambient"):
         values = getattr(voxels, name)
         if values is not None and not np.isnan(values[row]).any():
             facts[name] = values[row].tolist()
-    # The JSON has the opacity of plain colours, as it is stored.
-    if 5 in kinds:
-        facts["alpha"] = round(voxels.alpha[row] * 255)
+    # The JSON has the opacity where it is stored.
+    if {5, 7} & kinds and not np.isnan(voxels.alpha[row]):
+        facts["alpha"] = float(voxels.alpha[row])
     if voxels.corners_of is not None and voxels.corners_of[row]:
         facts["own_corners"] = bool(voxels.corners_of[row] == 1)
         color, normal = voxels.corners[row, :, 0], voxels.corners[row, :, 1]
@@ -73,7 +86,8 @@ def object_facts(octree, number):
                     "contours": int(node["contour_mask"]),
                     "far": bool(field(node, "far")),
                     "voxels": [
-                        voxel_facts(octree, voxels, r, block.attachments.keys()) for r in rows[int(node["slot"])]
+                        voxel_facts(octree, number, voxels, r, block.attachments.keys())
+                        for r in rows[int(node["slot"])]
                     ],
                 }
             )
@@ -92,7 +106,7 @@ def facts(octree):
         "optional_features": int(header["optional_features"]),
         "sections": [
             {
-                "tag": bytes(s["tag"]).ljust(4, b"\0").decode("utf-8", "replace"),
+                "tag": bytes(s["tag"]).ljust(4, b"\0").decode("latin-1"),
                 "flags": int(s["flags"]),
                 "bytes": int(s["length"]),
             }
@@ -117,6 +131,8 @@ def facts(octree):
 
 def difference(found, expected, where):
     """The first difference of two JSON values, or None. Numbers may differ by rounding."""
+    if expected == "any":
+        return None if abs(np.linalg.norm(found) - 1) <= 1e-12 else f"{where}: {found} is not of unit length"
     if isinstance(expected, dict):
         if not isinstance(found, dict) or found.keys() != expected.keys():
             return f"{where}: {found} instead of {expected}"

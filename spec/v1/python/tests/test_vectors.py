@@ -3,14 +3,17 @@
 import json
 
 import pytest
-from common import INVALID, INVALID_FOLDER, VALID, difference, facts
+from common import INVALID, INVALID_FOLDER, STREAMING, VALID, VECTORS, difference, facts
 
 import esvo_reader
 
+PARTS = sorted((VECTORS / "streaming").glob("*.esvo"))
+
 
 def test_there_are_vectors():
-    assert len(VALID) >= 89
-    assert len(INVALID) >= 109
+    assert len(VALID) >= 107
+    assert len(INVALID) >= 190
+    assert len(STREAMING) >= 18
 
 
 @pytest.mark.parametrize("path", VALID, ids=lambda path: path.stem)
@@ -33,6 +36,33 @@ def test_descriptors_without_a_walk_are_those_of_a_walk(path):
     ]
     found = octree.descriptors()
     assert list(zip(found["slot"].tolist(), found["word"].tolist())) == sorted(walked)
+
+
+@pytest.mark.parametrize("entry", STREAMING, ids=lambda entry: entry["part"].split(".")[0])
+def test_streaming(entry):
+    data = bytearray((VECTORS / "valid" / entry["file"]).read_bytes())
+    octree = esvo_reader.from_bytes(bytes(data))
+    places = [(int(b["file_offset"]), int(b["stored_size"])) for b in octree.blocks]
+    assert [list(places[index]) for index in entry["blocks"]] == entry["ranges"]
+    # What is in other blocks must not matter.
+    for index, (offset, size) in enumerate(places):
+        if index not in entry["blocks"]:
+            data[offset : offset + size] = b"\xa5" * size
+    octree = esvo_reader.from_bytes(bytes(data))
+    if "level" in entry:
+        assert octree.blocks_for(entry["low"], entry["high"], entry["level"], entry["object"]) == entry["blocks"]
+    part = octree.part(entry["blocks"])
+    expected = esvo_reader.open(VECTORS / "streaming" / entry["part"])
+    assert part.validate() == expected.validate() == []
+    sections = [bytes(part.section(tag)) for tag in (b"OBJT", b"BLKT", b"BLKS")]
+    assert sections == [bytes(expected.section(tag)) for tag in (b"OBJT", b"BLKT", b"BLKS")]
+
+
+@pytest.mark.parametrize("path", PARTS, ids=lambda path: path.stem)
+def test_parts(path):
+    expected = json.loads(path.with_suffix(".json").read_text("utf-8"))
+    assert (expected.pop("about"), expected.pop("file"))[1] == path.name
+    assert difference(facts(esvo_reader.open(path)), expected, path.name) is None
 
 
 @pytest.mark.parametrize("entry", INVALID, ids=lambda entry: entry["file"].split(".")[0])

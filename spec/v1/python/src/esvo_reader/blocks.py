@@ -109,6 +109,8 @@ class Block:
         self.directory_end = (
             self.info_at + INFO_SECTION.itemsize + ATTACHMENT_ENTRY.itemsize * int(info["attachment_count"])
         )
+        require(self.directory_end <= size, "P002", "attachment_count", "the attachment directory does not fit")
+        findings.settle()
         self.pool_at = self.info_at + 4 * int(info["contour_offset"])
         self.pool_end = self.pool_at + 4 * int(info["contour_count"])
         fits = self.directory_end <= self.pool_at and self.pool_end <= size

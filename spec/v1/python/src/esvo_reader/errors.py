@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple, Sequence
 
-#: Rules that a file should keep rather than must (appendix C): readers accept files that break them.
-SHOULD = frozenset({"B012", "A006"})
+#: Rules of level should (appendix C): readers accept files that break them.
+SHOULD = frozenset({"M002", "B012", "A006"})
 
 
 class Finding(NamedTuple):

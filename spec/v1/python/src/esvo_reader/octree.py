@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 from collections import OrderedDict
-from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Tuple, Union
+from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
-from . import opening, validation
+from . import opening, streaming, validation
 from .blocks import Block, block_image
 from .errors import EsvoError, Finding, Findings
 from .records import (
@@ -252,6 +252,28 @@ class Octree:
         """
         parts: List[Voxels] = list(self.iter_leaves(level, number))
         return concatenate(parts) if parts else no_voxels()
+
+    def blocks_for(
+        self,
+        low: Sequence[float] = (0, 0, 0),
+        high: Sequence[float] = (1, 1, 1),
+        level: int = MAX_LEVELS,
+        number: int = 0,
+    ) -> List[int]:
+        """Blocks that show an object in a box of octree space, faces included, down to a level (section 11.3).
+
+        In the order of the table: parents come first. The root block is always among them.
+        """
+        return streaming.blocks_for(self, self._object(number), low, high, level)
+
+    def part(self, blocks: Sequence[int]) -> Octree:
+        """The octree of some blocks, in memory; voxels that are split in other blocks become leaves (section 11.3).
+
+        Reads and checks these blocks only. Raises `ValueError` if the parent of one is missing.
+        """
+        for index in blocks:
+            self.block(index)
+        return from_bytes(streaming.part(self, blocks), self._max_block_bytes)
 
     def validate(self) -> List[Finding]:
         """All findings by the rules that opening did not check. No errors: the file is sound. Reads all of the file."""

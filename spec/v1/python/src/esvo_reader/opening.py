@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import zlib
 from typing import Any, Dict, List, Tuple
 
@@ -25,6 +26,10 @@ NEEDED = (b"OBJT", b"BLKT", b"BLKS")
 KNOWN = (*NEEDED, b"META")
 #: Required feature bit 0: some block is compressed.
 COMPRESSED = 1
+#: How deep arrays and objects in META may be nested.
+MAX_NESTING = 64
+#: Members of META whose values should be strings (M002).
+REGISTERED = ("title", "author", "license", "source", "generator", "created")
 
 
 def crc(data: Array) -> int:
@@ -96,8 +101,11 @@ def read_sections(data: Array, header: Any) -> Array:
 
 
 def overlap(ranges: List[Tuple[int, int]]) -> bool:
-    """Whether any two of the ranges (start, end) have a byte in common."""
-    ordered = sorted(r for r in ranges if r[0] < r[1])
+    """Whether any two of the ranges [a, b) and [c, d) overlap: a < d and c < b (section 1.2).
+
+    An empty range overlaps one that it lies strictly inside.
+    """
+    ordered = sorted(ranges)
     return any(a[1] > b[0] for a, b in zip(ordered, ordered[1:]))
 
 
@@ -110,20 +118,63 @@ def check_section_crc(data: Array, entry: Any, findings: Findings) -> None:
 
 def parse_metadata(text: bytes, offset: int) -> Dict[str, Any]:
     """The members of the section META (section 2.3)."""
-
-    def refuse(constant: str) -> Any:
-        raise ValueError(f"{constant} is not JSON")
-
     findings = Findings()
     members: Any = None
     try:
-        members = json.loads(text.decode("utf-8"), parse_constant=refuse)
+        members = json.loads(
+            text.decode("utf-8"),
+            parse_constant=_refuse_constant,
+            parse_float=_finite,
+            parse_int=_whole,
+            object_pairs_hook=_different_names,
+        )
         findings.require(isinstance(members, dict), "M001", offset, "the metadata are not a JSON object")
-    except (ValueError, RecursionError) as error:
+        _check_values(members)
+    except (ValueError, OverflowError, RecursionError) as error:
         findings.add("M001", offset, f"the metadata are not JSON in UTF-8: {error}")
     findings.settle()
     result: Dict[str, Any] = members
     return result
+
+
+def _refuse_constant(constant: str) -> Any:
+    raise ValueError(f"{constant} is not JSON")
+
+
+def _finite(number: str) -> float:
+    """A number with a fraction or an exponent; it must round to a finite binary64."""
+    value = float(number)
+    if not math.isfinite(value):
+        raise ValueError(f"binary64 cannot hold {number}")
+    return value
+
+
+def _whole(number: str) -> int:
+    _finite(number)
+    return int(number)
+
+
+def _different_names(pairs: List[Tuple[str, Any]]) -> Dict[str, Any]:
+    members = dict(pairs)
+    if len(members) < len(pairs):
+        raise ValueError("a name occurs twice in one object")
+    return members
+
+
+def _check_values(value: Any) -> None:
+    """Arrays and objects are nested at most 64 deep, and strings have no halves of surrogate pairs."""
+    values, depth = [value], 0
+    while values:
+        strings = [v for v in values if isinstance(v, str)]
+        objects = [v for v in values if isinstance(v, dict)]
+        strings += [name for v in objects for name in v]
+        if any("\ud800" <= character <= "\udfff" for text in strings for character in text):
+            raise ValueError("half of a surrogate pair")
+        arrays = [v for v in values if isinstance(v, list)]
+        depth += bool(arrays or objects)
+        if depth > MAX_NESTING:
+            raise ValueError(f"arrays and objects are nested more than {MAX_NESTING} deep")
+        values = [v for a in arrays for v in a] + [v for o in objects for v in o.values()]
 
 
 def read_table(data: Array, section: Any, dtype: np.dtype[Any], rule: str) -> Array:

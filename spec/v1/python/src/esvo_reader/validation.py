@@ -48,14 +48,19 @@ def check(octree: Octree) -> List[Finding]:
 
 
 def check_sections(octree: Octree, findings: Findings) -> None:
-    """D004 of the sections that opening does not read, M001."""
+    """D004 of the sections that opening does not read, M001, M002."""
     for entry in octree.sections:
         if bytes(entry["tag"]) not in (b"OBJT", b"BLKT", b"META"):
             opening.check_section_crc(octree.data, entry, findings)
     try:
-        _ = octree.metadata
+        members = octree.metadata
     except EsvoError as error:
         findings.items += error.findings
+        return
+    for name in opening.REGISTERED:
+        if not isinstance(members.get(name, ""), str):
+            at = next(int(entry["offset"]) for entry in octree.sections if bytes(entry["tag"]) == b"META")
+            findings.add("M002", at, f"the metadata have {name!r} with a value that is no string")
 
 
 def check_gaps(octree: Octree, findings: Findings) -> None:
@@ -296,7 +301,7 @@ def check_entries(trace: Trace, kind: int, findings: Findings) -> None:
         mask = CORNER_ENTRY["mask"].of(entry)
         count = 2 * (bit_count(mask) + 8 * CORNER_ENTRY["own_corners"].of(entry).astype(np.int64))
         first = CORNER_ENTRY["first"].of(entry).astype(np.int64)
-        good = (CORNER_ENTRY["zero"].of(entry) == 0) & ((count > 0) | (first == 0))
+        good = (CORNER_ENTRY["zero"].of(entry) == 0) & ((count > 0) | (first == 0)) & (first % 2 == 0)
     else:
         values_at = len(block.slots)
         entry = words[slot]

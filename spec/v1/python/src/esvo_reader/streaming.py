@@ -1,0 +1,133 @@
+"""Parts of an octree: which blocks show a region, and the octree that a set of blocks makes (section 11.3)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, List, Sequence, Tuple
+
+import numpy as np
+
+from .errors import Findings
+from .opening import crc
+from .records import (
+    CHILD_DESCRIPTOR,
+    HEADER,
+    IDENTIFIER,
+    MAX_LEVELS,
+    NO_PARENT,
+    PAGE_BYTES,
+    POPCOUNT,
+    SECTION_ENTRY,
+    Array,
+    field,
+)
+from .walking import Trace, Walk
+
+if TYPE_CHECKING:
+    from .octree import Octree
+
+
+def blocks_for(octree: Octree, number: int, low: Sequence[float], high: Sequence[float], level: int) -> List[int]:
+    """The blocks that show an object in a box of octree space down to a level, in the order of the table."""
+    blocks = octree.blocks
+    unit = 2.0**-MAX_LEVELS
+    lower = blocks["cube_position"] * unit
+    upper = lower + (2.0 ** blocks["cube_scale"].astype(np.float64) * unit)[:, None]
+    meets = ((np.asarray(low) <= upper) & (lower <= np.asarray(high))).all(axis=1)
+    first_level = MAX_LEVELS - blocks["cube_scale"].astype(np.int64) + 2
+    wanted = (blocks["parent"] == NO_PARENT) | ((first_level <= level) & meets)
+    return [int(index) for index in np.flatnonzero(wanted & (blocks["object"] == number))]
+
+
+def part(octree: Octree, blocks: Sequence[int]) -> bytes:
+    """A file with the octree of these blocks, which are read and checked; no others are.
+
+    Raises `ValueError` if the parent of a block is missing, or all blocks are.
+    """
+    chosen = sorted(set(blocks))
+    table = octree.blocks
+    for index in chosen:
+        above = int(table["parent"][index])
+        if above != NO_PARENT and above not in chosen:
+            raise ValueError(f"block {index} cannot be used without block {above}, its parent")
+    if not chosen:
+        raise ValueError("expected at least one block")
+    sizes = table["image_size"][chosen].astype(np.int64)
+    starts = np.concatenate([[0], np.cumsum(sizes)])
+    image = np.concatenate([octree.block(index).image for index in chosen])
+    slots = image.view("<u8")
+    kept = sorted({int(table["object"][index]) for index in chosen})
+    findings = Findings()
+    walk = Walk(octree, findings)
+    for number in kept:
+        walk.enter_root(number)
+    objects, entries = octree.objects[kept].copy(), table[chosen].copy()
+    for name in ("levels", "descriptors", "leaf_voxels", "contours", "far_pointers"):
+        objects[name] = 0
+    for place, index in enumerate(chosen):
+        trace = walk.visit(octree.block(index))
+        findings.settle()
+        if trace is None:
+            raise ValueError(f"nothing refers to block {index}")
+        first = int(starts[place]) // 8
+        info = image[int(starts[place]) + trace.block.info_at :]
+        info[:4].view("<u4")[0] = place
+        _mend(octree, trace, chosen, starts, slots, first)
+        words = slots[first + trace.nodes["slot"] - trace.block.start]
+        entry = objects[kept.index(int(table["object"][index])) :][:1]
+        entry["levels"] = max(int(entry["levels"][0]), int(trace.nodes["level"].max()) + 1)
+        entry["descriptors"] += len(words)
+        entry["leaf_voxels"] += int(POPCOUNT[(words & np.uint64(0xFF)).astype(np.uint8)].sum())
+        entry["contours"] += int(POPCOUNT[trace.nodes["contour_mask"]].sum())
+        entry["far_pointers"] += int(CHILD_DESCRIPTOR["far"].of(words).sum())
+    roots = [chosen.index(int(root)) for root in objects["root_block"]]
+    objects["root_block"], objects["root_slot"] = roots, starts[roots] // 8 + 2
+    entries["object"] = [kept.index(int(number)) for number in entries["object"]]
+    entries["parent"] = [NO_PARENT if p == NO_PARENT else chosen.index(int(p)) for p in entries["parent"]]
+    entries["image_offset"], entries["stored_size"], entries["codec"] = starts[:-1], sizes, 0
+    entries["crc"] = [crc(image[low:high]) for low, high in zip(starts, starts[1:])]
+    return container(objects, entries, image)
+
+
+def _mend(octree: Octree, trace: Trace, chosen: List[int], starts: Array, slots: Array, first: int) -> None:
+    """Sets far pointers that lead to other blocks; where they lead to none of the set, children become leaves."""
+    nodes, block = trace.nodes, trace.block
+    for node in nodes[field(nodes, "far") != 0]:
+        local = int(node["slot"]) - block.start
+        pointer = local + int(field(node, "child_pointer"))
+        distance = int(block.slots[pointer])
+        if local + distance < len(block.slots):
+            continue
+        below = octree.block_of_slot(int(node["slot"]) + distance)
+        if below in chosen:
+            target = int(starts[chosen.index(below)]) // 8 + 2
+            slots[first + pointer] = target - (first + local)
+        else:
+            word, valid = int(slots[first + local]), int(node["valid_mask"])
+            slots[first + local] = word >> 32 << 32 | valid << 8 | valid
+            slots[first + pointer] = 0
+
+
+def container(objects: Array, blocks: Array, image: Array) -> bytes:
+    """A file of these tables and this image; sets the file offsets."""
+    sections = [(b"OBJT", 1, objects), (b"BLKT", 1, blocks), (b"BLKS", 3, image)]
+    at = HEADER.itemsize + len(sections) * SECTION_ENTRY.itemsize
+    places: List[Tuple[int, int]] = []
+    for tag, _, body in sections:
+        at += -at % (PAGE_BYTES if tag == b"BLKS" else 8)
+        places.append((at, body.nbytes))
+        at += body.nbytes
+    blocks["file_offset"] = places[2][0] + blocks["image_offset"]
+    data = np.zeros(at, np.uint8)
+    directory = np.zeros(len(sections), SECTION_ENTRY)
+    for entry, (tag, flags, body), (low, size) in zip(directory, sections, places):
+        data[low : low + size] = np.ascontiguousarray(body).view(np.uint8).reshape(-1)
+        entry["tag"], entry["flags"], entry["offset"], entry["length"] = tag, flags, low, size
+        entry["crc"] = 0 if flags & 2 else crc(data[low : low + size])
+    header = np.zeros(1, HEADER)
+    header["identifier"], header["major"], header["file_length"] = IDENTIFIER, 1, len(data)
+    header["directory_offset"], header["directory_count"] = HEADER.itemsize, len(sections)
+    data[HEADER.itemsize : HEADER.itemsize + directory.nbytes] = directory.view(np.uint8)
+    header["directory_crc"] = crc(data[HEADER.itemsize : HEADER.itemsize + directory.nbytes])
+    data[: HEADER.itemsize] = header.view(np.uint8)
+    data[60:64].view("<u4")[0] = crc(data[:60])
+    return data.tobytes()
