@@ -1,45 +1,46 @@
-//! The Vulkan library, an instance of it, and the devices there are.
+//! The Vulkan library, an instance of it, and the devices of the computer.
 
 use std::ffi::{CStr, c_void};
 use std::sync::{Mutex, PoisonError};
 
 use ash::{ext, vk};
+use esvo_core::gpu::choice::{INSTALL_DRIVER, choose};
 use esvo_core::{CastError, Device, DeviceKind};
 
 const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
-const NO_DEVICE: &str =
-    "install the driver of the GPU, or the software driver (Debian: mesa-vulkan-drivers and libvulkan1)";
 
-/// What the validation layer has said.
+/// Messages of the validation layer.
 type Messages = Mutex<Vec<String>>;
 
-/// An instance, with the validation layer if asked for.
+/// An instance; with the validation layer if `ESVO_VALIDATION=1` is set and the layer is installed.
 pub(crate) struct Instance {
     pub(crate) handle: ash::Instance,
     messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
-    /// Boxed: the messenger holds its address.
+    /// Boxed, since the messenger holds the address.
     messages: Box<Messages>,
-    /// The library: everything else is a pointer into it.
+    /// The library. It stays loaded as long as the instance, whose functions are pointers into it.
     _entry: ash::Entry,
 }
 
-/// A device and what matters of its properties.
+/// A device, and the properties that casting depends on.
 pub(crate) struct Adapter {
     pub(crate) handle: vk::PhysicalDevice,
     pub(crate) about: Device,
     pub(crate) limits: vk::PhysicalDeviceLimits,
-    /// Most bytes in one allocation.
+    /// Largest allocation in bytes.
     pub(crate) max_allocation: u64,
-    /// Family of a queue that computes, and the significant bits of its timestamps; 0: it has none.
+    /// First queue family with compute support.
     pub(crate) queue_family: u32,
+    /// Significant bits of its timestamps; 0 if it has none.
     pub(crate) timestamp_bits: u32,
+    /// Order of preference, 0 is best.
     rank: u32,
 }
 
-/// The devices there are, best first: discrete GPUs, others, software.
+/// The devices of the computer, best first: discrete GPUs, others, software drivers.
 ///
 /// # Errors
-/// No Vulkan library, or one that does not start. An empty list is not an error.
+/// [`CastError::Device`]: the Vulkan library is missing or does not start. An empty list is not an error.
 pub fn adapters() -> Result<Vec<Device>, CastError> {
     Ok(Instance::new()?.adapters()?.into_iter().map(|adapter| adapter.about).collect())
 }
@@ -50,9 +51,10 @@ fn failed(what: &str, error: &dyn std::fmt::Display) -> CastError {
 
 impl Instance {
     pub(crate) fn new() -> Result<Self, CastError> {
-        // SAFETY: the library is the system's Vulkan loader, which is made to be loaded and initialised so.
-        let entry = unsafe { ash::Entry::load() }
-            .map_err(|error| CastError::Device(format!("no Vulkan library ({error}): {NO_DEVICE}")))?;
+        // SAFETY: the library is the system's Vulkan loader, whose initialisers may run at any time.
+        let entry = unsafe { ash::Entry::load() }.map_err(|error| {
+            CastError::Device(format!("the Vulkan library cannot be loaded ({error}): {INSTALL_DRIVER}"))
+        })?;
         let wanted = std::env::var_os("ESVO_VALIDATION").is_some_and(|value| value == "1");
         let validation = wanted && has_validation_layer(&entry);
         let layers = if validation { vec![VALIDATION_LAYER.as_ptr()] } else { Vec::new() };
@@ -64,7 +66,7 @@ impl Instance {
             .enabled_extension_names(&extensions);
         // SAFETY: everything that `info` points to lives until the call returns.
         let handle = unsafe { entry.create_instance(&info, None) }
-            .map_err(|error| failed(&format!("Vulkan does not start; {NO_DEVICE}"), &error))?;
+            .map_err(|error| failed(&format!("Vulkan does not start; {INSTALL_DRIVER}"), &error))?;
         let mut instance = Self { handle, messenger: None, messages: Box::new(Mutex::new(Vec::new())), _entry: entry };
         if validation {
             instance.listen()?;
@@ -92,36 +94,27 @@ impl Instance {
         Ok(())
     }
 
-    /// What the validation layer said since the last call, as an error.
+    /// Returns the messages of the validation layer since the last call as an error.
     pub(crate) fn check(&self) -> Result<(), CastError> {
         let said = std::mem::take(&mut *self.messages.lock().unwrap_or_else(PoisonError::into_inner));
         if said.is_empty() { Ok(()) } else { Err(CastError::Device(format!("validation: {}", said.join("\n")))) }
     }
 
-    /// The devices of Vulkan 1.1 or later that compute, best first.
+    /// The devices with Vulkan 1.1 or later and a compute queue, best first.
     pub(crate) fn adapters(&self) -> Result<Vec<Adapter>, CastError> {
         // SAFETY: the instance is alive.
         let handles = unsafe { self.handle.enumerate_physical_devices() }
-            .map_err(|error| failed(&format!("no Vulkan device; {NO_DEVICE}"), &error))?;
+            .map_err(|error| failed(&format!("no Vulkan device; {INSTALL_DRIVER}"), &error))?;
         let mut adapters: Vec<Adapter> = handles.into_iter().filter_map(|handle| self.adapter(handle)).collect();
         adapters.sort_by_key(|adapter| adapter.rank);
         Ok(adapters)
     }
 
-    /// The best device whose name is admitted.
+    /// The best device that the options allow.
     pub(crate) fn choose(&self, options: &crate::GpuOptions) -> Result<Adapter, CastError> {
-        let adapters = self.adapters()?;
-        if adapters.is_empty() {
-            return Err(CastError::Device(format!("no Vulkan device: {NO_DEVICE}")));
-        }
-        let names: Vec<String> = adapters.iter().map(|adapter| adapter.about.name.clone()).collect();
-        adapters.into_iter().find(|adapter| options.admits(&adapter.about.name)).ok_or_else(|| {
-            CastError::Device(format!(
-                "no Vulkan device is called {:?}: there are {}",
-                options.adapter.as_deref().unwrap_or_default(),
-                names.join(", ")
-            ))
-        })
+        let mut adapters = self.adapters()?;
+        let devices: Vec<Device> = adapters.iter().map(|adapter| adapter.about.clone()).collect();
+        Ok(adapters.swap_remove(choose(&devices, options.adapter.as_deref())?))
     }
 
     fn adapter(&self, handle: vk::PhysicalDevice) -> Option<Adapter> {
@@ -137,8 +130,8 @@ impl Instance {
         if version >= vk::API_VERSION_1_2 {
             all = all.push_next(&mut driver);
         }
-        // SAFETY: the device has Vulkan 1.1, of which the call and the first two structures are part, and the third is
-        // only there with Vulkan 1.2.
+        // SAFETY: the device has Vulkan 1.1, which has the call and the first two structures; the third is added only with
+        // Vulkan 1.2.
         unsafe { self.handle.get_physical_device_properties2(handle, &mut all) };
         let properties = all.properties;
         // SAFETY: as before.
@@ -180,7 +173,7 @@ impl Instance {
 
 impl Drop for Instance {
     fn drop(&mut self) {
-        // SAFETY: whoever made objects of this instance has destroyed them: `Gpu` owns the instance and drops it last.
+        // SAFETY: no object of this instance is left: `Gpu` owns the instance and drops it last.
         unsafe {
             if let Some((functions, messenger)) = self.messenger.take() {
                 functions.destroy_debug_utils_messenger(messenger, None);
@@ -196,7 +189,7 @@ fn has_validation_layer(entry: &ash::Entry) -> bool {
     layers.iter().any(|layer| layer.layer_name_as_c_str() == Ok(VALIDATION_LAYER))
 }
 
-/// The callback of the messenger.
+/// The callback of the messenger: stores the message.
 ///
 /// # Safety
 /// `user` points to the [`Messages`] of a living instance.
@@ -206,9 +199,9 @@ unsafe extern "system" fn collect(
     data: *const vk::DebugUtilsMessengerCallbackDataEXT<'_>,
     user: *mut c_void,
 ) -> vk::Bool32 {
-    // SAFETY: the layer passes a valid message for the length of the call, or nothing.
+    // SAFETY: the layer passes a message that is valid during the call, or null.
     let text = unsafe { data.as_ref().and_then(|data| data.message_as_c_str()) };
-    // SAFETY: see above.
+    // SAFETY: the caller promises that `user` points to the messages of a living instance.
     if let (Some(text), Some(messages)) = (text, unsafe { user.cast::<Messages>().as_ref() }) {
         messages.lock().unwrap_or_else(PoisonError::into_inner).push(text.to_string_lossy().into_owned());
     }

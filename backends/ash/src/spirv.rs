@@ -1,16 +1,17 @@
-//! From WGSL to SPIR-V whose arithmetic is rounded as it is written.
+//! Translates WGSL to SPIR-V whose arithmetic is rounded as it is written.
 
 use naga::back::spv;
 use naga::proc::{BoundsCheckPolicies, BoundsCheckPolicy};
 use naga::valid::{Capabilities, ValidationFlags, Validator};
+use spirv::{Decoration, Op};
 
 /// SPIR-V 1.3 (Vulkan 1.1) for one entry point of a WGSL source.
 ///
-/// There are no bounds checks: the caster checks an octree before it is loaded, and the kernel gives up after a fixed
-/// number of steps.
+/// The module has no bounds checks. It needs none: an octree is checked before it is loaded, a root before it is cast
+/// from, and the kernel gives up after a fixed number of steps.
 ///
 /// # Errors
-/// What naga says of the source.
+/// The source is not valid WGSL, or has no such entry point; naga's text, with the line of the source.
 pub fn module(source: &str, entry: &str) -> Result<Vec<u32>, String> {
     let module = naga::front::wgsl::parse_str(source).map_err(|error| error.emit_to_string(source))?;
     let info = Validator::new(ValidationFlags::all(), Capabilities::empty())
@@ -36,36 +37,37 @@ pub fn module(source: &str, entry: &str) -> Result<Vec<u32>, String> {
 
 /// Words before the first instruction.
 const HEADER_WORDS: usize = 5;
-// Opcodes and the decoration, as the SPIR-V specification numbers them.
-const OP_DECORATE: u32 = 71;
-const OP_DECORATE_ID: u32 = 332;
-const OP_MEMBER_DECORATE: u32 = 72;
-const OP_F_ADD: u32 = 129;
-const OP_F_SUB: u32 = 131;
-const OP_F_MUL: u32 = 133;
-const OP_VECTOR_TIMES_SCALAR: u32 = 142;
-const OP_DOT: u32 = 148;
-const FIRST_OP_TYPE: u32 = 19;
-const LAST_OP_TYPE: u32 = 39;
-const NO_CONTRACTION: u32 = 42;
+/// `OpDecorate` of one id with one decoration: three words.
+const DECORATE: u32 = 3 << 16 | Op::Decorate as u32;
+const NO_CONTRACTION: u32 = Decoration::NoContraction as u32;
+
+/// The opcode of an instruction, if this version of SPIR-V knows it, and its length in words.
+fn opcode(first_word: u32) -> (Option<Op>, usize) {
+    (Op::from_u32(first_word & 0xffff), (first_word >> 16) as usize)
+}
+
+/// Whether the result of an instruction is a sum, difference or product of floating-point numbers.
+fn is_sum_or_product(op: Op) -> bool {
+    matches!(op, Op::FAdd | Op::FSub | Op::FMul | Op::VectorTimesScalar | Op::Dot)
+}
 
 /// Decorates the result of every addition, subtraction and multiplication of floating-point numbers with
-/// `NoContraction`, which forbids to fuse them. What is not SPIR-V comes back as it is.
+/// `NoContraction`, which forbids the driver to fuse them. Returns the words unchanged if they are not SPIR-V.
 pub fn forbid_contraction(words: &[u32]) -> Vec<u32> {
     let mut decorations = Vec::new();
     let mut after_annotations = None;
     let mut before_types = None;
     let mut at = HEADER_WORDS;
     while let Some(&head) = words.get(at) {
-        let (opcode, length) = (head & 0xffff, (head >> 16) as usize);
+        let (op, length) = opcode(head);
         if length == 0 || at + length > words.len() {
             return words.to_vec();
         }
-        match opcode {
-            OP_DECORATE | OP_MEMBER_DECORATE | OP_DECORATE_ID => after_annotations = Some(at + length),
-            FIRST_OP_TYPE..=LAST_OP_TYPE if before_types.is_none() => before_types = Some(at),
-            OP_F_ADD | OP_F_SUB | OP_F_MUL | OP_VECTOR_TIMES_SCALAR | OP_DOT if length >= 3 => {
-                decorations.extend([3 << 16 | OP_DECORATE, words[at + 2], NO_CONTRACTION]);
+        match op {
+            Some(op) if op.is_annotation() => after_annotations = Some(at + length),
+            Some(op) if op.is_type() && before_types.is_none() => before_types = Some(at),
+            Some(op) if is_sum_or_product(op) && length >= 3 => {
+                decorations.extend([DECORATE, words[at + 2], NO_CONTRACTION]);
             }
             _ => {}
         }
@@ -83,13 +85,14 @@ mod tests {
 
     use super::*;
 
-    /// (opcode, operands) of every instruction.
-    fn instructions(words: &[u32]) -> Vec<(u32, &[u32])> {
+    /// Opcode and operands of every instruction.
+    fn instructions(words: &[u32]) -> Vec<(Op, &[u32])> {
         let mut all = Vec::new();
         let mut rest = &words[HEADER_WORDS..];
         while let Some(&head) = rest.first() {
-            let (now, later) = rest.split_at((head >> 16) as usize);
-            all.push((head & 0xffff, &now[1..]));
+            let (op, length) = opcode(head);
+            let (now, later) = rest.split_at(length);
+            all.push((op.expect("naga writes known instructions"), &now[1..]));
             rest = later;
         }
         all
@@ -113,32 +116,33 @@ mod tests {
 
         let decorated: HashSet<u32> = instructions(&ours)
             .iter()
-            .filter(|(opcode, operands)| *opcode == OP_DECORATE && operands.get(1) == Some(&NO_CONTRACTION))
+            .filter(|(op, operands)| *op == Op::Decorate && operands.get(1) == Some(&NO_CONTRACTION))
             .map(|(_, operands)| operands[0])
             .collect();
         let arithmetic: HashSet<u32> = instructions(&plain)
             .iter()
-            .filter(|(opcode, _)| [129, 131, 133, 142, 148].contains(opcode))
+            .filter(|(op, _)| [Op::FAdd, Op::FSub, Op::FMul, Op::VectorTimesScalar, Op::Dot].contains(op))
             .map(|(_, operands)| operands[1])
             .collect();
         assert_eq!(decorated, arithmetic);
         assert_eq!(arithmetic.len(), 4);
         let others = |words| {
             let mut all = instructions(words);
-            all.retain(|(opcode, operands)| *opcode != OP_DECORATE || operands.get(1) != Some(&NO_CONTRACTION));
-            all.into_iter().map(|(opcode, operands)| (opcode, operands.to_vec())).collect::<Vec<_>>()
+            all.retain(|(op, operands)| *op != Op::Decorate || operands.get(1) != Some(&NO_CONTRACTION));
+            all.into_iter().map(|(op, operands)| (op, operands.to_vec())).collect::<Vec<_>>()
         };
         assert_eq!(others(&ours), others(&plain));
         // Annotations come before types.
-        let opcodes: Vec<u32> = instructions(&ours).iter().map(|(opcode, _)| *opcode).collect();
-        let last_annotation = opcodes.iter().rposition(|opcode| *opcode == OP_DECORATE);
-        let first_type = opcodes.iter().position(|opcode| (19..=39).contains(opcode));
-        assert!(last_annotation < first_type);
+        let ops: Vec<Op> = instructions(&ours).iter().map(|(op, _)| *op).collect();
+        let last_annotation = ops.iter().rposition(|op| *op == Op::Decorate);
+        let first_type = ops.iter().position(|op| op.is_type());
+        assert!(last_annotation.is_some() && last_annotation < first_type);
     }
 
     #[test]
     fn what_is_not_spirv_comes_back() {
-        for words in [&[][..], &[1, 2, 3], &[0, 0, 0, 0, 0, 0], &[0, 0, 0, 0, 0, 9 << 16 | 129, 1]] {
+        let cut_off = 9 << 16 | Op::FAdd as u32;
+        for words in [&[][..], &[1, 2, 3], &[0, 0, 0, 0, 0, 0], &[0, 0, 0, 0, 0, cut_off, 1]] {
             assert_eq!(forbid_contraction(words), words);
         }
     }

@@ -1,4 +1,4 @@
-//! The wgpu compute caster of esvo: the WGSL kernel of `esvo-core` on any Vulkan device.
+//! The wgpu caster of esvo: runs the WGSL kernel of `esvo-core` on any Vulkan device.
 //!
 //! ```no_run
 //! # use esvo_core::Caster as _;
@@ -7,10 +7,17 @@
 //! println!("{}", caster.device().name);
 //! # Ok(()) }
 //! ```
+//!
+//! The kernel is compiled when an octree is loaded or an option is first used, in the variant that the octree and the
+//! option need. wgpu's validation and bounds checks stay on.
+//!
+//! # What is where
+//! - `caster`: [`WgpuCaster`], the caster: octree and picture buffers, passes.
+//! - `esvo-device`: the device, its buffers, timestamps and errors; [`adapters`].
+//! - `esvo_core::gpu`: the kernel, its variants, and how an octree is split over bindings.
 
 mod caster;
-mod gpu;
 
 pub use caster::WgpuCaster;
 pub use esvo_core::gpu::kernel::GpuOptions;
-pub use gpu::adapters;
+pub use esvo_device::adapters;

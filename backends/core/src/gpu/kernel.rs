@@ -192,7 +192,8 @@ impl Placement {
 /// Which GPU a caster takes and how. The default is what a person wants; the rest is for tests and experiments.
 #[derive(Clone, Debug, Default)]
 pub struct GpuOptions {
-    /// Takes the first device whose name contains this, whatever its case; otherwise the fastest kind there is.
+    /// Takes the first device whose name contains this, whatever its case; `None`: the fastest kind of device. See
+    /// [`choose`](super::choice::choose).
     pub adapter: Option<String>,
     /// Most bytes in one binding of octree data, if the device allows more.
     pub max_part_bytes: Option<u64>,
@@ -201,11 +202,6 @@ pub struct GpuOptions {
 }
 
 impl GpuOptions {
-    /// Whether a device of this name may be taken.
-    pub fn admits(&self, name: &str) -> bool {
-        self.adapter.as_ref().is_none_or(|wanted| name.to_lowercase().contains(&wanted.to_lowercase()))
-    }
-
     /// The source of a variant, of the kernel in place if there is one.
     pub fn source(&self, variant: &Variant) -> String {
         variant.source_with(self.kernel.as_deref().unwrap_or(CAST_WGSL))

@@ -1,0 +1,105 @@
+//! Buffers: making, filling, reading.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use bytemuck::Pod;
+use wgpu::BufferUsages as Usage;
+
+use crate::{DeviceError, Gpu};
+
+/// Data is copied in pieces of this many bytes, so that staging memory stays small.
+const PIECE_BYTES: usize = 64 << 20;
+
+impl Gpu {
+    /// Makes a buffer of `size` bytes, filled with zeros.
+    ///
+    /// # Errors
+    /// [`DeviceError::TooLarge`]: more than the device allows in a buffer or, of a storage buffer, in a binding;
+    /// [`DeviceError::OutOfMemory`].
+    pub fn buffer(&self, label: &str, size: u64, usage: Usage) -> Result<wgpu::Buffer, DeviceError> {
+        let storage = usage.contains(Usage::STORAGE);
+        let limit = if storage { self.max_storage_bytes() } else { self.limits().max_buffer_size };
+        if size > limit {
+            let device = self.about().name.clone();
+            return Err(DeviceError::TooLarge { device, buffer: label.into(), bytes: size, limit });
+        }
+        let descriptor = wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: false };
+        self.checked(|device| device.create_buffer(&descriptor))
+    }
+
+    /// Makes a buffer with this data. Its size is rounded up to a multiple of 4 bytes, and at least 4, since a binding
+    /// cannot be empty; the rest is zero.
+    ///
+    /// # Errors
+    /// As [`buffer`](Self::buffer), before anything is copied; a lost device.
+    pub fn upload<T: Pod>(&self, label: &str, data: &[T], usage: Usage) -> Result<wgpu::Buffer, DeviceError> {
+        let data: &[u8] = bytemuck::cast_slice(data);
+        let size = (data.len() as u64).next_multiple_of(4).max(4);
+        let buffer = self.buffer(label, size, usage | Usage::COPY_DST)?;
+        let (whole, rest) = data.split_at(data.len() - data.len() % 4);
+        for (piece, at) in whole.chunks(PIECE_BYTES).zip((0..).step_by(PIECE_BYTES)) {
+            self.queue().write_buffer(&buffer, at, piece);
+            self.queue().submit([]);
+            self.wait()?;
+        }
+        if !rest.is_empty() {
+            let mut word = [0; 4];
+            word[..rest.len()].copy_from_slice(rest);
+            self.queue().write_buffer(&buffer, whole.len() as u64, &word);
+            self.queue().submit([]);
+            self.wait()?;
+        }
+        self.check()?;
+        Ok(buffer)
+    }
+
+    /// The first `count` values of a buffer with usage `COPY_SRC`, through a staging buffer made for this call.
+    ///
+    /// # Errors
+    /// More than the buffer holds, or a buffer without that usage; a lost device.
+    pub fn read<T: Pod>(&self, buffer: &wgpu::Buffer, count: usize) -> Result<Vec<T>, DeviceError> {
+        let mut values = vec![T::zeroed(); count];
+        let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut values);
+        if bytes.is_empty() {
+            return Ok(values);
+        }
+        let size = (bytes.len() as u64).next_multiple_of(4);
+        if size > buffer.size() {
+            let (wanted, there) = (bytes.len(), buffer.size());
+            return Err(self.error(format!("{wanted} bytes were asked for of a buffer of {there} bytes")));
+        }
+        let staging = self.buffer("to read", size, Usage::MAP_READ | Usage::COPY_DST)?;
+        self.submit(|commands| commands.copy_buffer_to_buffer(buffer, 0, &staging, 0, size))?;
+        self.read_staging(&staging, size, |from| bytes.copy_from_slice(&from[..bytes.len()]))?;
+        Ok(values)
+    }
+
+    /// Waits for what was submitted and gives the first `bytes` bytes of a buffer with usage `MAP_READ`, a multiple of 4,
+    /// to `take`. For programs that read often and keep the staging buffer.
+    ///
+    /// # Errors
+    /// A buffer that cannot be mapped; a lost device.
+    pub fn read_staging(
+        &self,
+        staging: &wgpu::Buffer,
+        bytes: u64,
+        take: impl FnOnce(&[u8]),
+    ) -> Result<(), DeviceError> {
+        let result = Arc::new(Mutex::new(None));
+        let store = result.clone();
+        staging.map_async(wgpu::MapMode::Read, ..bytes, move |mapped| {
+            *store.lock().unwrap_or_else(PoisonError::into_inner) = Some(mapped);
+        });
+        self.wait()?;
+        match result.lock().unwrap_or_else(PoisonError::into_inner).take() {
+            Some(Ok(())) => {}
+            Some(Err(error)) => return Err(self.error(error)),
+            None => return Err(self.error("the device did not deliver the buffer")),
+        }
+        let view = staging.get_mapped_range(..bytes).map_err(|error| self.error(error))?;
+        take(&view);
+        drop(view);
+        staging.unmap();
+        Ok(())
+    }
+}

@@ -1,0 +1,183 @@
+//! An open device.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use esvo_core::Device;
+use esvo_core::gpu::choice::choose;
+use wgpu::{ErrorFilter, Features};
+
+use crate::DeviceError;
+use crate::adapter::{describe, found};
+
+/// An open device and its queue.
+pub struct Gpu {
+    device: wgpu::Device,
+    queue: wgpu::Queue,
+    about: Device,
+    limits: wgpu::Limits,
+    reports: Arc<Mutex<Reports>>,
+}
+
+/// What wgpu's callbacks reported.
+#[derive(Default)]
+struct Reports {
+    /// The first error that no scope caught.
+    error: Option<DeviceError>,
+    /// Set once, stays.
+    lost: Option<DeviceError>,
+}
+
+fn lock(reports: &Mutex<Reports>) -> std::sync::MutexGuard<'_, Reports> {
+    reports.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Gpu {
+    /// Opens the first device whose name contains `name`, whatever its case; with `None`, the best of [`adapters`].
+    ///
+    /// [`adapters`]: crate::adapters
+    ///
+    /// # Errors
+    /// [`DeviceError::NotFound`] without a device, or without one of that name; [`DeviceError::NotOpened`].
+    pub fn open(name: Option<&str>) -> Result<Self, DeviceError> {
+        Self::open_with(name, Features::empty())
+    }
+
+    /// The same with those of the `wanted` features that the device has; see [`features`](Self::features). Timestamp
+    /// queries are always wanted.
+    ///
+    /// # Errors
+    /// As [`open`](Self::open).
+    pub fn open_with(name: Option<&str>, wanted: Features) -> Result<Self, DeviceError> {
+        let mut adapters = found();
+        let devices: Vec<Device> = adapters.iter().map(describe).collect();
+        let index = choose(&devices, name).map_err(|error| DeviceError::NotFound(error.to_string()))?;
+        let (adapter, about) = (adapters.swap_remove(index), devices[index].clone());
+        let descriptor = wgpu::DeviceDescriptor {
+            required_features: adapter.features() & (wanted | Features::TIMESTAMP_QUERY),
+            required_limits: adapter.limits(),
+            memory_hints: wgpu::MemoryHints::Performance,
+            ..wgpu::DeviceDescriptor::default()
+        };
+        let (device, queue) = pollster::block_on(adapter.request_device(&descriptor))
+            .map_err(|error| DeviceError::NotOpened { device: about.name.clone(), message: error.to_string() })?;
+        let reports = Arc::new(Mutex::new(Reports::default()));
+        let (to, name) = (reports.clone(), about.name.clone());
+        device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
+            lock(&to).error.get_or_insert(DeviceError::reported(&name, &error));
+        }));
+        let (to, name) = (reports.clone(), about.name.clone());
+        device.set_device_lost_callback(move |_, message| {
+            lock(&to).lost.get_or_insert(DeviceError::Lost { device: name.clone(), message });
+        });
+        let limits = descriptor.required_limits;
+        Ok(Self { device, queue, about, limits, reports })
+    }
+
+    /// wgpu's device, for what this crate does not wrap. Make objects within [`checked`](Self::checked), or call
+    /// [`check`](Self::check) afterwards.
+    pub fn device(&self) -> &wgpu::Device {
+        &self.device
+    }
+
+    /// wgpu's queue, with the same care.
+    pub fn queue(&self) -> &wgpu::Queue {
+        &self.queue
+    }
+
+    /// Name, kind and driver.
+    pub fn about(&self) -> &Device {
+        &self.about
+    }
+
+    /// The limits of the device: the largest that it offers.
+    pub fn limits(&self) -> &wgpu::Limits {
+        &self.limits
+    }
+
+    /// The features that are switched on.
+    pub fn features(&self) -> Features {
+        self.device.features()
+    }
+
+    /// Largest number of bytes that a shader may see as one storage binding.
+    pub fn max_storage_bytes(&self) -> u64 {
+        self.limits.max_storage_buffer_binding_size.min(self.limits.max_buffer_size)
+    }
+
+    /// An error of this device in the words of `message`.
+    pub fn error(&self, message: impl ToString) -> DeviceError {
+        DeviceError::Invalid { device: self.about.name.clone(), message: message.to_string() }
+    }
+
+    /// The first error that was reported since the last call and that no other call returned.
+    ///
+    /// # Errors
+    /// That one; [`DeviceError::Lost`] at every call once the device is lost.
+    pub fn check(&self) -> Result<(), DeviceError> {
+        let mut reports = lock(&self.reports);
+        let error = reports.error.take();
+        match reports.lost.clone().or(error) {
+            Some(error) => Err(error),
+            None => Ok(()),
+        }
+    }
+
+    /// Makes something with wgpu's device and returns what wgpu says of it.
+    ///
+    /// Errors of other threads are not mistaken for errors of `make`: wgpu's error scopes belong to a thread.
+    ///
+    /// # Errors
+    /// The first that `make` caused; one that was reported earlier and not returned yet.
+    pub fn checked<T>(&self, make: impl FnOnce(&wgpu::Device) -> T) -> Result<T, DeviceError> {
+        let filters = [ErrorFilter::Internal, ErrorFilter::OutOfMemory, ErrorFilter::Validation];
+        let scopes = filters.map(|filter| self.device.push_error_scope(filter));
+        let made = make(&self.device);
+        // In reverse order, as wgpu demands; each scope has at most one error.
+        let mut errors =
+            scopes.into_iter().rev().filter_map(|scope| pollster::block_on(scope.pop())).collect::<Vec<_>>();
+        // The loss of a device is reported when it is polled.
+        if let Err(error) = self.device.poll(wgpu::PollType::Poll) {
+            return self.check().and(Err(self.error(error)));
+        }
+        self.check()?;
+        match errors.pop() {
+            Some(error) => Err(DeviceError::reported(&self.about.name, &error)),
+            None => Ok(made),
+        }
+    }
+
+    /// Records commands and submits them, but does not wait for them.
+    ///
+    /// # Errors
+    /// Commands that are not valid; a lost device.
+    pub fn submit(&self, record: impl FnOnce(&mut wgpu::CommandEncoder)) -> Result<(), DeviceError> {
+        let mut encoder = self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        record(&mut encoder);
+        self.queue.submit([encoder.finish()]);
+        self.check()
+    }
+
+    /// Waits until everything that was submitted is done.
+    ///
+    /// # Errors
+    /// What the device reported meanwhile; a lost device.
+    pub fn wait(&self) -> Result<(), DeviceError> {
+        let polled = self.device.poll(wgpu::PollType::wait_indefinitely());
+        self.check()?;
+        polled.map(|_| ()).map_err(|error| self.error(error))
+    }
+
+    /// Records commands, submits them and waits until they are done.
+    ///
+    /// # Errors
+    /// As [`submit`](Self::submit) and [`wait`](Self::wait).
+    pub fn run(&self, record: impl FnOnce(&mut wgpu::CommandEncoder)) -> Result<(), DeviceError> {
+        self.submit(record)?;
+        self.wait()
+    }
+
+    /// Whether passes can be timed by the device itself.
+    pub fn has_clock(&self) -> bool {
+        self.features().contains(Features::TIMESTAMP_QUERY)
+    }
+}
