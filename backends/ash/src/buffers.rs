@@ -1,4 +1,4 @@
-//! Buffers, each with memory of its own.
+//! Buffers. Each has its own memory allocation.
 
 use std::sync::Arc;
 
@@ -7,10 +7,10 @@ use esvo_core::CastError;
 
 use crate::gpu::Gpu;
 
-/// Memory that the device reads fastest.
+/// Kinds of memory for the device, the one that it reads fastest first.
 const ON_DEVICE: [vk::MemoryPropertyFlags; 2] =
     [vk::MemoryPropertyFlags::DEVICE_LOCAL, vk::MemoryPropertyFlags::empty()];
-/// Memory that the processor reads and writes; cached if there is such, since results are read from it.
+/// Kinds of memory that the processor reads and writes, the best first: cached, since the processor reads results from it.
 const ON_HOST: [vk::MemoryPropertyFlags; 2] = [
     vk::MemoryPropertyFlags::from_raw(
         vk::MemoryPropertyFlags::HOST_VISIBLE.as_raw()
@@ -22,26 +22,26 @@ const ON_HOST: [vk::MemoryPropertyFlags; 2] = [
     ),
 ];
 
-/// A buffer.
+/// A buffer and its memory.
 pub(crate) struct Buffer {
     pub(crate) handle: vk::Buffer,
     pub(crate) bytes: u64,
     memory: vk::DeviceMemory,
-    /// Where the processor sees it; null on the device.
+    /// Address at which the processor sees the memory; null for a buffer on the device.
     address: *mut u8,
     gpu: Arc<Gpu>,
 }
 
-// SAFETY: the address is that of memory owned by this value, reached through its references only.
+// SAFETY: the address points to memory that this value owns and that is reached only through references to this value.
 unsafe impl Send for Buffer {}
 
 impl Buffer {
-    /// In the memory of the device.
+    /// Makes a buffer in the memory of the device.
     pub(crate) fn on_device(gpu: &Arc<Gpu>, bytes: u64, usage: vk::BufferUsageFlags) -> Result<Self, CastError> {
         Self::new(gpu, bytes, usage, &ON_DEVICE)
     }
 
-    /// In memory that the processor reads and writes too.
+    /// Makes a buffer that the processor reads and writes too.
     pub(crate) fn on_host(gpu: &Arc<Gpu>, bytes: u64, usage: vk::BufferUsageFlags) -> Result<Self, CastError> {
         let mut buffer = Self::new(gpu, bytes, usage, &ON_HOST)?;
         // SAFETY: the memory is visible to the host and not mapped yet.
@@ -57,7 +57,7 @@ impl Buffer {
         kinds: &[vk::MemoryPropertyFlags],
     ) -> Result<Self, CastError> {
         let bytes = bytes.max(4);
-        let failed = |error: vk::Result| gpu.error(&format!("a buffer of {bytes} bytes could not be made ({error})"));
+        let failed = |error: vk::Result| gpu.error(&format!("cannot make a buffer of {bytes} bytes ({error})"));
         let info = vk::BufferCreateInfo::default().size(bytes).usage(usage);
         // SAFETY: the device is alive.
         let handle = unsafe { gpu.device.create_buffer(&info, None) }.map_err(failed)?;
@@ -72,9 +72,9 @@ impl Buffer {
             })
         };
         let (index, _) = (kinds.iter().find_map(|&kind| find(kind)))
-            .ok_or_else(|| gpu.error(&"it has no memory of the kind that is needed"))?;
+            .ok_or_else(|| gpu.error(&"the device has no memory of the kind that a buffer needs"))?;
         let info = vk::MemoryAllocateInfo::default().allocation_size(needs.size).memory_type_index(index);
-        // SAFETY: the memory type exists and fits; the memory is bound once, to a buffer that has none.
+        // SAFETY: the memory type exists and suits the buffer; the memory is bound once, to a buffer that has none.
         unsafe {
             buffer.memory = gpu.device.allocate_memory(&info, None).map_err(failed)?;
             gpu.device.bind_buffer_memory(handle, buffer.memory, 0).map_err(failed)?;
@@ -82,13 +82,13 @@ impl Buffer {
         Ok(buffer)
     }
 
-    /// The bytes of a buffer on the host; none of one on the device.
+    /// The bytes of a buffer on the host; empty for a buffer on the device.
     pub(crate) fn contents(&mut self) -> &mut [u8] {
         if self.address.is_null() {
             return &mut [];
         }
-        // SAFETY: the mapping covers the buffer and lasts as long as it does; the memory is coherent, and the device is
-        // idle whenever a caster reaches its buffers.
+        // SAFETY: the mapping covers the buffer and lasts as long as the buffer; the memory is coherent; the device is
+        // idle whenever a caster can reach its buffers, since every submission is waited for.
         unsafe { std::slice::from_raw_parts_mut(self.address, self.bytes as usize) }
     }
 }
@@ -103,7 +103,7 @@ impl Drop for Buffer {
     }
 }
 
-/// Copies `slots` to a new buffer on the device through `staging`, a buffer on the host, piece by piece.
+/// Copies `slots` to a new buffer on the device, in pieces as large as `staging`, a buffer on the host.
 pub(crate) fn upload(
     gpu: &Arc<Gpu>,
     slots: &[u64],
@@ -129,13 +129,13 @@ pub(crate) fn upload(
 mod tests {
     use super::*;
 
-    /// The device, or `None` where there is none and none is demanded.
+    /// The device; `None` without one, unless the environment variable `ESVO_REQUIRE_GPU` demands one.
     fn gpu() -> Option<Arc<Gpu>> {
         match Gpu::open(&crate::GpuOptions::default()) {
             Ok(gpu) => Some(Arc::new(gpu)),
             Err(error) if std::env::var_os("ESVO_REQUIRE_GPU").is_some() => panic!("{error}"),
             Err(error) => {
-                println!("skipped: {error}");
+                eprintln!("skipped: {error}");
                 None
             }
         }
@@ -172,11 +172,11 @@ mod tests {
     fn what_the_validation_layer_says_is_an_error() {
         let Some(gpu) = gpu() else { return };
         if !gpu.about().detail.contains("validated") {
-            println!("skipped: no validation layer, or not asked for with ESVO_VALIDATION=1");
+            eprintln!("skipped: the validation layer is missing, or ESVO_VALIDATION=1 is not set");
             return;
         }
         let _ = Buffer::on_device(&gpu, 64, vk::BufferUsageFlags::empty());
-        assert!(gpu.check().is_err(), "a buffer that may not be used for anything");
-        assert!(gpu.check().is_ok(), "said once");
+        assert!(gpu.check().is_err(), "a buffer without any usage");
+        assert!(gpu.check().is_ok(), "each message is returned once");
     }
 }

@@ -1,4 +1,4 @@
-//! An open device: its queue, its commands, its clock.
+//! An open device: queue, command buffer, timestamps.
 
 use std::time::Duration;
 
@@ -11,9 +11,9 @@ use crate::instance::{Adapter, Instance};
 /// Timestamps: start and end of the coarse pass, start and end of the main pass.
 pub(crate) const TIMESTAMPS: u32 = 4;
 
-/// A device with one queue, one command buffer and one fence: one submission at a time, waited for.
+/// A device with one queue, one command buffer and one fence. It runs one submission at a time and waits for it.
 ///
-/// What is made from it holds an `Arc` of it, so that it is destroyed last.
+/// Every object made from the device holds an `Arc` of it, so that the device is destroyed last.
 pub(crate) struct Gpu {
     pub(crate) device: ash::Device,
     pub(crate) adapter: Adapter,
@@ -22,9 +22,9 @@ pub(crate) struct Gpu {
     pool: vk::CommandPool,
     commands: vk::CommandBuffer,
     fence: vk::Fence,
-    /// If the queue has a clock.
+    /// `None` if the queue has no timestamps.
     pub(crate) queries: Option<vk::QueryPool>,
-    /// Last: destroyed after the device.
+    /// The last field: it is dropped after `drop` has destroyed the device.
     instance: Instance,
 }
 
@@ -40,7 +40,7 @@ impl Gpu {
         let device = unsafe { instance.handle.create_device(adapter.handle, &info, None) }.map_err(failed)?;
         // SAFETY: as above.
         let memory = unsafe { instance.handle.get_physical_device_memory_properties(adapter.handle) };
-        // SAFETY: one queue of the family was asked for.
+        // SAFETY: the device was created with one queue of this family.
         let queue = unsafe { device.get_device_queue(adapter.queue_family, 0) };
         let mut gpu = Self {
             device,
@@ -62,7 +62,7 @@ impl Gpu {
         let pool = vk::CommandPoolCreateInfo::default()
             .queue_family_index(self.adapter.queue_family)
             .flags(vk::CommandPoolCreateFlags::RESET_COMMAND_BUFFER);
-        // SAFETY: the device is alive; what was made is destroyed in `drop`, also if a later step fails.
+        // SAFETY: the device is alive. `drop` destroys every object, also if a later step fails.
         unsafe {
             self.pool = self.device.create_command_pool(&pool, None)?;
             let buffers = vk::CommandBufferAllocateInfo::default().command_pool(self.pool).command_buffer_count(1);
@@ -94,8 +94,8 @@ impl Gpu {
         let begin = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
         let commands = [self.commands];
         let submits = [vk::SubmitInfo::default().command_buffers(&commands)];
-        // SAFETY: the command buffer is not in use, since every submission is waited for below (after a failed wait the
-        // device is lost and every call fails). `Gpu` is only reached through the `&mut` of its caster, so no other
+        // SAFETY: the command buffer is not in use, since every submission is waited for below; after a failed wait the
+        // device is lost and every call fails. A `Gpu` is reached only through the `&mut` of its caster, so no other
         // thread uses queue, pool or fence.
         let result = unsafe {
             (|| {
@@ -111,23 +111,23 @@ impl Gpu {
         self.check()
     }
 
-    /// What the validation layer said.
+    /// Returns the messages of the validation layer as an error.
     pub(crate) fn check(&self) -> Result<(), CastError> {
         self.instance.check()
     }
 
-    /// Time between two timestamps of the last submission.
+    /// Time between two timestamps, `first` and `last`, of the last submission.
     pub(crate) fn between(&self, queries: vk::QueryPool, first: u32, last: u32) -> Result<Duration, CastError> {
         let read = |query| {
             let mut ticks = [0u64];
             let flags = vk::QueryResultFlags::TYPE_64 | vk::QueryResultFlags::WAIT;
-            // SAFETY: the pool has the query, and the submission that wrote it was waited for.
+            // SAFETY: the pool has the query, and the submission that wrote it is done.
             unsafe { self.device.get_query_pool_results(queries, query, &mut ticks, flags) }
                 .map_err(|error| self.error(&error))?;
             Ok::<u64, CastError>(ticks[0])
         };
         let mask = u64::MAX >> (64 - self.adapter.timestamp_bits.min(64));
-        // The clock may have wrapped around.
+        // The counter may have wrapped around between the two.
         let ticks = read(last)?.wrapping_sub(read(first)?) & mask;
         Ok(Duration::from_nanos((ticks as f64 * f64::from(self.adapter.limits.timestamp_period)) as u64))
     }
@@ -135,9 +135,10 @@ impl Gpu {
 
 impl Drop for Gpu {
     fn drop(&mut self) {
-        // SAFETY: everything made from the device held an `Arc` of it and is gone; nothing runs once the device is idle.
+        // SAFETY: every object made from the device held an `Arc` of it, so all are gone; nothing runs once the device is
+        // idle.
         unsafe {
-            // If it cannot be waited for it is lost, and then destroying is allowed.
+            // If waiting fails, the device is lost, and a lost device may be destroyed.
             let _ = self.device.device_wait_idle();
             if let Some(queries) = self.queries {
                 self.device.destroy_query_pool(queries, None);

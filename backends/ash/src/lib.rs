@@ -1,13 +1,37 @@
-//! The ash (Vulkan) compute caster of esvo: the WGSL kernel of `esvo-core` as SPIR-V.
+//! The Vulkan caster of esvo: runs the WGSL kernel of `esvo-core` as SPIR-V, through `ash`.
 //!
-//! The SPIR-V is made by naga when an octree is loaded or an option first asked for, not when the crate is built: the
-//! number of storage bindings and the size of the stack are part of the kernel's text, so that there are hundreds of
-//! variants of which a run uses two or three, each a matter of milliseconds; and naga writes no specialization constants.
-//! A test compiles them all. Unlike wgpu, this caster forbids the driver to fuse a multiplication with an addition, and
-//! uses no bounds checks.
+//! ```no_run
+//! # use esvo_core::Caster as _;
+//! # fn main() -> Result<(), esvo_core::CastError> {
+//! let caster = esvo_ash::AshCaster::new(&esvo_ash::GpuOptions::default())?;
+//! println!("{}", caster.device().name);
+//! # Ok(()) }
+//! ```
 //!
-//! With `ESVO_VALIDATION=1` in the environment and the Khronos validation layer installed, whatever the layer reports is
-//! an error.
+//! # SPIR-V
+//! naga translates the kernel when an octree is loaded or an option is first used, not when the crate is built. The number
+//! of storage bindings and the size of the stack are part of the kernel's text, and naga writes no specialization
+//! constants, so hundreds of variants exist. A run uses two or three of them; each takes milliseconds. A test compiles all
+//! variants.
+//!
+//! Unlike wgpu, this caster forbids the driver to fuse a multiplication with an addition, so that a driver that runs on
+//! the processor gives the hits of the reference caster bit by bit. And it uses no bounds checks: [`Caster::load`] takes
+//! only octrees that are sound, and [`Caster::cast`] only views of their roots.
+//!
+//! # Validation
+//! With `ESVO_VALIDATION=1` in the environment and the Khronos validation layer installed, every report of the layer is an
+//! error.
+//!
+//! # What is where
+//! - `caster`: [`AshCaster`], the caster: octree and picture buffers, passes.
+//! - `pipeline`: descriptor sets and compute pipelines.
+//! - `spirv`: [`module`], from WGSL to SPIR-V; [`forbid_contraction`].
+//! - `buffers`: buffers and their memory.
+//! - `gpu`: the open device: queue, command buffer, timestamps.
+//! - `instance`: the Vulkan library, [`adapters`], the validation layer.
+//!
+//! [`Caster::load`]: esvo_core::Caster::load
+//! [`Caster::cast`]: esvo_core::Caster::cast
 
 mod buffers;
 mod caster;

@@ -10,7 +10,7 @@ use crate::buffers::Buffer;
 use crate::gpu::Gpu;
 use crate::spirv;
 
-/// A set of buffers as a shader sees them, with its layout: binding `i` is the `i`-th buffer.
+/// A descriptor set and its layout: binding `i` is the `i`-th buffer.
 pub(crate) struct BufferSet {
     pub(crate) layout: vk::DescriptorSetLayout,
     pub(crate) handle: vk::DescriptorSet,
@@ -19,7 +19,7 @@ pub(crate) struct BufferSet {
 }
 
 impl BufferSet {
-    /// Binds the buffers whole. They must live as long as the set is used.
+    /// Binds whole buffers. They must live as long as the set is used.
     pub(crate) fn new(gpu: &Arc<Gpu>, buffers: &[(vk::DescriptorType, &Buffer)]) -> Result<Self, CastError> {
         let mut set = Self {
             layout: vk::DescriptorSetLayout::null(),
@@ -48,8 +48,8 @@ impl BufferSet {
             .map(|(_, buffer)| [vk::DescriptorBufferInfo { buffer: buffer.handle, offset: 0, range: vk::WHOLE_SIZE }])
             .collect();
         let device = &self.gpu.device;
-        // SAFETY: the buffers are of this device; what was made is destroyed in `drop`, also if a later step fails; the
-        // set is new, so nothing uses it while it is written.
+        // SAFETY: the buffers are of this device; `drop` destroys every object, also if a later step fails; the set is
+        // new, so nothing uses it while it is written.
         unsafe {
             let layout = vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings);
             self.layout = device.create_descriptor_set_layout(&layout, None)?;
@@ -93,7 +93,7 @@ pub(crate) struct Pipeline {
 }
 
 impl Pipeline {
-    /// Compiles one entry point of a WGSL source for sets of these layouts.
+    /// Compiles one entry point of a WGSL source, for descriptor sets of these layouts from set 0.
     pub(crate) fn new(
         gpu: &Arc<Gpu>,
         source: &str,
@@ -115,8 +115,8 @@ impl Pipeline {
         layouts: &[vk::DescriptorSetLayout],
     ) -> Result<(), vk::Result> {
         let device = &self.gpu.device;
-        // SAFETY: the layouts are of this device, naga has validated the module, and the shader module may go as soon as
-        // the pipeline is made. What else was made is destroyed in `drop`, also if a later step fails.
+        // SAFETY: the layouts are of this device, naga has validated the module, and the shader module may be destroyed
+        // as soon as the pipeline exists. `drop` destroys the other objects, also if a later step fails.
         unsafe {
             let layout = vk::PipelineLayoutCreateInfo::default().set_layouts(layouts);
             self.layout = device.create_pipeline_layout(&layout, None)?;
@@ -138,7 +138,7 @@ impl Pipeline {
         let handles: Vec<_> = sets.iter().map(|set| set.handle).collect();
         let device = &self.gpu.device;
         let point = vk::PipelineBindPoint::COMPUTE;
-        // SAFETY: the sets have the layouts that the pipeline was made for; the command buffer is being recorded.
+        // SAFETY: the sets have the layouts of the pipeline; the command buffer is being recorded.
         unsafe {
             device.cmd_bind_pipeline(commands, point, self.handle);
             device.cmd_bind_descriptor_sets(commands, point, self.layout, 0, &handles, &[]);
