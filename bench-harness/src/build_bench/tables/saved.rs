@@ -1,4 +1,4 @@
-//! What contours save.
+//! The levels and bytes that contours save.
 
 use super::{cell, ratio};
 use crate::build_bench::plan::Contours;
@@ -6,7 +6,7 @@ use crate::build_bench::record::{BuildReport, BuildRow, Measure, SavedLevels, Sc
 use crate::text::{TextTable, short};
 use crate::units::MIB;
 
-/// How many levels contours save.
+/// For each octree with contours, the cubical octree with the same error.
 pub(super) fn saved(report: &BuildReport) -> TextTable {
     let head = [
         "scene",
@@ -23,12 +23,12 @@ pub(super) fn saved(report: &BuildReport) -> TextTable {
     ];
     let mut table = TextTable::new("What contours save", 2, &head);
     table.notes = vec![
-        "The cubical octree that is as near to the triangles as the one with contours: its level by the errors that were \
-         measured, interpolated in the logarithm of the error between two levels, and its bytes likewise. (>) beyond the \
-         deepest cubical octree, (<) above the coarsest: their trend goes on."
+        "Cubical levels and MiB: those of the cubical octree with the same error as the octree with contours. They are \
+         interpolated between the measured levels, linearly in the logarithms of error and bytes, and extrapolated beyond the \
+         deepest (>) and the coarsest (<) cubical octree."
             .into(),
-        "Median error in finest voxels of the octree with contours, rays ending at leaves; bytes: cubical over contours. \
-         Levels saved at an equal median error, and at an equal 90th and 99th percentile of it."
+        "Median error: in edges of the finest voxel of the octree with contours, with rays that end at leaves. Bytes: cubical \
+         divided by contours. Levels saved: at equal median error, and at equal 90th and 99th percentile of the error."
             .into(),
     ];
     for scene in &report.scenes {
@@ -56,7 +56,7 @@ pub(super) fn saved(report: &BuildReport) -> TextTable {
     table
 }
 
-/// Marks what lies outside the levels of the cubical octrees.
+/// Marks levels outside those of the cubical octrees.
 fn beyond(scene: &SceneBuilds, saved: &SavedLevels) -> &'static str {
     let coarser = |r: &BuildRow| r.contours == Contours::Off && f64::from(r.levels) <= saved.cubical_levels;
     match saved.extrapolated {

@@ -1,4 +1,4 @@
-//! The paper's Table 1: limit on octree levels against memory and time.
+//! The paper's Table 1: octree levels against memory and time.
 
 use super::{cell, millions};
 use crate::build_bench::plan::{BuildMatrix, Contours};
@@ -17,11 +17,11 @@ pub(super) fn table1(report: &BuildReport, paper: &Paper) -> TextTable {
     let mut table = TextTable { head, left: 3, ..TextTable::new(title, 3, &[]) };
     table.notes = vec![
         "MiB (2^20 bytes), seconds, millions of voxels (leaves and others), bytes per voxel.".into(),
-        "> 8 GB, > 20 min and the like: not built, as the growth of the last two levels says that the file, or the build, would \
-         exceed that limit; the list of what was left out has what was expected. -: not asked for."
+        "> 8 GB, > 20 min and the like: not built, because the growth of the last two levels predicts that the file or the build \
+         exceeds that limit; the list \"Left out\" has the prediction. -: not in the matrix."
             .into(),
         format!(
-            "Paper: built on {}, with contours; its meshes are not quite ours. Its MB are taken for MiB.",
+            "Paper: built on {}, with contours. Its meshes differ slightly from ours, and its MB are read as MiB.",
             paper.machine.cpu
         ),
     ];

@@ -1,4 +1,4 @@
-//! Table 1: memory and time of building, and where the bytes are.
+//! Table 1: memory and time of building. Also the table of bytes by kind.
 
 use esvo_scenes::SceneVariant;
 
@@ -18,12 +18,12 @@ pub(super) fn table1(report: &PaperReport, paper: &Paper) -> TextTable {
     let mut table =
         TextTable { head, left: 2, ..TextTable::new("Table 1: memory and time of building, by levels", 2, &[]) };
     table.notes = vec![
-        "MiB (2^20 bytes) and seconds; bytes per voxel of the largest octree of the row, all voxels counted.".into(),
+        "MiB (2^20 bytes) and seconds; bytes per voxel of the largest octree of the row, counting all voxels.".into(),
         format!(
-            "Paper: built on {}; its meshes, and the levels of its largest octrees, differ from ours. Its MB are taken for MiB.",
+            "Paper: built on {}; its meshes and the levels of its largest octrees differ from ours. Its MB are read as MiB.",
             paper.machine.cpu
         ),
-        "Authors: what ESVO 1.4, the paper authors' own builder, makes of our copy of the mesh with contours.".into(),
+        "Authors: our copy of the mesh, built with contours by ESVO 1.4, the paper authors' own builder.".into(),
     ];
     for scene in report.scenes.iter().filter(|s| !s.builds.is_empty()) {
         for contours in [true, false] {
@@ -57,10 +57,10 @@ pub(super) fn table1(report: &PaperReport, paper: &Paper) -> TextTable {
     table
 }
 
-/// Where the bytes of every octree are.
+/// Bytes per voxel by kind, for every octree.
 pub(super) fn bytes_by_kind(report: &PaperReport) -> TextTable {
     let builds = || report.scenes.iter().flat_map(|s| s.builds.iter().map(move |b| (s, b)));
-    // What would be 0.00 in every row is added up in one column.
+    // Kinds that would show 0.00 in every row are added up in one column.
     let per_voxel = |build: &Table1Row, bytes: u64| bytes as f64 / build.voxels.max(1) as f64;
     let mut kinds: Vec<&str> = Vec::new();
     for (build, kind) in builds().flat_map(|(_, b)| b.kinds.iter().map(move |k| (b, k))) {
@@ -72,7 +72,7 @@ pub(super) fn bytes_by_kind(report: &PaperReport) -> TextTable {
     head.extend(kinds.iter().map(|k| k.to_string()));
     head.extend(["rest".into(), "all".into()]);
     let mut table = TextTable { head, ..TextTable::new("Bytes per voxel by kind", 2, &[]) };
-    table.notes = vec!["Bytes of each kind over all voxels of the octree.".into()];
+    table.notes = vec!["Bytes of each kind divided by the number of all voxels of the octree.".into()];
     for (scene, build) in builds() {
         let kind = if build.contours { "contours" } else { "cubical" };
         let mut row = vec![
