@@ -40,7 +40,7 @@ pub(crate) fn refusals(builds: &[Table1Row], wanted: Both<bool>, limits: &Limits
     let seconds: f64 = kinds(wanted).map(|c| expected(c, |b| b.seconds)).sum();
     let budget = (limits.clock.left() * BUILD_SHARE).max(0.0);
     if seconds > 0.0 && seconds > budget {
-        let why = format!("building takes about {seconds:.0} s, and the time limit leaves {budget:.0} s");
+        let why = format!("building would take about {seconds:.0} s, and the time limit leaves {budget:.0} s");
         return wanted.map(|w| w.then(|| why.clone()));
     }
     let too_large = |wanted: Both<bool>, mut held: f64| {
@@ -50,7 +50,7 @@ pub(crate) fn refusals(builds: &[Table1Row], wanted: Both<bool>, limits: &Limits
             let peak = held + bytes * PEAK;
             if bytes > 0.0 && peak > limits.memory {
                 refused[usize::from(contours)] = Some(format!(
-                    "takes about {:.1} GB of memory, and the limit is {:.1}; see --memory",
+                    "would take about {:.1} GB of memory, and the limit is {:.1}; see --memory",
                     peak / GB,
                     limits.memory / GB
                 ));

@@ -230,7 +230,7 @@ impl PaperRun<'_> {
 
     fn pictures(&mut self, scene: &Scene, pair: &OctreePair, report: &mut SceneReport) -> Result<(), BenchError> {
         if !scene.publish {
-            self.leave_out(format!("pictures of {}", scene.name), "its terms do not allow to publish them");
+            self.leave_out(format!("pictures of {}", scene.name), "the terms of the mesh do not allow publishing them");
             return Ok(());
         }
         let Some(any) = pair.contours.as_ref().or(pair.cubical.as_ref()) else { return Ok(()) };

@@ -1,9 +1,9 @@
 //! The levels and bytes that contours save.
 
-use super::{cell, ratio};
+use super::ratio;
 use crate::build_bench::plan::Contours;
 use crate::build_bench::record::{BuildReport, BuildRow, Measure, SavedLevels, SceneBuilds};
-use crate::text::{TextTable, short};
+use crate::text::{TextTable, or_dash, short};
 use crate::units::MIB;
 
 /// For each octree with contours, the cubical octree with the same error.
@@ -42,14 +42,14 @@ pub(super) fn saved(report: &BuildReport) -> TextTable {
                 scene.name.clone(),
                 scene.mesh.title().into(),
                 levels.to_string(),
-                cell(voxels.map(|v| format!("{v:.3}"))),
+                or_dash(voxels.map(|v| format!("{v:.3}"))),
                 mib(median.bytes),
                 format!("{:.1}{}", median.cubical_levels, beyond(scene, median)),
                 mib(median.cubical_bytes),
                 ratio(median.cubical_bytes, median.bytes),
                 spared(median),
-                cell(of(Measure::P90).map(spared)),
-                cell(of(Measure::P99).map(spared)),
+                or_dash(of(Measure::P90).map(spared)),
+                or_dash(of(Measure::P99).map(spared)),
             ]);
         }
     }

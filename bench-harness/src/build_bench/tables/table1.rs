@@ -1,10 +1,10 @@
 //! The paper's Table 1: octree levels against memory and time.
 
-use super::{cell, millions};
+use super::millions;
 use crate::build_bench::plan::{BuildMatrix, Contours};
 use crate::build_bench::record::{BuildReport, BuildRow, Limit};
 use crate::paper_bench::paper::Paper;
-use crate::text::{TextTable, short};
+use crate::text::{TextTable, or_dash, short};
 
 /// The levels of the paper's Table 1.
 const TABLE1_LEVELS: [u32; 7] = [10, 11, 12, 13, 14, 15, 16];
@@ -41,7 +41,7 @@ pub(super) fn table1(report: &BuildReport, paper: &Paper) -> TextTable {
                 let octree = format!("{}, {}", contours.title(), scene.mesh.title());
                 let mut row = vec![scene.name.clone(), octree, name.into()];
                 let stopped = |l| scene.stopped(contours, l).map(|s| limit_cell(s.limit, &report.matrix));
-                row.extend(TABLE1_LEVELS.map(|l| cell(scene.row(contours, l).map(figure).or_else(|| stopped(l)))));
+                row.extend(TABLE1_LEVELS.map(|l| or_dash(scene.row(contours, l).map(figure).or_else(|| stopped(l)))));
                 table.rows.push(row);
             }
         }
@@ -49,7 +49,7 @@ pub(super) fn table1(report: &BuildReport, paper: &Paper) -> TextTable {
             for (index, name) in ["MiB", "seconds"].into_iter().enumerate() {
                 let mut row = vec![scene.name.clone(), "contours, paper".into(), name.into()];
                 let figure = |l| paper.build(&scene.name, l).map(|both| short(<[f64; 2]>::from(both)[index]));
-                row.extend(TABLE1_LEVELS.map(|l| cell(figure(l))));
+                row.extend(TABLE1_LEVELS.map(|l| or_dash(figure(l))));
                 table.rows.push(row);
             }
         }

@@ -1,8 +1,7 @@
 //! The tables of errors against the triangles, and of checks against the reference caster.
 
-use super::cell;
 use crate::paper_bench::report::PaperReport;
-use crate::text::{TextTable, short};
+use crate::text::{TextTable, or_dash, short};
 
 /// Distance of the hits from the triangles.
 pub(super) fn errors(report: &PaperReport) -> TextTable {
@@ -29,7 +28,7 @@ pub(super) fn errors(report: &PaperReport) -> TextTable {
                 short(e.mean(|v| v.voxels.median)),
                 format!("{:.4}%", 100.0 * e.mean(|v| v.only_exact as f64 / v.rays.max(1) as f64)),
                 format!("{:.4}%", 100.0 * e.mean(|v| v.disagreement)),
-                cell(e.flip().map(|f| format!("{f:.3}"))),
+                or_dash(e.flip().map(|f| format!("{f:.3}"))),
             ]);
         }
     }

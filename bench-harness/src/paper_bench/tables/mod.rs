@@ -70,7 +70,3 @@ fn header(report: &PaperReport) -> Vec<String> {
     }));
     lines
 }
-
-pub(super) fn cell(value: Option<String>) -> String {
-    value.unwrap_or_else(|| "-".into())
-}

@@ -2,10 +2,9 @@
 
 use esvo_scenes::SceneVariant;
 
-use super::cell;
 use crate::paper_bench::paper::Paper;
 use crate::paper_bench::report::{PaperReport, Table1Row};
-use crate::text::{TextTable, short};
+use crate::text::{TextTable, or_dash, short};
 
 /// Table 1: MiB, seconds and bytes per voxel.
 pub(super) fn table1(report: &PaperReport, paper: &Paper) -> TextTable {
@@ -33,16 +32,16 @@ pub(super) fn table1(report: &PaperReport, paper: &Paper) -> TextTable {
             let mut row =
                 vec![scene.name.clone(), format!("{kind}, {}", scene.mesh.title()), scene.triangles.to_string()];
             row.extend(levels.iter().map(|&l| {
-                cell(scene.build(contours, l).map(|b| format!("{} MiB {} s", short(b.mib()), short(b.seconds))))
+                or_dash(scene.build(contours, l).map(|b| format!("{} MiB {} s", short(b.mib()), short(b.seconds))))
             }));
             row.push(format!("{:.2}", largest.bytes_per_voxel()));
             table.rows.push(row);
         }
         if let Some((bytes, largest)) = paper.bytes_per_voxel(&scene.name) {
-            let triangles = cell(paper.triangles(&scene.name).map(|t| t.to_string()));
+            let triangles = or_dash(paper.triangles(&scene.name).map(|t| t.to_string()));
             let mut row = vec![String::new(), "contours, paper".to_string(), triangles];
             row.extend(levels.iter().map(|&l| {
-                cell(paper.build(&scene.name, l).map(|(mb, s)| format!("{} MiB {} s", short(mb), short(s))))
+                or_dash(paper.build(&scene.name, l).map(|(mb, s)| format!("{} MiB {} s", short(mb), short(s))))
             }));
             row.push(format!("{bytes:.2} at {largest}"));
             table.rows.push(row);

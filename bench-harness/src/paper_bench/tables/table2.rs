@@ -2,11 +2,10 @@
 
 use esvo_core::DeviceKind;
 
-use super::cell;
 use crate::paper_bench::matrix::Variant;
 use crate::paper_bench::paper::Paper;
 use crate::paper_bench::report::{DeviceRecord, PaperReport, SceneReport};
-use crate::text::{TextTable, short};
+use crate::text::{TextTable, or_dash, short};
 
 /// Table 2 for one device: millions of rays per second.
 pub(super) fn table2(report: &PaperReport, paper: &Paper, device: &DeviceRecord) -> TextTable {
@@ -49,7 +48,7 @@ pub(super) fn table2(report: &PaperReport, paper: &Paper, device: &DeviceRecord)
             any = true;
             row.extend(own);
             if with_paper {
-                row.extend(variants.iter().map(|&v| cell(paper.mrays(&scene.name, size, v).map(short))));
+                row.extend(variants.iter().map(|&v| or_dash(paper.mrays(&scene.name, size, v).map(short))));
             }
             table.rows.push(row);
         }
@@ -75,7 +74,7 @@ fn time_cell(scene: &SceneReport, device: &DeviceRecord, variant: Variant, size:
         return "FAILED".into();
     }
     let spread = scene.time(device.backend, variant, size).and_then(|t| t.mrays);
-    cell(spread.map(|s| format!("{} ±{:.0}%", short(s.median), s.percent())))
+    or_dash(spread.map(|s| format!("{} ±{:.0}%", short(s.median), s.percent())))
 }
 
 pub(super) fn device_title(device: &DeviceRecord) -> String {
