@@ -1,15 +1,15 @@
-//! The check before timing, and its negative controls: casters that are broken on purpose, which it must detect.
+//! The check that comes before timing, and its negative controls: casters broken on purpose that it must catch.
 
 use std::sync::Arc;
 
 use esvo_bench::paper_bench::check::check;
 use esvo_builder::BuildSettings;
 use esvo_core::reference::ReferenceCaster;
-use esvo_core::{CastError, CastOptions, Caster, Device, FrameTime, Hit, View};
+use esvo_core::{CastError, CastOptions, Caster, Checked, Device, FrameTime, Hit, Roots, View};
 use esvo_engines::{EngineId, OpenOptions};
 use esvo_format::Octree;
 
-/// The reference caster with hits that are changed by `break_it`.
+/// Does something to every picture of the reference caster.
 struct Broken<F> {
     inner: ReferenceCaster,
     break_it: F,
@@ -22,19 +22,22 @@ impl<F: FnMut(&mut Vec<Hit>) + Send> Caster for Broken<F> {
     fn device(&self) -> &Device {
         self.inner.device()
     }
-    fn load(&mut self, octree: &Arc<Octree>) -> Result<(), CastError> {
-        self.inner.load(octree)
+    fn resident_bytes(&self) -> u64 {
+        self.inner.resident_bytes()
     }
-    fn cast(&mut self, view: &View, hits: &mut Vec<Hit>) -> Result<(), CastError> {
-        self.inner.cast(view, hits)?;
+    fn roots(&self) -> Option<&Roots> {
+        self.inner.roots()
+    }
+    fn load_checked(&mut self, octree: &Arc<Octree>, roots: Roots) -> Result<(), CastError> {
+        self.inner.load_checked(octree, roots)
+    }
+    fn cast_checked(&mut self, view: Checked<View>, hits: &mut Vec<Hit>) -> Result<(), CastError> {
+        self.inner.cast_checked(view, hits)?;
         (self.break_it)(hits);
         Ok(())
     }
-    fn time(&mut self, view: &View) -> Result<FrameTime, CastError> {
-        self.inner.time(view)
-    }
-    fn resident_bytes(&self) -> u64 {
-        self.inner.resident_bytes()
+    fn time_checked(&mut self, view: Checked<View>) -> Result<FrameTime, CastError> {
+        self.inner.time_checked(view)
     }
 }
 

@@ -8,7 +8,7 @@ use ash::vk;
 use ash::vk::{BufferUsageFlags as Usage, DescriptorType};
 use esvo_core::gpu::kernel::{self, Bands, GpuOptions, Pass, Placement, Variant, WORKGROUP};
 use esvo_core::gpu::resident::{Resident, SlotMap};
-use esvo_core::{CastError, Caster, Device, FrameTime, Hit, View};
+use esvo_core::{CastError, Caster, Checked, Device, FrameTime, Hit, Roots, View};
 use esvo_format::Octree;
 
 use crate::buffers::{Buffer, upload};
@@ -31,6 +31,7 @@ struct Loaded {
     pipelines: HashMap<(Pass, Variant), Pipeline>,
     set: BufferSet,
     _parts: Vec<Buffer>,
+    roots: Roots,
     map: SlotMap,
     placement: Placement,
 }
@@ -156,15 +157,23 @@ impl Caster for AshCaster {
         self.gpu.about()
     }
 
-    fn load(&mut self, octree: &Arc<Octree>) -> Result<(), CastError> {
-        octree.sound()?;
+    fn resident_bytes(&self) -> u64 {
+        self.loaded.as_ref().map_or(0, |loaded| loaded.placement.bytes)
+    }
+
+    fn roots(&self) -> Option<&Roots> {
+        self.loaded.as_ref().map(|loaded| &loaded.roots)
+    }
+
+    fn load_checked(&mut self, octree: &Arc<Octree>, roots: Roots) -> Result<(), CastError> {
         // Room for the new one.
         self.loaded = None;
-        self.loaded = Some(Loaded::new(&self.gpu, &self.options, octree)?);
+        self.loaded = Some(Loaded::new(&self.gpu, &self.options, octree, roots)?);
         Ok(())
     }
 
-    fn cast(&mut self, view: &View, hits: &mut Vec<Hit>) -> Result<(), CastError> {
+    fn cast_checked(&mut self, view: Checked<View>, hits: &mut Vec<Hit>) -> Result<(), CastError> {
+        let view = self.roots().ok_or(CastError::NotLoaded)?.open(&view)?;
         let bands = self.prepare(view, Pass::Cast)?;
         hits.clear();
         hits.resize(view.pixels(), Hit::miss(0));
@@ -179,7 +188,8 @@ impl Caster for AshCaster {
         Ok(())
     }
 
-    fn time(&mut self, view: &View) -> Result<FrameTime, CastError> {
+    fn time_checked(&mut self, view: Checked<View>) -> Result<FrameTime, CastError> {
+        let view = self.roots().ok_or(CastError::NotLoaded)?.open(&view)?;
         let bands = self.prepare(view, Pass::Time)?;
         let mut time = FrameTime { total: Duration::ZERO, coarse: Duration::ZERO };
         for (first, rows) in bands.rows() {
@@ -197,14 +207,10 @@ impl Caster for AshCaster {
         }
         Ok(time)
     }
-
-    fn resident_bytes(&self) -> u64 {
-        self.loaded.as_ref().map_or(0, |loaded| loaded.placement.bytes)
-    }
 }
 
 impl Loaded {
-    fn new(gpu: &Arc<Gpu>, options: &GpuOptions, octree: &Octree) -> Result<Self, CastError> {
+    fn new(gpu: &Arc<Gpu>, options: &GpuOptions, octree: &Octree, roots: Roots) -> Result<Self, CastError> {
         let resident = Resident::new(octree);
         let slots = resident.slots();
         let limits = &gpu.adapter.limits;
@@ -220,7 +226,7 @@ impl Loaded {
         let bindings: Vec<_> = buffers.iter().map(|buffer| (DescriptorType::STORAGE_BUFFER, buffer)).collect();
         let set = BufferSet::new(gpu, &bindings)?;
         gpu.check()?;
-        Ok(Self { pipelines: HashMap::new(), set, _parts: buffers, map: resident.into_map(), placement })
+        Ok(Self { pipelines: HashMap::new(), set, _parts: buffers, roots, map: resident.into_map(), placement })
     }
 
     /// Makes the pipeline of a pass unless it is there.

@@ -1,11 +1,13 @@
 // The traversal of the paper's Figure 8 on a GPU: the same operations in the same order as `esvo_core::reference`, whose
 // comments name the lines of the figure.
 //
-// `esvo_core::kernel` puts a prelude in front, which declares what depends on the octree and on the frame:
-//   const CONTOURS, FAR_POINTERS, LOD, BEAM: bool   what this variant takes care of
-//   const LEVELS: u32                               level of the deepest voxel: frames of the stack
-//   const WIDTH, HEIGHT: u32                        of a workgroup in pixels, powers of two
+// `esvo_core::gpu::kernel` puts a prelude in front, which declares what depends on the octree and on the frame:
+//   const CONTOURS, FAR_POINTERS, LOD, BEAM: bool   the features of this variant
+//   const LEVELS: u32                               level of the deepest voxel: the number of frames of the stack
+//   const WIDTH, HEIGHT: u32                        size of a workgroup in pixels, powers of two
 //   fn slot_at(slot: u32) -> vec2<u32>              a slot of the octree, from the bindings of group 1
+//
+// The structs View and Hit are `esvo_core::View` and `esvo_core::Hit`: a test compares every member.
 
 struct View {
     origin: vec3<f32>,
@@ -20,11 +22,8 @@ struct View {
     height: u32,
     root: u32,
     flags: u32,
-    // First row of the band of the picture that this dispatch casts.
+    // First row of the band that this dispatch casts.
     first_row: u32,
-    padding_1: u32,
-    padding_2: u32,
-    padding_3: u32,
 }
 
 struct Ray {
@@ -60,10 +59,10 @@ const BEAM_BLOCK: u32 = 4u;
 const COARSE_VOXEL_PIXELS: f32 = 11.313708498984761;
 const SQRT_3: f32 = 1.7320508;
 const FAR_BIT: u32 = 1u << 16u;
-// Frame of the stack for the children of the root is the last one.
+// Scale of the first frame of the stack; the last frame is that of the root's children.
 const LOWEST_SCALE: u32 = MAX_SCALE - LEVELS;
 
-// `a * b + c`, each operation rounded. This is the one place to change should it become a fused operation.
+// `a * b + c`, each operation rounded. A change to a fused operation would be made here and in `mad3`.
 fn mad(a: f32, b: f32, c: f32) -> f32 {
     return a * b + c;
 }
@@ -109,7 +108,7 @@ fn project_contour(parent: u32, descriptor: vec2<u32>, child: u32, direction: ve
 }
 
 fn cast_ray(ray: Ray) -> Hit {
-    // Bits, not comparisons: a shader compiler may take for granted that nothing is NaN.
+    // Compares bits, since a shader compiler may assume that no number is NaN.
     let direction_bits = bitcast<vec3<u32>>(ray.direction) & vec3<u32>(MAGNITUDE);
     let origin_bits = bitcast<vec3<u32>>(view.origin) & vec3<u32>(MAGNITUDE);
     if any(direction_bits > vec3<u32>(MAX_COMPONENT_BITS)) || any(origin_bits >= vec3<u32>(INFINITY_BITS)) {
@@ -138,7 +137,7 @@ fn cast_ray(ray: Ray) -> Hit {
     var descriptor = slot_at(parent);
     var stack_parent: array<u32, LEVELS>;
     var stack_t_max: array<f32, LEVELS>;
-    // Bit s: the frame of scale s was written. Rounding could make a ray POP to another, which says nothing of the octree.
+    // Bit s: the frame of scale s was written. Rounding can make a ray POP to a frame that was not: the ray then misses.
     var pushed = 0u;
     var scale = MAX_SCALE - 1u;
     var size = 0.5;
@@ -250,7 +249,7 @@ fn coarse_rows() -> u32 {
     return (view.height + BEAM_BLOCK - 1u) / BEAM_BLOCK + 3u;
 }
 
-// The coarse pass: one start value per corner. Its variant has LOD and no contours.
+// The coarse pass: one start value per corner. Its variant has LOD and neither CONTOURS nor BEAM.
 @compute @workgroup_size(WIDTH * HEIGHT)
 fn coarse_pass(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
     let at = place(group, local);
@@ -272,7 +271,7 @@ fn coarse_pass(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocatio
     coarse_out[at.y * coarse_columns() + at.x] = start;
 }
 
-// Where the rays of a pixel may start: the least value of the 4 x 4 corners around its block.
+// Where the ray of a pixel may start: the least value of the 4 x 4 corners around its block.
 fn beam_start(x: u32, y: u32) -> f32 {
     let columns = coarse_columns();
     var start = 1.0;
@@ -296,7 +295,7 @@ fn cast_pixel(x: u32, y: u32) -> Hit {
     return cast_ray(ray);
 }
 
-// Pixel of an invocation: along a Z-order curve in the workgroup, so that neighbours in a subgroup are neighbours in the
+// The pixel of an invocation. A workgroup follows a Z-order curve, so that neighbours in a subgroup are neighbours in the
 // picture.
 fn place(group: vec3<u32>, local: u32) -> vec2<u32> {
     var x = 0u;
@@ -327,7 +326,7 @@ fn main_pass(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_
     }
 }
 
-// The main pass for timing: one number per pixel, so that the time is that of the traversal and not of the memory.
+// The main pass for timing: stores one number per pixel, so that the time is that of the traversal and not of the memory.
 @compute @workgroup_size(WIDTH * HEIGHT)
 fn timing_pass(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
     let at = place(group, local);

@@ -1,14 +1,19 @@
 //! The trait that every engine implements.
 
+use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
 
 use esvo_format::Octree;
 use serde::{Deserialize, Serialize};
 
-use crate::{CastError, Fans, Hit, View};
+use crate::{CastError, Checked, Fans, Hit, Roots, View};
 
 /// Casts the rays of a frame against one octree.
+///
+/// Callers use [`load`](Self::load), [`cast`](Self::cast), [`time`](Self::time) and [`cast_fans`](Self::cast_fans). These
+/// check what they are given and hand it to the methods that an engine implements, whose names end in `_checked`. An engine
+/// implements only those: it can read a view only after the check, see [`Roots::open`].
 pub trait Caster: Send {
     /// Short name of the engine: `reference`, `cpu`, `wgpu`, `ash`.
     fn name(&self) -> &'static str;
@@ -16,43 +21,91 @@ pub trait Caster: Send {
     /// What it runs on.
     fn device(&self) -> &Device;
 
-    /// Takes an octree: checks it, picks kernels by what it [needs](Octree::needs), uploads what casting reads.
+    /// Bytes of octree data that the device holds for casting; 0 if no octree is loaded.
+    fn resident_bytes(&self) -> u64;
+
+    /// Loads an octree: checks it, picks kernels by what it [needs](Octree::needs), uploads what casting reads. If that
+    /// fails, no octree may be loaded afterwards, neither this one nor the one before.
     ///
     /// # Errors
-    /// An octree that is not sound, or larger than the device takes.
-    fn load(&mut self, octree: &Arc<Octree>) -> Result<(), CastError>;
+    /// An octree that is not sound, or is larger than the device takes.
+    fn load(&mut self, octree: &Arc<Octree>) -> Result<(), CastError> {
+        let roots = Roots::of(octree)?;
+        self.load_checked(octree, roots)
+    }
 
     /// Casts one frame: `hits[y * width + x]`, the first row on top. Resizes `hits`.
     ///
+    /// A ray misses if it is not finite or if a component of its direction exceeds 2^20
+    /// ([`MAX_COMPONENT`](crate::reference::MAX_COMPONENT)).
+    ///
     /// # Errors
-    /// No octree loaded; what the device said.
-    fn cast(&mut self, view: &View, hits: &mut Vec<Hit>) -> Result<(), CastError>;
+    /// No octree loaded; a view that [`View::check`] refuses; a root that is not one of the octree's; what the device said.
+    fn cast(&mut self, view: &View, hits: &mut Vec<Hit>) -> Result<(), CastError> {
+        let view = self.roots().ok_or(CastError::NotLoaded)?.check_view(view)?;
+        self.cast_checked(view, hits)
+    }
 
     /// Casts one frame as [`cast`](Self::cast) does, reads nothing back, and tells how long the passes took: on a GPU by
     /// its own timestamps, on a CPU by a monotonic clock.
     ///
     /// # Errors
     /// As `cast`.
-    fn time(&mut self, view: &View) -> Result<FrameTime, CastError>;
+    fn time(&mut self, view: &View) -> Result<FrameTime, CastError> {
+        let view = self.roots().ok_or(CastError::NotLoaded)?.check_view(view)?;
+        self.time_checked(view)
+    }
 
-    /// Casts the rays of `fans` down to the leaves: `hits[fan * directions + direction]`. Resizes `hits`.
-    ///
-    /// Engines that have nothing better cast each ray as a picture of one pixel.
+    /// Casts the rays of `fans` down to the leaves: `hits[fan * directions + direction]`. Resizes `hits`. Rays miss as in
+    /// [`cast`](Self::cast).
     ///
     /// # Errors
-    /// As `cast`.
+    /// No octree loaded; a root that is not one of the octree's; what the device said.
     fn cast_fans(&mut self, fans: &Fans, hits: &mut Vec<Hit>) -> Result<(), CastError> {
+        let fans = self.roots().ok_or(CastError::NotLoaded)?.check_fans(fans)?;
+        self.cast_fans_checked(fans, hits)
+    }
+
+    /// For engines: the roots that came with the octree that is loaded; `None` without one.
+    fn roots(&self) -> Option<&Roots>;
+
+    /// For engines: takes an octree that is sound, and keeps `roots` for as long as it holds the octree.
+    ///
+    /// # Errors
+    /// As [`load`](Self::load).
+    fn load_checked(&mut self, octree: &Arc<Octree>, roots: Roots) -> Result<(), CastError>;
+
+    /// For engines: [`cast`](Self::cast).
+    ///
+    /// # Errors
+    /// What the device said.
+    fn cast_checked(&mut self, view: Checked<View>, hits: &mut Vec<Hit>) -> Result<(), CastError>;
+
+    /// For engines: [`time`](Self::time).
+    ///
+    /// # Errors
+    /// What the device said.
+    fn time_checked(&mut self, view: Checked<View>) -> Result<FrameTime, CastError>;
+
+    /// For engines: [`cast_fans`](Self::cast_fans). Without a method of its own, an engine casts each ray as a picture of
+    /// one pixel.
+    ///
+    /// # Errors
+    /// What the device said.
+    fn cast_fans_checked(&mut self, fans: Checked<Fans<'_>>, hits: &mut Vec<Hit>) -> Result<(), CastError> {
+        let fans = *self.roots().ok_or(CastError::NotLoaded)?.open(&fans)?;
         hits.clear();
         let mut one = Vec::new();
         for ray in fans.rays() {
-            self.cast(&fans.view(&ray), &mut one)?;
-            hits.extend_from_slice(&one);
+            if ray.is_finite() {
+                self.cast(&fans.view(&ray), &mut one)?;
+                hits.extend_from_slice(&one);
+            } else {
+                hits.push(Hit::miss(0));
+            }
         }
         Ok(())
     }
-
-    /// Bytes of octree data that the device holds for casting.
-    fn resident_bytes(&self) -> u64;
 }
 
 /// How long a frame took.
@@ -65,7 +118,7 @@ pub struct FrameTime {
 }
 
 /// What a caster runs on.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 pub struct Device {
     /// Name as the driver or the processor gives it.
     pub name: String,
@@ -75,14 +128,51 @@ pub struct Device {
     pub detail: String,
 }
 
-/// Kind of a [`Device`].
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, Deserialize)]
+/// Kind of a [`Device`]. Stored and displayed as `cpu`, `gpu`, `software-gpu`.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DeviceKind {
     /// Native code on the processor.
     Cpu,
     /// A GPU.
     Gpu,
-    /// A software Vulkan driver: never to be set beside a GPU's times as if it were one.
+    /// A Vulkan driver that runs on the processor. Its times say nothing about a GPU: never compare the two.
     SoftwareGpu,
+}
+
+impl DeviceKind {
+    /// Every kind.
+    pub const ALL: [Self; 3] = [Self::Cpu, Self::Gpu, Self::SoftwareGpu];
+
+    /// The name under which it is stored.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Cpu => "cpu",
+            Self::Gpu => "gpu",
+            Self::SoftwareGpu => "software-gpu",
+        }
+    }
+}
+
+impl fmt::Display for DeviceKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        // `pad` keeps the width that a table asks for.
+        f.pad(self.name())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn kinds_are_stored_as_they_are_displayed() {
+        for kind in DeviceKind::ALL {
+            let stored = serde_json::to_string(&kind).expect("is stored");
+            assert_eq!(stored, format!("\"{kind}\""));
+            assert_eq!(serde_json::from_str::<DeviceKind>(&stored).expect("is read"), kind);
+        }
+        assert!(serde_json::from_str::<DeviceKind>("\"Cpu\"").is_err());
+        assert_eq!(format!("{:>4}|{:<5}|", DeviceKind::Cpu, DeviceKind::Gpu), " cpu|gpu  |");
+    }
 }

@@ -5,7 +5,8 @@
 
 use glam::{DMat4, DVec3};
 
-use crate::{Camera, CastError, CastOptions, View};
+use crate::frame::check_size;
+use crate::{Camera, CastError, View};
 
 /// One ray in double precision, in whatever space its maker says.
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -48,12 +49,9 @@ impl CameraRays {
     /// # Errors
     /// Those of [`View::new`].
     pub fn new(camera: &Camera, size: (u32, u32)) -> Result<Self, CastError> {
-        // One place decides which cameras and pictures make sense.
-        View::new(camera, DMat4::IDENTITY, 0, size, &CastOptions::default())?;
         let (width, height) = size;
-        let forward = DVec3::from(camera.forward).normalize();
-        let right = forward.cross(DVec3::from(camera.up)).normalize();
-        let up = right.cross(forward);
+        check_size(width, height)?;
+        let [right, up, forward] = camera.axes()?;
         let half = (camera.fov_degrees.to_radians() / 2.0).tan() * camera.far;
         let pixel = 2.0 * half / f64::from(width.min(height));
         let (dx, dy) = (right * pixel, -up * pixel);
@@ -141,6 +139,7 @@ impl TriangleHit {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::CastOptions;
 
     fn camera() -> Camera {
         Camera {

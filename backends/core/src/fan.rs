@@ -65,7 +65,8 @@ impl Fans<'_> {
             height: 1,
             root: self.root,
             flags: u32::from(self.contours) * FLAG_CONTOURS,
-            padding: [0; 4],
+            first_row: 0,
+            padding: [0; 3],
         }
     }
 }
@@ -79,7 +80,7 @@ mod tests {
     use super::*;
     use crate::reference::{ReferenceCaster, cast_ray};
     use crate::testing::sample::Sample;
-    use crate::{CastError, Caster, Device, FrameTime, Hit};
+    use crate::{CastError, Caster, Checked, Device, FrameTime, Hit, Roots};
 
     /// A caster that can do no more than a caster must.
     struct FramesOnly(ReferenceCaster);
@@ -93,20 +94,24 @@ mod tests {
             self.0.device()
         }
 
-        fn load(&mut self, octree: &Arc<Octree>) -> Result<(), CastError> {
-            self.0.load(octree)
-        }
-
-        fn cast(&mut self, view: &View, hits: &mut Vec<Hit>) -> Result<(), CastError> {
-            self.0.cast(view, hits)
-        }
-
-        fn time(&mut self, view: &View) -> Result<FrameTime, CastError> {
-            self.0.time(view)
-        }
-
         fn resident_bytes(&self) -> u64 {
             self.0.resident_bytes()
+        }
+
+        fn roots(&self) -> Option<&Roots> {
+            self.0.roots()
+        }
+
+        fn load_checked(&mut self, octree: &Arc<Octree>, roots: Roots) -> Result<(), CastError> {
+            self.0.load_checked(octree, roots)
+        }
+
+        fn cast_checked(&mut self, view: Checked<View>, hits: &mut Vec<Hit>) -> Result<(), CastError> {
+            self.0.cast_checked(view, hits)
+        }
+
+        fn time_checked(&mut self, view: Checked<View>) -> Result<FrameTime, CastError> {
+            self.0.time_checked(view)
         }
     }
 

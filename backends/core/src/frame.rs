@@ -19,6 +19,21 @@ pub struct CastOptions {
     pub max_voxel_pixels: f32,
 }
 
+impl CastOptions {
+    /// Checks the ranges.
+    ///
+    /// # Errors
+    /// [`CastError::Camera`]: `max_voxel_pixels` is NaN, infinite or below 0.
+    pub fn check(&self) -> Result<(), CastError> {
+        let pixels = self.max_voxel_pixels;
+        if !(pixels >= 0.0 && pixels.is_finite()) {
+            let what = format!("max_voxel_pixels is {pixels}; it must be a finite number, at least 0");
+            return Err(CastError::Camera(what));
+        }
+        Ok(())
+    }
+}
+
 impl Default for CastOptions {
     /// The paper's: contours, no beam, one pixel.
     fn default() -> Self {
@@ -29,44 +44,54 @@ impl Default for CastOptions {
 /// Edge of a block of the coarse pass in pixels.
 pub const BEAM_BLOCK: u32 = 4;
 
-/// The rays of one frame, as the kernels take them: the uniform buffer of the GPU kernels, 96 bytes.
+/// Most pixels of a picture.
+pub const MAX_PIXELS: u64 = 1 << 28;
+
+/// The rays of one frame, as the kernels take them: the uniform buffer of the GPU kernels, 96 bytes. A test compares it
+/// with the kernel's struct of the same name.
 ///
 /// The octree is the cube `[1, 2]³`. The ray of pixel `(x, y)`, `(0, 0)` on the top left, starts at `origin` and has the
 /// direction `base + (x + 0.5) dx + (y + 0.5) dy`; `t = 1` is the far plane, so `t` is depth over far depth.
+///
+/// [`new`](Self::new) makes one from a camera. Whoever fills it by hand can ask [`check`](Self::check), as
+/// [`Caster::cast`](crate::Caster::cast) does: every number is finite.
 #[repr(C)]
 #[derive(Clone, Copy, PartialEq, Debug, Pod, Zeroable)]
 pub struct View {
-    /// The eye.
+    /// The eye, in octree space.
     pub origin: [f32; 3],
-    /// `t` at the near plane.
+    /// `t` at the near plane, at least 0.
     pub t_near: f32,
     /// Direction to the top-left corner of the picture.
     pub base: [f32; 3],
-    /// Edge of a pixel on the far plane in octree units; at `t` it is `t` times as long.
+    /// Edge of a pixel on the far plane in octree units, at least 0; at `t` it is `t` times as long.
     pub pixel_size: f32,
     /// Direction per pixel to the right.
     pub dx: [f32; 3],
-    /// Voxels at most this many pixels large end a ray; 0: none.
+    /// Voxels of at most this many pixels end a ray, at least 0; 0: only leaves do.
     pub max_voxel_pixels: f32,
     /// Direction per pixel downwards.
     pub dy: [f32; 3],
-    /// `t` per octree unit of depth.
+    /// `t` per octree unit of depth, at least 0.
     pub t_per_depth: f32,
-    /// Width of the picture in pixels.
+    /// Width of the picture in pixels, at least 1; width times height is at most [`MAX_PIXELS`].
     pub width: u32,
-    /// Height of the picture in pixels.
+    /// Height of the picture in pixels, at least 1.
     pub height: u32,
-    /// Slot of the root's child descriptor.
+    /// Slot of the root's child descriptor: the root slot of one of the octree's objects.
     pub root: u32,
-    /// Bit 0: contours. Bit 1: start at what the coarse pass found.
+    /// [`FLAG_CONTOURS`] and [`FLAG_BEAM`]; the other bits are 0.
     pub flags: u32,
-    /// Zero.
-    pub padding: [u32; 4],
+    /// First row of the band that one dispatch of a GPU kernel casts (see [`band_view`](crate::gpu::kernel::band_view)).
+    /// 0 in the view of a whole picture, which is what callers pass.
+    pub first_row: u32,
+    /// Zero: WGSL rounds the size up to a multiple of 16 bytes.
+    pub padding: [u32; 3],
 }
 
-/// [`View::flags`]: contours.
+/// Bit of [`View::flags`]: clip voxels by their contours.
 pub const FLAG_CONTOURS: u32 = 1;
-/// [`View::flags`]: beam optimization.
+/// Bit of [`View::flags`]: beam optimization, so that rays start where the coarse pass found that nothing comes before.
 pub const FLAG_BEAM: u32 = 2;
 
 /// One ray in octree space: the octree is `[1, 2]³`.
@@ -76,21 +101,29 @@ pub struct Ray {
     pub origin: Vec3,
     /// Displacement over `t` = 1.
     pub direction: Vec3,
-    /// First `t` of interest, at least 0.
+    /// Start of the ray, at least 0.
     pub t_min: f32,
-    /// Last `t` of interest.
+    /// End of the ray.
     pub t_max: f32,
-    /// Voxels of this size end the ray at `t` = 0 ...
+    /// At `t`, voxels whose edge is at most `size_at_origin + t * size_per_t` octree units end the ray. Both 0: only
+    /// leaves do.
     pub size_at_origin: f32,
-    /// ... and this much more per unit of `t`. Both 0: only leaves end it.
+    /// See [`size_at_origin`](Self::size_at_origin).
     pub size_per_t: f32,
+}
+
+impl Ray {
+    /// Whether origin and direction are finite. Rays that are not miss.
+    pub fn is_finite(&self) -> bool {
+        self.origin.is_finite() && self.direction.is_finite()
+    }
 }
 
 impl View {
     /// The view of an octree whose root descriptor is at slot `root`.
     ///
     /// # Errors
-    /// An empty picture or one of more than 2^28 pixels, a camera without direction, planes or angle out of range.
+    /// A picture without pixels or with more than [`MAX_PIXELS`], a camera or an option out of its range.
     pub fn new(
         camera: &Camera,
         octree_to_mesh: DMat4,
@@ -98,28 +131,9 @@ impl View {
         (width, height): (u32, u32),
         options: &CastOptions,
     ) -> Result<Self, CastError> {
-        let bad = |what: &str| Err(CastError::Camera(what.into()));
-        if width == 0 || height == 0 || u64::from(width) * u64::from(height) > 1 << 28 {
-            return bad("a picture has between 1 and 2^28 pixels");
-        }
-        if !(options.max_voxel_pixels >= 0.0 && options.max_voxel_pixels.is_finite()) {
-            return bad("the largest voxel is 0 or a positive number of pixels");
-        }
-        let numbers = [camera.eye, camera.forward, camera.up].concat();
-        if numbers.iter().any(|x| !x.is_finite()) {
-            return bad("every component is a finite number");
-        }
-        if !(camera.near > 0.0 && camera.far > camera.near && camera.far.is_finite()) {
-            return bad("0 < near < far");
-        }
-        if !(camera.fov_degrees > 0.0 && camera.fov_degrees < 180.0) {
-            return bad("the field of view is between 0 and 180 degrees");
-        }
-        let Some(forward) = DVec3::from(camera.forward).try_normalize() else { return bad("forward is not zero") };
-        let Some(right) = forward.cross(DVec3::from(camera.up)).try_normalize() else {
-            return bad("up is not parallel to forward");
-        };
-        let up = right.cross(forward);
+        check_size(width, height)?;
+        options.check()?;
+        let [right, up, forward] = camera.axes()?;
         let mesh_to_octree = octree_to_mesh.inverse();
         let vector = |v: DVec3| mesh_to_octree.transform_vector3(v);
         // Half the extent of the shorter side on the far plane, in mesh units.
@@ -142,9 +156,43 @@ impl View {
             height,
             root,
             flags: (u32::from(options.contours) * FLAG_CONTOURS) | (u32::from(options.beam) * FLAG_BEAM),
-            padding: [0; 4],
+            first_row: 0,
+            padding: [0; 3],
         };
         Ok(view)
+    }
+
+    /// Checks everything but the root, which only the loaded octree can tell.
+    ///
+    /// # Errors
+    /// [`CastError::View`]: a picture without pixels or with more than [`MAX_PIXELS`]; a number that is NaN, infinite, or
+    /// below 0 where the field says at least 0; unknown flags; a `first_row` other than 0.
+    pub fn check(&self) -> Result<(), CastError> {
+        check_size(self.width, self.height)?;
+        let vectors = [("origin", self.origin), ("base", self.base), ("dx", self.dx), ("dy", self.dy)];
+        for (name, vector) in vectors {
+            if !Vec3::from(vector).is_finite() {
+                return Err(CastError::View(format!("{name} is {vector:?}; every component must be a finite number")));
+            }
+        }
+        let numbers = [
+            ("t_near", self.t_near),
+            ("pixel_size", self.pixel_size),
+            ("max_voxel_pixels", self.max_voxel_pixels),
+            ("t_per_depth", self.t_per_depth),
+        ];
+        for (name, number) in numbers {
+            if !(number >= 0.0 && number.is_finite()) {
+                return Err(CastError::View(format!("{name} is {number}; it must be a finite number, at least 0")));
+            }
+        }
+        if self.flags & !(FLAG_CONTOURS | FLAG_BEAM) != 0 {
+            return Err(CastError::View(format!("flags is {:#x}; its bits are 1, contours, and 2, beam", self.flags)));
+        }
+        if self.first_row != 0 {
+            return Err(CastError::View(format!("first_row is {}; it must be 0: only engines set it", self.first_row)));
+        }
+        Ok(())
     }
 
     /// Number of pixels.
@@ -229,6 +277,18 @@ impl View {
         }
         start
     }
+}
+
+/// Whether a picture can have this size.
+///
+/// # Errors
+/// [`CastError::View`]: no pixels, or more than [`MAX_PIXELS`].
+pub fn check_size(width: u32, height: u32) -> Result<(), CastError> {
+    if width == 0 || height == 0 || u64::from(width) * u64::from(height) > MAX_PIXELS {
+        let what = format!("a picture of {width} x {height} pixels; it must have between 1 and 2^28");
+        return Err(CastError::View(what));
+    }
+    Ok(())
 }
 
 /// Voxel size in pixels at which the coarse pass ends: twice the diagonal of a block.

@@ -1,7 +1,8 @@
 //! The reference caster: the paper's Figure 8, one ray at a time. It defines what a correct hit is.
 //!
-//! Line numbers in the comments are those of the figure. As section 4.1 suggests, the octree is mirrored so that every
-//! component of the direction is negative, and positions are in `[1, 2]` so that their bits are the path of a voxel.
+//! Numbers in the comments are lines of the figure, and functions have the names that the figure gives them. Two things
+//! are as section 4.1 of the paper suggests: the octree is mirrored so that every component of the direction is negative,
+//! and positions are in `[1, 2]`, so that their bits are the path of a voxel from the root.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -11,171 +12,236 @@ use glam::Vec3;
 
 use crate::frame::mad;
 use crate::hit::exp2;
-use crate::{CastError, Caster, Device, DeviceKind, Fans, FrameTime, Hit, Ray, View};
+use crate::{CastError, Caster, Checked, Device, DeviceKind, Fans, FrameTime, Hit, Ray, Roots, View};
 
-/// Scale of the root cube.
+/// Scale of the root cube: the paper's `s_max`.
 pub const MAX_SCALE: u32 = 23;
-/// A traversal that takes more steps is given up as a miss; no ray of a valid octree of moderate size comes near.
+/// A traversal that takes more steps is a miss. No ray of a valid octree of moderate size comes near.
 pub const MAX_ITERATIONS: u32 = 1 << 20;
 /// Smallest absolute value of a direction component, and of the product of a contour's normal (in the units of its word)
-/// with the direction: what is nearer to zero is replaced by it, so that nothing divides by zero.
+/// with the direction. Smaller ones are replaced by it, with their sign, so that nothing divides by zero.
 pub const EPSILON: f32 = 1.0 / (1u32 << MAX_SCALE) as f32;
-/// Largest direction component that is cast; longer rays miss, as those that are not finite do.
+/// Largest absolute value of a direction component. Rays with a larger one miss, as do those that are not finite.
 pub const MAX_COMPONENT: f32 = (1u32 << 20) as f32;
 
 /// Casts one ray against the octree below the descriptor at slot `root`.
 ///
-/// The octree must be [sound](Octree::sound).
+/// The octree must be [sound](Octree::sound), and `root` the root slot of one of its objects.
 pub fn cast_ray(octree: &Octree, root: u32, ray: &Ray, contours: bool) -> Hit {
-    if !(ray.origin.is_finite() && ray.direction.is_finite() && ray.direction.abs().max_element() <= MAX_COMPONENT) {
+    if !(ray.is_finite() && ray.direction.abs().max_element() <= MAX_COMPONENT) {
         return Hit::miss(0);
     }
-    let direction = Vec3::from(ray.direction.to_array().map(away_from_zero));
+    let mirrored = MirroredRay::new(ray);
 
-    // The plane at x is crossed at t(x) = x * coef - bias, likewise for y and z.
-    let coef = direction.abs().map(|d| 1.0 / -d);
-    let mut bias = coef * ray.origin;
-    let mut mirror = 0;
-    for axis in 0..3 {
-        if direction[axis] > 0.0 {
-            mirror |= 1 << axis;
-            bias[axis] = 3.0 * coef[axis] - bias[axis];
-        }
-    }
-    let t_at = |p: Vec3| Vec3::from(std::array::from_fn(|i| mad(p[i], coef[i], -bias[i])));
-
-    // 1-3: the active span of the ray is where it is inside the root.
-    let mut t_min = t_at(Vec3::splat(2.0)).max_element();
-    let mut t_max = t_at(Vec3::splat(1.0)).min_element();
-    let mut h = t_max;
-    t_min = t_min.max(ray.t_min);
-    t_max = t_max.min(ray.t_max);
-
-    // 5-7: the first child of the root.
+    // 1-3: the active span, where the ray is inside the root.
+    let root_cube =
+        Span { min: mirrored.t_at(Vec3::splat(2.0)).max_element(), max: mirrored.t_at(Vec3::splat(1.0)).min_element() };
+    let mut t = root_cube.intersect(Span { min: ray.t_min, max: ray.t_max });
+    // 4
+    let mut h = root_cube.max;
+    // 5-7: the child of the root that the ray enters first.
     let mut parent = root;
-    let mut stack: [Option<(u32, f32)>; MAX_SCALE as usize + 1] = [None; MAX_SCALE as usize + 1];
     let mut scale = MAX_SCALE - 1;
     let mut size = 0.5f32;
-    let (mut idx, mut pos) = select_child(t_at(Vec3::splat(1.5)), t_min, Vec3::ONE, size);
+    let mut idx = select_child(mirrored.t_at(Vec3::splat(1.5)), t.min);
+    let mut pos = child_cube(Vec3::ONE, idx, size);
+    let mut stack: [Option<(u32, f32)>; MAX_SCALE as usize + 1] = [None; MAX_SCALE as usize + 1];
 
+    // 8
     for iteration in 1..=MAX_ITERATIONS {
-        // 9: in the mirrored space the ray leaves a cube through the planes at its lower corner.
-        let t_corner = t_at(pos);
+        // 9: in mirrored space the ray leaves the cube by the planes at its lower corner. Where it enters is known: t.min.
+        let t_corner = mirrored.t_at(pos);
         let tc_max = t_corner.min_element();
         let descriptor = octree.descriptor(parent);
-        let child = (idx ^ mirror) as u8;
+        let child = (idx ^ mirrored.mirror) as u8;
 
-        // 10: process the voxel if it exists and the active span is not empty.
-        if descriptor.valid_mask() >> child & 1 != 0 && t_min <= t_max {
-            // 11: small enough to end here.
+        // 10
+        if descriptor.valid_mask() >> child & 1 != 0 && t.min <= t.max {
+            // 11
             if mad(tc_max, ray.size_per_t, ray.size_at_origin) >= size {
-                return Hit::new(t_min, parent, child.into(), scale, iteration);
+                return Hit::new(t.min, parent, child.into(), scale, iteration);
             }
-            // 12-16: intersect the span with the cube and with the contour.
-            let mut tv_min = t_min;
-            let mut tv_max = t_max.min(tc_max);
-            let t_centre = mad3(Vec3::splat(size * 0.5), coef, t_corner);
+            // 12
+            let mut tv = Span { min: t.min, max: t.max.min(tc_max) };
+            let t_centre = mad3(Vec3::splat(size * 0.5), mirrored.coef, t_corner);
+            // 13-16
             if contours && descriptor.contour_mask() >> child & 1 != 0 {
-                let (enter, leave) = project_contour(octree, parent, descriptor, child, direction, t_centre, size);
-                tv_min = tv_min.max(enter);
-                tv_max = tv_max.min(leave);
+                let word = contour_word(octree, parent, descriptor, child);
+                tv = tv.intersect(project_contour(word, mirrored.direction, t_centre, size));
             }
-            // 17: process the children if the span is not empty.
-            if tv_min <= tv_max {
-                // 18: a leaf ends the ray.
+            // 17
+            if tv.min <= tv.max {
+                // 18
                 if descriptor.leaf_mask() >> child & 1 != 0 {
-                    return Hit::new(tv_min, parent, child.into(), scale, iteration);
+                    return Hit::new(tv.min, parent, child.into(), scale, iteration);
                 }
-                // 19-25: PUSH.
+                // 19-25: PUSH
                 if tc_max < h {
-                    stack[scale as usize] = Some((parent, t_max));
+                    stack[scale as usize] = Some((parent, t.max));
                 }
                 h = tc_max;
-                parent = octree.first_child(parent) + descriptor.child_rank(child);
+                parent = find_child_descriptor(octree, parent, descriptor, child);
                 scale -= 1;
                 size *= 0.5;
-                (idx, pos) = select_child(t_centre, tv_min, pos, size);
-                (t_min, t_max) = (tv_min, tv_max);
+                idx = select_child(t_centre, tv.min);
+                pos = child_cube(pos, idx, size);
+                t = tv;
                 continue;
             }
         }
-        // 28-30: ADVANCE along every axis whose plane is reached first.
-        let mut step = 0;
-        let mut differing = 0;
-        for axis in 0..3 {
-            if t_corner[axis] <= tc_max {
-                step |= 1 << axis;
-                let next = pos[axis] - size;
-                differing |= pos[axis].to_bits() ^ next.to_bits();
-                pos[axis] = next;
-            }
-        }
-        t_min = tc_max;
+        // 28-30: ADVANCE
+        let old_pos = pos;
+        let step;
+        (pos, step) = step_along_ray(pos, size, t_corner, tc_max);
         idx ^= step;
+        t.min = tc_max;
 
-        // 31: flips that set a bit go against the ray: it has left the parent.
+        // 31: in mirrored space, a flip that sets a bit disagrees with the ray: it has left the parent.
         if idx & step != 0 {
-            // 32-37: POP to the highest voxel whose bit changed.
-            scale = 31 - differing.leading_zeros();
+            // 32-37: POP
+            scale = highest_differing_bit(pos, old_pos);
             if scale >= MAX_SCALE {
                 return Hit::miss(iteration);
             }
             size = exp2(scale as i32 - MAX_SCALE as i32);
-            // A frame is left out when the ray leaves voxel and parent together. Where rounding makes two planes of a
-            // far-off octree coincide it may be asked for all the same: nothing is known there.
+            // PUSH skips the write when the ray exits voxel and parent at the same t. For a distant octree, rounding can
+            // merge two planes, and POP then reads a frame that was never written: report a miss.
             let Some(frame) = stack[scale as usize] else { return Hit::miss(iteration) };
-            (parent, t_max) = frame;
-            idx = 0;
-            for axis in 0..3 {
-                let path = pos[axis].to_bits() >> scale;
-                pos[axis] = f32::from_bits(path << scale);
-                idx |= (path & 1) << axis;
-            }
+            (parent, t.max) = frame;
+            pos = round_position(pos, scale);
+            idx = extract_child_slot_index(pos, scale);
             h = 0.0;
         }
     }
     Hit::miss(MAX_ITERATIONS)
 }
 
-/// The half of the voxel that the ray enters first on each axis: the upper one if its middle plane, at `t_centre`, comes
-/// later. `pos` is the voxel's lower corner, `size` the child's edge.
+/// A span of `t`, empty if `min` is above `max`.
+#[derive(Clone, Copy)]
+struct Span {
+    min: f32,
+    max: f32,
+}
+
+impl Span {
+    #[inline(always)]
+    fn intersect(self, other: Self) -> Self {
+        Self { min: self.min.max(other.min), max: self.max.min(other.max) }
+    }
+}
+
+/// A ray in the space that is mirrored so that it runs against every axis.
+struct MirroredRay {
+    /// As given, but for components that are too close to zero.
+    direction: Vec3,
+    /// The ray crosses the plane at `x` at `t = x * coef.x - bias.x`; likewise for `y` and `z`.
+    coef: Vec3,
+    bias: Vec3,
+    /// The axes that are mirrored, as bits of a child slot.
+    mirror: u32,
+}
+
+impl MirroredRay {
+    #[inline(always)]
+    fn new(ray: &Ray) -> Self {
+        let direction = Vec3::from(ray.direction.to_array().map(away_from_zero));
+        let coef = direction.abs().map(|d| 1.0 / -d);
+        let mut bias = coef * ray.origin;
+        let mut mirror = 0;
+        for axis in 0..3 {
+            if direction[axis] > 0.0 {
+                mirror |= 1 << axis;
+                bias[axis] = 3.0 * coef[axis] - bias[axis];
+            }
+        }
+        Self { direction, coef, bias, mirror }
+    }
+
+    /// Where the ray crosses the three planes through a point.
+    #[inline(always)]
+    fn t_at(&self, p: Vec3) -> Vec3 {
+        Vec3::from(std::array::from_fn(|i| mad(p[i], self.coef[i], -self.bias[i])))
+    }
+}
+
+/// The child that the ray is in at `t_min`: on each axis the upper half if the ray crosses the middle plane, at `t_centre`,
+/// later.
 #[inline(always)]
-fn select_child(t_centre: Vec3, t_min: f32, mut pos: Vec3, size: f32) -> (u32, Vec3) {
-    let mut idx = 0;
+fn select_child(t_centre: Vec3, t_min: f32) -> u32 {
+    (0..3).fold(0, |idx, axis| idx | u32::from(t_centre[axis] > t_min) << axis)
+}
+
+/// Lower corner of the cube of child `idx`, of edge `size`, in the cube at `pos`.
+#[inline(always)]
+fn child_cube(mut pos: Vec3, idx: u32, size: f32) -> Vec3 {
     for axis in 0..3 {
-        if t_centre[axis] > t_min {
-            idx |= 1 << axis;
+        if idx >> axis & 1 != 0 {
             pos[axis] += size;
         }
     }
-    (idx, pos)
+    pos
 }
 
-/// The span of `t` between the planes of a child's contour (spec section 7).
+/// Slot of the child's own descriptor.
+#[inline(always)]
+fn find_child_descriptor(octree: &Octree, parent: u32, descriptor: ChildDescriptor, child: u8) -> u32 {
+    octree.first_child(parent) + descriptor.child_rank(child)
+}
+
+/// The next cube of the same size: crosses every plane that the ray meets at `tc_max`. Returns its lower corner and the
+/// axes that were crossed.
+#[inline(always)]
+fn step_along_ray(mut pos: Vec3, size: f32, t_corner: Vec3, tc_max: f32) -> (Vec3, u32) {
+    let mut step = 0;
+    for axis in 0..3 {
+        if t_corner[axis] <= tc_max {
+            step |= 1 << axis;
+            pos[axis] -= size;
+        }
+    }
+    (pos, step)
+}
+
+/// Scale of the highest voxel that the ray has left between two positions, which differ.
+#[inline(always)]
+fn highest_differing_bit(pos: Vec3, old_pos: Vec3) -> u32 {
+    31 - (0..3).fold(0, |bits, axis| bits | (pos[axis].to_bits() ^ old_pos[axis].to_bits())).leading_zeros()
+}
+
+/// Lower corner of the cube of this scale that holds `pos`.
+#[inline(always)]
+fn round_position(pos: Vec3, scale: u32) -> Vec3 {
+    Vec3::from(pos.to_array().map(|x| f32::from_bits(x.to_bits() >> scale << scale)))
+}
+
+/// Which child of its parent the cube of this scale at `pos` is.
+#[inline(always)]
+fn extract_child_slot_index(pos: Vec3, scale: u32) -> u32 {
+    (0..3).fold(0, |idx, axis| idx | (pos[axis].to_bits() >> scale & 1) << axis)
+}
+
+/// The contour of a child that has one.
+#[inline(always)]
+fn contour_word(octree: &Octree, parent: u32, descriptor: ChildDescriptor, child: u8) -> u32 {
+    octree.words()[(2 * parent + descriptor.contour_ptr() + descriptor.contour_rank(child)) as usize]
+}
+
+/// The span of `t` between the planes of a contour (spec section 7), of a voxel of edge `size` whose middle planes the ray
+/// crosses at `t_centre`.
 ///
 /// With `c` the voxel's centre, `n·(o + t d - c) = q` gives `t = (q + Σ n d (c - o) / d) / n·d`, and `(c - o) / d` is the
 /// `t` of the plane through the centre, mirrored or not. Everything is in the units of the contour word, 2^26 of `n`.
 #[inline(always)]
-fn project_contour(
-    octree: &Octree,
-    parent: u32,
-    descriptor: ChildDescriptor,
-    child: u8,
-    direction: Vec3,
-    t_centre: Vec3,
-    size: f32,
-) -> (f32, f32) {
-    let at = 2 * parent + descriptor.contour_ptr() + descriptor.contour_rank(child);
-    let word = octree.words()[at as usize];
+fn project_contour(word: u32, direction: Vec3, t_centre: Vec3, size: f32) -> Span {
     let field = |shift: u32| (word << shift) as i32 as f32;
     let a = field(14) * direction.x;
     let b = field(20) * direction.y;
     let c = field(26) * direction.z;
     let inverse = 1.0 / away_from_zero(a + b + c);
-    // From left to right, as the authors' own caster adds it up: hits equal theirs bit for bit.
+    // From left to right, as the authors' own caster adds: hits equal theirs bit for bit.
     let middle = (t_centre.x * a + t_centre.y * b + t_centre.z * c + field(7) * size * 1.5) * inverse;
     let half = (word as f32 * size * 0.75 * inverse).abs();
-    (middle - half, middle + half)
+    Span { min: middle - half, max: middle + half }
 }
 
 #[inline(always)]
@@ -217,14 +283,22 @@ pub fn cast_fine(octree: &Octree, view: &View, coarse: &[f32], hits: &mut Vec<Hi
 /// The reference caster on one thread.
 pub struct ReferenceCaster {
     device: Device,
-    octree: Option<Arc<Octree>>,
+    loaded: Option<(Arc<Octree>, Roots)>,
 }
 
 impl Default for ReferenceCaster {
     fn default() -> Self {
         let device =
             Device { name: "processor".into(), kind: DeviceKind::Cpu, detail: "scalar reference, 1 thread".into() };
-        Self { device, octree: None }
+        Self { device, loaded: None }
+    }
+}
+
+impl ReferenceCaster {
+    /// The octree, and what was checked against it.
+    fn open<'a, T>(&'a self, checked: &'a Checked<T>) -> Result<(&'a Octree, &'a T), CastError> {
+        let (octree, roots) = self.loaded.as_ref().ok_or(CastError::NotLoaded)?;
+        Ok((octree, roots.open(checked)?))
     }
 }
 
@@ -237,21 +311,28 @@ impl Caster for ReferenceCaster {
         &self.device
     }
 
-    fn load(&mut self, octree: &Arc<Octree>) -> Result<(), CastError> {
-        octree.sound()?;
-        self.octree = Some(octree.clone());
+    fn resident_bytes(&self) -> u64 {
+        self.loaded.as_ref().map_or(0, |(octree, _)| size_of_val(octree.slots()) as u64)
+    }
+
+    fn roots(&self) -> Option<&Roots> {
+        self.loaded.as_ref().map(|(_, roots)| roots)
+    }
+
+    fn load_checked(&mut self, octree: &Arc<Octree>, roots: Roots) -> Result<(), CastError> {
+        self.loaded = Some((octree.clone(), roots));
         Ok(())
     }
 
-    fn cast(&mut self, view: &View, hits: &mut Vec<Hit>) -> Result<(), CastError> {
-        let octree = self.octree.as_deref().ok_or(CastError::NotLoaded)?;
+    fn cast_checked(&mut self, view: Checked<View>, hits: &mut Vec<Hit>) -> Result<(), CastError> {
+        let (octree, view) = self.open(&view)?;
         let coarse = if view.beam() { cast_coarse(octree, view) } else { Vec::new() };
         cast_fine(octree, view, &coarse, hits);
         Ok(())
     }
 
-    fn time(&mut self, view: &View) -> Result<FrameTime, CastError> {
-        let octree = self.octree.as_deref().ok_or(CastError::NotLoaded)?;
+    fn time_checked(&mut self, view: Checked<View>) -> Result<FrameTime, CastError> {
+        let (octree, view) = self.open(&view)?;
         let mut hits = Vec::with_capacity(view.pixels());
         let start = Instant::now();
         let values = if view.beam() { cast_coarse(octree, view) } else { Vec::new() };
@@ -261,14 +342,10 @@ impl Caster for ReferenceCaster {
         Ok(FrameTime { total: start.elapsed(), coarse })
     }
 
-    fn cast_fans(&mut self, fans: &Fans, hits: &mut Vec<Hit>) -> Result<(), CastError> {
-        let octree = self.octree.as_deref().ok_or(CastError::NotLoaded)?;
+    fn cast_fans_checked(&mut self, fans: Checked<Fans<'_>>, hits: &mut Vec<Hit>) -> Result<(), CastError> {
+        let (octree, fans) = self.open(&fans)?;
         hits.clear();
         hits.extend(fans.rays().map(|ray| cast_ray(octree, fans.root, &ray, fans.contours)));
         Ok(())
-    }
-
-    fn resident_bytes(&self) -> u64 {
-        self.octree.as_ref().map_or(0, |octree| std::mem::size_of_val(octree.slots()) as u64)
     }
 }

@@ -6,4 +6,4 @@ mod machine;
 mod octree;
 
 pub use machine::cpu_name;
-pub use octree::{CpuCaster, Engine};
+pub use octree::{CpuCaster, InstructionSet};

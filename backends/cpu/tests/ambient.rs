@@ -7,7 +7,7 @@ use esvo_builder::{BuildSettings, Material, Mesh, build};
 use esvo_core::Caster;
 use esvo_core::ambient::{Ambient, AmbientError, AmbientSettings};
 use esvo_core::reference::ReferenceCaster;
-use esvo_cpu::{CpuCaster, Engine};
+use esvo_cpu::{CpuCaster, InstructionSet};
 use esvo_format::Octree;
 use esvo_scenes::generate::{bumpy_sphere_on_plane, cube};
 use glam::{DMat4, DQuat, DVec3};
@@ -163,9 +163,10 @@ fn every_engine_finds_the_same() {
         };
         let expected = run(&mut ReferenceCaster::default());
         assert!(expected.iter().any(|v| *v < 200) && expected.contains(&255));
-        for engine in [Engine::Scalar, Engine::Wide] {
+        for instructions in InstructionSet::available() {
             for threads in [1, 3] {
-                assert!(run(&mut CpuCaster::with_engine(Some(threads), engine).unwrap()) == expected, "{engine:?}");
+                let mut caster = CpuCaster::with_instructions(Some(threads), instructions).unwrap();
+                assert!(run(&mut caster) == expected, "{instructions}");
             }
         }
     }

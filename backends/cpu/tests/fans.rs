@@ -1,9 +1,9 @@
-//! Bundles of rays: every engine finds in them what the reference finds.
+//! Bundles of rays: every instruction set finds in them what the reference finds.
 
 use esvo_core::reference::ReferenceCaster;
 use esvo_core::testing::sample::Sample;
 use esvo_core::{CastError, Caster, Fan, Fans};
-use esvo_cpu::{CpuCaster, Engine};
+use esvo_cpu::{CpuCaster, InstructionSet};
 use glam::{Mat3, Vec3};
 
 #[test]
@@ -18,8 +18,8 @@ fn fans_of_any_number_of_rays_are_the_reference_s() {
         .collect();
     let mut reference = ReferenceCaster::default();
     reference.load(&octree).unwrap();
-    for engine in [Engine::Scalar, Engine::Wide] {
-        let mut caster = CpuCaster::with_engine(Some(2), engine).unwrap();
+    for instructions in InstructionSet::available() {
+        let mut caster = CpuCaster::with_instructions(Some(2), instructions).unwrap();
         let nothing = Fans { root, contours: true, fans: &fans, directions: &[] };
         assert!(matches!(caster.cast_fans(&nothing, &mut Vec::new()), Err(CastError::NotLoaded)));
         caster.load(&octree).unwrap();
@@ -31,7 +31,7 @@ fn fans_of_any_number_of_rays_are_the_reference_s() {
                 caster.cast_fans(&fans, &mut ours).unwrap();
                 reference.cast_fans(&fans, &mut theirs).unwrap();
                 assert!(rays < 100 || theirs.iter().filter(|hit| hit.is_miss()).count() > 100);
-                assert!(ours == theirs, "{engine:?}, {rays} rays each, contours {contours}");
+                assert!(ours == theirs, "{instructions}, {rays} rays each, contours {contours}");
             }
         }
     }

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use esvo_core::gpu::kernel::{self, Bands, GpuOptions, Pass, Placement, Variant, WORKGROUP};
 use esvo_core::gpu::resident::{Resident, SlotMap};
-use esvo_core::{CastError, Caster, Device, FrameTime, Hit, View};
+use esvo_core::{CastError, Caster, Checked, Device, FrameTime, Hit, Roots, View};
 use esvo_device::{Gpu, Timestamps, Usage, storage, uniform};
 use esvo_format::Octree;
 
@@ -21,6 +21,7 @@ pub struct WgpuCaster {
 
 /// An octree on the device.
 struct Loaded {
+    roots: Roots,
     map: SlotMap,
     placement: Placement,
     layout: wgpu::BindGroupLayout,
@@ -116,15 +117,23 @@ impl Caster for WgpuCaster {
         self.gpu.about()
     }
 
-    fn load(&mut self, octree: &Arc<Octree>) -> Result<(), CastError> {
-        octree.sound()?;
+    fn resident_bytes(&self) -> u64 {
+        self.loaded.as_ref().map_or(0, |loaded| loaded.placement.bytes)
+    }
+
+    fn roots(&self) -> Option<&Roots> {
+        self.loaded.as_ref().map(|loaded| &loaded.roots)
+    }
+
+    fn load_checked(&mut self, octree: &Arc<Octree>, roots: Roots) -> Result<(), CastError> {
         // Frees memory for the new octree.
         self.loaded = None;
-        self.loaded = Some(Loaded::new(&self.gpu, &self.options, octree)?);
+        self.loaded = Some(Loaded::new(&self.gpu, &self.options, octree, roots)?);
         Ok(())
     }
 
-    fn cast(&mut self, view: &View, hits: &mut Vec<Hit>) -> Result<(), CastError> {
+    fn cast_checked(&mut self, view: Checked<View>, hits: &mut Vec<Hit>) -> Result<(), CastError> {
+        let view = self.roots().ok_or(CastError::NotLoaded)?.open(&view)?;
         let bands = self.prepare(view, Pass::Cast)?;
         hits.clear();
         hits.resize(view.pixels(), Hit::miss(0));
@@ -144,7 +153,8 @@ impl Caster for WgpuCaster {
         Ok(())
     }
 
-    fn time(&mut self, view: &View) -> Result<FrameTime, CastError> {
+    fn time_checked(&mut self, view: Checked<View>) -> Result<FrameTime, CastError> {
+        let view = self.roots().ok_or(CastError::NotLoaded)?.open(&view)?;
         let bands = self.prepare(view, Pass::Time)?;
         // Earlier work must not count as part of this frame.
         self.gpu.wait()?;
@@ -176,14 +186,10 @@ impl Caster for WgpuCaster {
         }
         Ok(time)
     }
-
-    fn resident_bytes(&self) -> u64 {
-        self.loaded.as_ref().map_or(0, |loaded| loaded.placement.bytes)
-    }
 }
 
 impl Loaded {
-    fn new(gpu: &Gpu, options: &GpuOptions, octree: &Octree) -> Result<Self, CastError> {
+    fn new(gpu: &Gpu, options: &GpuOptions, octree: &Octree, roots: Roots) -> Result<Self, CastError> {
         let resident = Resident::new(octree);
         let slots = resident.slots();
         let max_bytes = options.max_part_bytes.unwrap_or(u64::MAX).min(gpu.max_storage_bytes());
@@ -196,7 +202,7 @@ impl Loaded {
             .collect::<Result<Vec<_>, _>>()?;
         let group = gpu.bind_group(&layout, &buffers.iter().collect::<Vec<_>>())?;
         let pipelines = HashMap::new();
-        Ok(Self { map: resident.into_map(), placement, layout, group, pipelines })
+        Ok(Self { roots, map: resident.into_map(), placement, layout, group, pipelines })
     }
 
     /// Makes the pipeline of a pass unless it exists.

@@ -1,4 +1,4 @@
-//! The error of an octree against its triangles: in depth ([`depth`]) and in pictures ([`image`]).
+//! How far an octree is from its triangles: in depth, and as a picture.
 
 pub mod depth;
 pub mod image;

@@ -1,4 +1,4 @@
-//! The picture of a mesh, shaded like an octree. Pictures of octrees are compared with it.
+//! The picture of a mesh itself, shaded as octrees are: what their pictures are compared with.
 
 use esvo_builder::{Material, Mesh, mapped_normal};
 use esvo_core::Picture;
@@ -6,7 +6,7 @@ use esvo_core::exact::{CameraRays, TriangleHit};
 use esvo_core::shading::{Surface, encode_srgb, shade_triangles};
 use glam::{DVec3, Vec2, Vec3, Vec4};
 
-/// Shades the hits of rays with the mesh's colours, textures and shading normals.
+/// Shades what the rays hit, with the mesh's own colours, textures and shading normals.
 pub(crate) fn shade_mesh(mesh: &Mesh, rays: &CameraRays, hits: &[TriangleHit]) -> Picture {
     let per_distance = per_distance(rays);
     shade_triangles(rays, hits, |triangle, point| {
@@ -14,13 +14,13 @@ pub(crate) fn shade_mesh(mesh: &Mesh, rays: &CameraRays, hits: &[TriangleHit]) -
     })
 }
 
-/// Footprint of a pixel at a point, divided by the distance of the point from the eye. It is about the same for all rays, as
-/// all of them end on the far plane.
+/// Footprint of a pixel at a point, over the distance of the point to the eye: the far end of a ray is everywhere as deep,
+/// so that this is about the same for all of them.
 pub(crate) fn per_distance(rays: &CameraRays) -> f64 {
     rays.pixel_size() / rays.ray(rays.width / 2, rays.height / 2).direction.length()
 }
 
-/// A point of a triangle that a ray hits.
+/// A point of a triangle that is looked at.
 pub(crate) struct Looked<'a> {
     mesh: &'a Mesh,
     material: &'a Material,
@@ -29,9 +29,9 @@ pub(crate) struct Looked<'a> {
     indices: [usize; 3],
     /// Weights of its corners at the point.
     weights: [f32; 3],
-    /// Geometric normal; its length is twice the area of the triangle.
+    /// Geometric normal, twice the area of the triangle long.
     flat: DVec3,
-    /// Width of the area over which textures are averaged, in mesh units.
+    /// Width of what is averaged, in mesh units.
     footprint: f32,
 }
 
@@ -65,7 +65,7 @@ impl<'a> Looked<'a> {
         (uv, self.footprint * (texels / self.flat.length() as f32).sqrt())
     }
 
-    /// The texture's linear colour and alpha at the point; `None` without a texture.
+    /// What the material's texture shows, linear; `None` without one.
     fn texel(&self) -> Option<[f32; 4]> {
         let texture = self.material.texture.as_ref().filter(|_| !self.mesh.uvs.is_empty())?;
         let size = texture.mips.first().map_or((1, 1), |mip| (mip.width, mip.height));
@@ -73,7 +73,8 @@ impl<'a> Looked<'a> {
         Some(texture.sample(uv.into(), footprint))
     }
 
-    /// The interpolated normal changed by the material's normal map; `None` without a map or without tangents.
+    /// The normal that the material's normal map makes of the interpolated one; `None` where there is no map, or it says
+    /// nothing.
     fn mapped(&self, normal: DVec3) -> Option<DVec3> {
         let map = self.material.normal_map.as_ref().filter(|_| !self.mesh.uvs.is_empty())?;
         let tangents = self.mesh.corner_tangents(self.triangle, map)?;
@@ -85,7 +86,7 @@ impl<'a> Looked<'a> {
         Some(Vec3::from(mapped).as_dvec3())
     }
 
-    /// Opacity of the point, 0 to 1.
+    /// How opaque the point is, 0 to 1.
     pub(crate) fn alpha(&self) -> f32 {
         self.material.base_color[3] * self.texel().map_or(1.0, |t| t[3])
     }
@@ -110,7 +111,7 @@ impl<'a> Looked<'a> {
     }
 }
 
-/// Barycentric weights of the corners at a point of the triangle's plane. `flat` is the normal; its length is twice the area.
+/// Weights of the corners at a point of the triangle's plane; `flat` is its normal, twice its area long.
 fn barycentric([a, b, c]: [DVec3; 3], flat: DVec3, point: DVec3) -> [f32; 3] {
     let area = flat.length_squared();
     if area == 0.0 {

@@ -1,5 +1,4 @@
-//! `esvo bench pictures`: pictures of octrees next to pictures of their triangles. Also the exact pictures of meshes that the
-//! other benchmarks compare octrees with.
+//! `esvo bench pictures`: octrees next to the triangles they were built from.
 
 pub(crate) mod cutout;
 pub(crate) mod mesh_picture;

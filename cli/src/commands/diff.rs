@@ -10,23 +10,23 @@ use crate::fail::{Failure, print};
 use crate::files::open;
 use crate::words::count;
 
-/// Compare the octrees of two files, whatever their layout.
+/// Compare what two files hold, however it is laid out.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Compares objects, transforms, topology, contours, colours and normals. Ignores blocks, pointers, compression, metadata and
-unknown sections. Exit code 0 if the octrees are the same; 1 if they differ, with a list of the first differences.
+Objects, transforms, topology, contours, colours and normals are compared; blocks, pointers, compression, metadata and
+unknown sections are not. Exit code 0: the same octree. 1: not, and the first differences are listed.
 
 Example:
   esvo diff before.esvo after.esvo")]
 pub(crate) struct DiffArguments {
-    /// The first file
+    /// A file
     pub(crate) first: PathBuf,
-    /// The second file
+    /// Another
     pub(crate) second: PathBuf,
-    /// List at most this many differences
+    /// List at most so many differences
     #[arg(long, value_name = "N", default_value_t = 20)]
     pub(crate) limit: usize,
-    /// Print JSON
+    /// As JSON
     #[arg(long)]
     pub(crate) json: bool,
 }

@@ -14,7 +14,7 @@ pub const FAIRY_TRIANGLES: usize = 174_000;
 
 /// Half the side of the ground.
 const GROUND: f64 = 6.0;
-/// Triangles reserved for the ground.
+/// What is kept back for the ground itself.
 const RESERVE: usize = 45_000;
 
 struct Palette {

@@ -2,7 +2,10 @@
 
 pub mod viewpoint;
 
+use glam::DVec3;
 use serde::{Deserialize, Serialize};
+
+use crate::CastError;
 
 /// A pinhole camera in mesh units.
 #[derive(Clone, Copy, PartialEq, Debug, Serialize, Deserialize)]
@@ -20,4 +23,36 @@ pub struct Camera {
     pub near: f64,
     /// Depth of the far plane, above `near`: rays end there.
     pub far: f64,
+}
+
+impl Camera {
+    /// Checks the ranges of all fields and gives unit vectors to the right, upwards and forwards, at right angles.
+    ///
+    /// # Errors
+    /// [`CastError::Camera`]: a component that is NaN or infinite, planes or an angle out of range, a `forward` of length 0,
+    /// or an `up` that is parallel to it.
+    pub fn axes(&self) -> Result<[DVec3; 3], CastError> {
+        let bad = |what: String| Err(CastError::Camera(what));
+        for (name, vector) in [("eye", self.eye), ("forward", self.forward), ("up", self.up)] {
+            if vector.iter().any(|x| !x.is_finite()) {
+                return bad(format!("{name} is {vector:?}; every component must be a finite number"));
+            }
+        }
+        let Self { near, far, fov_degrees, .. } = *self;
+        if !(near > 0.0 && far > near && far.is_finite()) {
+            return bad(format!("near is {near} and far is {far}; near must be above 0 and below far"));
+        }
+        if !(fov_degrees > 0.0 && fov_degrees < 180.0) {
+            return bad(format!(
+                "fov_degrees is {fov_degrees}; the field of view must be above 0 and below 180 degrees"
+            ));
+        }
+        let Some(forward) = DVec3::from(self.forward).try_normalize() else {
+            return bad(format!("forward is {:?}; it must have a length above 0", self.forward));
+        };
+        let Some(right) = forward.cross(DVec3::from(self.up)).try_normalize() else {
+            return bad(format!("up is {:?}; it must not be parallel to forward", self.up));
+        };
+        Ok([right, right.cross(forward), forward])
+    }
 }

@@ -274,7 +274,7 @@ impl Bands {
 /// The uniform buffer for rows `first_row..` of the picture, with the octree's root at slot `root` of the
 /// [resident](crate::gpu::resident::Resident) image.
 pub fn band_view(view: &View, root: u32, first_row: u32) -> View {
-    View { root, padding: [first_row, 0, 0, 0], ..*view }
+    View { root, first_row, ..*view }
 }
 
 /// Workgroups per row and column for a picture of `width` by `rows` invocations.

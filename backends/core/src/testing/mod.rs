@@ -1,4 +1,4 @@
-//! For testing casters.
+//! For testing engines: samples, comparisons, and the checks that every engine must pass.
 
 pub mod compare;
 pub mod conformance;

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use esvo_format::file::{BlockEntry, NO_PARENT, ObjectEntry};
 use esvo_format::{AssembleOptions, Contour, FormatError, Octree, Tree, Voxel, assemble};
 use glam::{DMat4, DVec3};
 
@@ -134,8 +135,9 @@ pub fn options() -> Vec<CastOptions> {
         .collect()
 }
 
-/// Views that no camera makes: rays that are not finite, too long, without length, along axes, along faces of voxels, far
-/// away, or on planes between voxels. Each caster must find in them what the reference finds, which often is nothing.
+/// Views that no camera makes and that casters take: rays that overflow, are too long, have no length, run along axes or
+/// faces of voxels, come from far away, or lie on planes between voxels. Each caster must find in them what the reference
+/// finds, which often is nothing.
 pub fn strange_views(view: &View) -> Vec<View> {
     let with = |change: &dyn Fn(&mut View)| {
         let mut view = *view;
@@ -149,19 +151,23 @@ pub fn strange_views(view: &View) -> Vec<View> {
         })
     };
     vec![
-        with(&|view| view.origin[1] = f32::NAN),
-        with(&|view| view.origin[2] = f32::INFINITY),
-        with(&|view| view.base[0] = f32::NAN),
-        with(&|view| view.dx[0] = f32::INFINITY),
+        // Directions that overflow to infinity, and to NaN.
         with(&|view| view.dy = [1e38; 3]),
+        with(&|view| (view.dx, view.dy) = ([1e38; 3], [-1e38; 3])),
+        with(&|view| view.base[0] = f32::MAX),
+        with(&|view| view.dx[0] = f32::MIN),
+        with(&|view| view.origin[1] = f32::MAX),
+        with(&|view| view.origin = [f32::MIN_POSITIVE, -1e-45, 1e30]),
         with(&|view| (view.base, view.dx, view.dy) = ([0.0; 3], [0.0; 3], [-0.0; 3])),
         with(&|view| view.base = [-(1 << 20) as f32, 0.0, 0.0]),
         with(&|view| view.dx = [3e4, 2e4, -1e4]),
         with(&|view| view.t_near = 2.0),
         with(&|view| view.t_near = 0.0),
+        with(&|view| view.t_near = f32::MAX),
         with(&|view| view.origin = [1.5; 3]),
         with(&|view| view.origin = view.origin.map(|x| x * 1e4)),
-        with(&|view| view.pixel_size = f32::INFINITY),
+        with(&|view| view.pixel_size = f32::MAX),
+        with(&|view| view.t_per_depth = f32::MAX),
         along([0.0, 1.5, 1.5], [4.0, 0.0, 0.0]),
         along([3.0, 1.5, 1.5], [-4.0, -0.0, -0.0]),
         along([0.0, 1.25, 1.75], [4.0, 0.0, 0.0]),
@@ -170,6 +176,73 @@ pub fn strange_views(view: &View) -> Vec<View> {
         along([-1e5, -1e5, -1e5], [1e5, 1e5, 1e5]),
         along([0.0, 0.0, 0.0], [3.0, 3.0, 3.0]),
     ]
+}
+
+/// Views that every caster must refuse, and what is wrong with each: the field that the error must name.
+pub fn bad_views(view: &View) -> Vec<(&'static str, View)> {
+    let mut views = Vec::new();
+    for (width, height) in [(0, 16), (16, 0), (0, 0), (1 << 14, (1 << 14) + 1), (u32::MAX, u32::MAX)] {
+        views.push(("pixels", View { width, height, ..*view }));
+    }
+    for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+        for axis in 0..3 {
+            let with = |mut vector: [f32; 3]| {
+                vector[axis] = bad;
+                vector
+            };
+            views.push(("origin", View { origin: with(view.origin), ..*view }));
+            views.push(("base", View { base: with(view.base), ..*view }));
+            views.push(("dx", View { dx: with(view.dx), ..*view }));
+            views.push(("dy", View { dy: with(view.dy), ..*view }));
+        }
+    }
+    for bad in [f32::NAN, f32::INFINITY, -1.0, -f32::MIN_POSITIVE] {
+        views.push(("t_near", View { t_near: bad, ..*view }));
+        views.push(("pixel_size", View { pixel_size: bad, ..*view }));
+        views.push(("max_voxel_pixels", View { max_voxel_pixels: bad, ..*view }));
+        views.push(("t_per_depth", View { t_per_depth: bad, ..*view }));
+    }
+    views.push(("flags", View { flags: view.flags | 4, ..*view }));
+    views.push(("first_row", View { first_row: 1, ..*view }));
+    views
+}
+
+/// An octree of two objects: [`Sample::plain`] with 4 levels and [`Sample::scattered`] with 5.
+///
+/// # Errors
+/// Samples that cannot be assembled.
+pub fn two_objects() -> Result<Arc<Octree>, FormatError> {
+    let (first, second) = (Sample::plain(4, true).octree()?, Sample::scattered(5, true).octree()?);
+    let (slots, blocks) = (first.slots().len() as u64, first.blocks().len() as u32);
+    let mut image = first.slots().to_vec();
+    image.extend_from_slice(second.slots());
+    // The pointers of the second image are distances within it, so that they stay as they are.
+    let second_objects = second.objects().iter().map(|object| ObjectEntry {
+        root_block: object.root_block + blocks,
+        root_slot: object.root_slot + slots,
+        ..object.clone()
+    });
+    let second_blocks = second.blocks().iter().map(|block| BlockEntry {
+        object: 1,
+        parent: if block.parent == NO_PARENT { NO_PARENT } else { block.parent + blocks },
+        image_offset: block.image_offset + slots * 8,
+        ..*block
+    });
+    let objects = first.objects().iter().cloned().chain(second_objects).collect();
+    let blocks = first.blocks().iter().copied().chain(second_blocks).collect();
+    Ok(Arc::new(Octree::from_parts(objects, blocks, image)?))
+}
+
+/// An octree that is not [sound](Octree::sound): the child pointer of its root leads out of the image.
+///
+/// # Errors
+/// A sample that cannot be assembled.
+pub fn unsound() -> Result<Arc<Octree>, FormatError> {
+    let octree = Sample::plain(3, false).octree()?;
+    let mut image = octree.slots().to_vec();
+    // The child pointer is in bits 17 to 31.
+    image[octree.objects()[0].root_slot as usize] |= 0x7fff << 17;
+    Ok(Arc::new(Octree::from_parts(octree.objects().to_vec(), octree.blocks().to_vec(), image)?))
 }
 
 /// Casts pictures of this size from all [`cameras`] with all [`options`], by `caster` and by the reference.
@@ -239,6 +312,26 @@ mod tests {
             plain.objects()[0].leaf_voxels,
             Sample::scattered(6, true).octree().expect("assembles").objects()[0].leaf_voxels
         );
+    }
+
+    #[test]
+    fn two_objects_are_sound_and_the_unsound_is_not() {
+        let two = two_objects().expect("assembles");
+        two.sound().expect("is sound");
+        assert!(two.objects().len() == 2 && two.objects()[1].root_slot > 2 && two.needs().levels == 5);
+        assert!(unsound().expect("its tables are in order").sound().is_err());
+    }
+
+    #[test]
+    fn strange_views_are_taken_and_bad_ones_refused() {
+        let view = View::new(&cameras()[0], DMat4::IDENTITY, 2, (32, 24), &CastOptions::default()).expect("is valid");
+        for view in strange_views(&view) {
+            view.check().expect("is taken");
+        }
+        for (field, view) in bad_views(&view) {
+            let error = view.check().expect_err(field).to_string();
+            assert!(error.contains(field), "{field}: {error}");
+        }
     }
 
     #[test]

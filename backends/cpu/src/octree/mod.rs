@@ -1,20 +1,29 @@
-//! The parallel octree caster: the reference's operations in the reference's order, on all cores.
+//! The octree caster on all cores.
+//!
+//! `tiles` cuts pictures and fans into packets of sixteen rays; `single` and `packet` cast a packet, each with its
+//! instructions. A further instruction set is one file like `packet` and one variant of [`InstructionSet`].
 
+#[cfg(target_arch = "x86_64")]
+mod gather;
+mod instructions;
+#[cfg(target_arch = "x86_64")]
 mod packet;
+mod scene;
 mod single;
+mod tiles;
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use esvo_core::{CastError, Caster, Device, DeviceKind, Fan, Fans, FrameTime, Hit, View};
+use esvo_core::{CastError, Caster, Checked, Device, DeviceKind, Fans, FrameTime, Hit, Roots, View};
 use esvo_format::Octree;
 use rayon::prelude::*;
 
-use self::single::Scene;
+pub use self::instructions::InstructionSet;
+use self::scene::Scene;
+use self::tiles::{BAND_ROWS, Task};
 use crate::machine;
 
-/// Rows of pixels per task; also the edge of the tiles that a task goes through.
-const TILE: usize = 8;
 /// Rays of fans per task, roughly.
 const RAYS_PER_TASK: usize = 4096;
 
@@ -24,91 +33,56 @@ const RAYS_PER_TASK: usize = 4096;
 pub struct CpuCaster {
     device: Device,
     pool: rayon::ThreadPool,
-    engine: Engine,
-    octree: Option<Arc<Octree>>,
-}
-
-/// The code that casts.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Engine {
-    /// One ray at a time.
-    Scalar,
-    /// Sixteen rays in lockstep with AVX-512.
-    Wide,
-}
-
-impl Engine {
-    /// The fastest that the processor has.
-    pub fn best() -> Self {
-        #[cfg(target_arch = "x86_64")]
-        if packet::is_available() {
-            return Self::Wide;
-        }
-        Self::Scalar
-    }
-
-    /// Its instruction set.
-    pub fn instruction_set(self) -> &'static str {
-        match self {
-            Self::Scalar => single::instruction_set(),
-            Self::Wide => "AVX-512, 16 lanes",
-        }
-    }
-
-    fn band(self, scene: &Scene, view: &View, coarse: &[f32], first_row: u32, hits: &mut [Hit]) {
-        #[cfg(target_arch = "x86_64")]
-        if self == Self::Wide && packet::can_cast(scene) {
-            // SAFETY: that it can has just been asked, and `load` has checked that the octree is sound.
-            return unsafe { packet::band(scene, view, coarse, first_row, hits) };
-        }
-        single::band(scene, view, coarse, first_row, hits);
-    }
-
-    fn fans(self, scene: &Scene, all: &Fans, some: &[Fan], hits: &mut [Hit]) {
-        #[cfg(target_arch = "x86_64")]
-        if self == Self::Wide && packet::can_cast(scene) {
-            // SAFETY: that it can has just been asked, and `load` has checked that the octree is sound.
-            return unsafe { packet::fans(scene, all, some, hits) };
-        }
-        single::fans(scene, all, some, hits);
-    }
-
-    fn coarse_row(self, scene: &Scene, view: &View, j: u32, row: &mut [f32]) {
-        #[cfg(target_arch = "x86_64")]
-        if self == Self::Wide && packet::can_cast(scene) {
-            // SAFETY: that it can has just been asked, and `load` has checked that the octree is sound.
-            return unsafe { packet::coarse_row(scene, view, j, row) };
-        }
-        single::coarse_row(scene, view, j, row);
-    }
+    /// What the caller asked for; `None`: the fastest that the processor has and the octree allows.
+    wanted: Option<InstructionSet>,
+    instructions: InstructionSet,
+    loaded: Option<(Arc<Octree>, Roots)>,
 }
 
 impl CpuCaster {
-    /// A caster on this many threads, or on one per core.
+    /// A caster on this many threads, or on one per core, with the fastest instructions that the processor has. An octree
+    /// that they cannot address (over 8 GiB with AVX-512) is cast one ray at a time; [`Caster::device`] says so.
     ///
     /// # Errors
-    /// The system refuses the threads.
+    /// [`CastError::Device`]: the system refuses the threads.
     pub fn new(threads: Option<usize>) -> Result<Self, CastError> {
-        Self::with_engine(threads, Engine::best())
+        Self::open_with(threads, None)
     }
 
-    /// The same with a given engine; one that the processor does not have falls back to [`Engine::Scalar`].
+    /// The same with these instructions and no others.
     ///
     /// # Errors
-    /// The system refuses the threads.
-    pub fn with_engine(threads: Option<usize>, engine: Engine) -> Result<Self, CastError> {
-        let engine = if Engine::best() == Engine::Scalar { Engine::Scalar } else { engine };
+    /// [`CastError::Device`]: the processor does not have them, or the system refuses the threads. Loading an octree that
+    /// they cannot address is an error too.
+    pub fn with_instructions(threads: Option<usize>, instructions: InstructionSet) -> Result<Self, CastError> {
+        if !instructions.is_available() {
+            return Err(CastError::Device(format!("this processor has no {instructions}")));
+        }
+        Self::open_with(threads, Some(instructions))
+    }
+
+    fn open_with(threads: Option<usize>, wanted: Option<InstructionSet>) -> Result<Self, CastError> {
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(threads.unwrap_or(0))
             .build()
-            .map_err(|e| CastError::Device(format!("no threads to cast with: {e}")))?;
-        let detail = format!("{}, {} threads", engine.instruction_set(), pool.current_num_threads());
-        Ok(Self {
-            device: Device { name: machine::cpu_name(), kind: DeviceKind::Cpu, detail },
-            pool,
-            engine,
-            octree: None,
-        })
+            .map_err(|e| CastError::Device(format!("the system starts no threads to cast with: {e}")))?;
+        let device = Device { name: machine::cpu_name(), kind: DeviceKind::Cpu, detail: String::new() };
+        let instructions = wanted.unwrap_or_else(InstructionSet::best);
+        let mut caster = Self { device, pool, wanted, instructions, loaded: None };
+        caster.use_instructions(instructions);
+        Ok(caster)
+    }
+
+    /// Sets the instructions and what the device says about them.
+    fn use_instructions(&mut self, instructions: InstructionSet) {
+        self.instructions = instructions;
+        self.device.detail = format!("{}, {} threads", instructions.detail(), self.pool.current_num_threads());
+    }
+
+    /// The octree, and what was checked against it.
+    fn open<'a, T>(&'a self, checked: &'a Checked<T>) -> Result<(&'a Octree, &'a T), CastError> {
+        let (octree, roots) = self.loaded.as_ref().ok_or(CastError::NotLoaded)?;
+        Ok((octree, roots.open(checked)?))
     }
 
     fn coarse(&self, octree: &Octree, view: &View) -> Vec<f32> {
@@ -119,8 +93,8 @@ impl CpuCaster {
         let (columns, rows) = view.coarse_size();
         let mut values = vec![0.0; columns as usize * rows as usize];
         self.pool.install(|| {
-            values.par_chunks_mut(columns as usize).enumerate().for_each(|(j, row)| {
-                self.engine.coarse_row(&scene, view, j as u32, row);
+            values.par_chunks_mut(columns as usize).enumerate().for_each(|(row, starts)| {
+                self.instructions.run(&scene, Task::CoarseRow { view, row: row as u32, starts });
             });
         });
         values
@@ -130,10 +104,25 @@ impl CpuCaster {
         let scene = Scene::new(octree, view.root);
         hits.resize(view.pixels(), Hit::miss(0));
         self.pool.install(|| {
-            hits.par_chunks_mut(view.width as usize * TILE).enumerate().for_each(|(band, rows)| {
-                self.engine.band(&scene, view, coarse, (band * TILE) as u32, rows);
+            hits.par_chunks_mut(view.width as usize * BAND_ROWS).enumerate().for_each(|(band, hits)| {
+                let first_row = (band * BAND_ROWS) as u32;
+                self.instructions.run(&scene, Task::Band { view, coarse, first_row, hits });
             });
         });
+    }
+}
+
+/// The instructions for an image of this many words: those that are wanted, or the fastest that can address it.
+fn instructions_for(words: usize, wanted: Option<InstructionSet>) -> Result<InstructionSet, CastError> {
+    let fits = |set: &InstructionSet| words <= set.max_words();
+    match wanted {
+        None => Ok(InstructionSet::available().filter(fits).last().unwrap_or(InstructionSet::Scalar)),
+        Some(set) if fits(&set) => Ok(set),
+        Some(set) => Err(CastError::Device(format!(
+            "the octree takes {} bytes, more than the {} that {set} can address: cast it with other instructions",
+            words as u64 * 4,
+            set.max_words() as u64 * 4
+        ))),
     }
 }
 
@@ -146,21 +135,30 @@ impl Caster for CpuCaster {
         &self.device
     }
 
-    fn load(&mut self, octree: &Arc<Octree>) -> Result<(), CastError> {
-        octree.sound()?;
-        self.octree = Some(octree.clone());
+    fn resident_bytes(&self) -> u64 {
+        self.loaded.as_ref().map_or(0, |(octree, _)| size_of_val(octree.slots()) as u64)
+    }
+
+    fn roots(&self) -> Option<&Roots> {
+        self.loaded.as_ref().map(|(_, roots)| roots)
+    }
+
+    fn load_checked(&mut self, octree: &Arc<Octree>, roots: Roots) -> Result<(), CastError> {
+        let instructions = instructions_for(octree.words().len(), self.wanted)?;
+        self.use_instructions(instructions);
+        self.loaded = Some((octree.clone(), roots));
         Ok(())
     }
 
-    fn cast(&mut self, view: &View, hits: &mut Vec<Hit>) -> Result<(), CastError> {
-        let octree = self.octree.as_deref().ok_or(CastError::NotLoaded)?;
+    fn cast_checked(&mut self, view: Checked<View>, hits: &mut Vec<Hit>) -> Result<(), CastError> {
+        let (octree, view) = self.open(&view)?;
         let coarse = self.coarse(octree, view);
         self.fine(octree, view, &coarse, hits);
         Ok(())
     }
 
-    fn time(&mut self, view: &View) -> Result<FrameTime, CastError> {
-        let octree = self.octree.as_deref().ok_or(CastError::NotLoaded)?;
+    fn time_checked(&mut self, view: Checked<View>) -> Result<FrameTime, CastError> {
+        let (octree, view) = self.open(&view)?;
         let mut hits = vec![Hit::miss(0); view.pixels()];
         let start = Instant::now();
         let values = self.coarse(octree, view);
@@ -171,8 +169,8 @@ impl Caster for CpuCaster {
         Ok(FrameTime { total, coarse })
     }
 
-    fn cast_fans(&mut self, fans: &Fans, hits: &mut Vec<Hit>) -> Result<(), CastError> {
-        let octree = self.octree.as_deref().ok_or(CastError::NotLoaded)?;
+    fn cast_fans_checked(&mut self, fans: Checked<Fans<'_>>, hits: &mut Vec<Hit>) -> Result<(), CastError> {
+        let (octree, fans) = self.open(&fans)?;
         let scene = Scene::new(octree, fans.root);
         hits.resize(fans.len(), Hit::miss(0));
         if fans.is_empty() {
@@ -181,12 +179,29 @@ impl Caster for CpuCaster {
         let per_task = RAYS_PER_TASK.div_ceil(fans.directions.len());
         self.pool.install(|| {
             let tasks = hits.par_chunks_mut(per_task * fans.directions.len()).zip(fans.fans.par_chunks(per_task));
-            tasks.for_each(|(hits, some)| self.engine.fans(&scene, fans, some, hits));
+            tasks.for_each(|(hits, some)| self.instructions.run(&scene, Task::Fans { all: fans, some, hits }));
         });
         Ok(())
     }
+}
 
-    fn resident_bytes(&self) -> u64 {
-        self.octree.as_ref().map_or(0, |octree| std::mem::size_of_val(octree.slots()) as u64)
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn images_that_gathers_cannot_reach_are_cast_otherwise_or_refused() {
+        let large = i32::MAX as usize + 1;
+        for set in InstructionSet::ALL {
+            assert_eq!(instructions_for(1 << 20, Some(set)).expect("fits"), set);
+        }
+        assert_eq!(instructions_for(1 << 20, None).expect("fits"), InstructionSet::best());
+        assert_eq!(instructions_for(large, None).expect("is cast one ray at a time"), InstructionSet::Scalar);
+        assert_eq!(instructions_for(large, Some(InstructionSet::Scalar)).expect("fits"), InstructionSet::Scalar);
+        #[cfg(target_arch = "x86_64")]
+        {
+            let error = instructions_for(large, Some(InstructionSet::Avx512)).expect_err("is too large").to_string();
+            assert!(error.contains("8589934592 bytes") && error.contains("AVX-512"), "{error}");
+        }
     }
 }

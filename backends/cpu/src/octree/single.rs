@@ -1,41 +1,17 @@
 //! One ray at a time, compiled for what the processor has.
 //!
-//! The same loop as the reference's, which explains it; here the features that a view does not use are compiled out,
-//! the descriptor is kept while siblings are visited, and vectors are spelled out.
+//! The loop of the reference caster, which explains it. Here the features that a view does not use are compiled out, the
+//! descriptor is kept while siblings are visited, and vectors are spelled out.
 
 use esvo_core::reference::{EPSILON, MAX_COMPONENT, MAX_ITERATIONS, MAX_SCALE};
-use esvo_core::{Fan, Fans, Hit, Ray, View, exp2};
-use esvo_format::{ChildDescriptor, Octree};
+use esvo_core::{Hit, Ray, exp2};
+use esvo_format::ChildDescriptor;
 
-/// The parts of an octree that casting reads.
-pub struct Scene<'a> {
-    slots: &'a [u64],
-    words: &'a [u32],
-    root: u32,
-}
+use super::scene::Scene;
+use super::tiles::{CastPacket, Found, LANES, Packet, Task};
 
-impl<'a> Scene<'a> {
-    /// The octree must be [sound](Octree::sound).
-    pub fn new(octree: &'a Octree, root: u32) -> Self {
-        Self { slots: octree.slots(), words: octree.words(), root }
-    }
-
-    /// The image in 32-bit words.
-    pub fn words(&self) -> &'a [u32] {
-        self.words
-    }
-
-    /// Slot of the root's descriptor.
-    pub fn root(&self) -> u32 {
-        self.root
-    }
-}
-
-/// Edge of the tiles in which the pixels of a band are visited.
-const TILE: usize = 8;
-
-/// Instruction set of the code that [`band`] and [`coarse_row`] run.
-pub fn instruction_set() -> &'static str {
+/// What [`run`] is compiled for.
+pub(super) fn detail() -> &'static str {
     if has_v3() { "scalar, x86-64-v3" } else { "scalar, baseline" }
 }
 
@@ -53,102 +29,41 @@ fn has_v3() -> bool {
     false
 }
 
-/// Casts the pixels of the rows from `first_row` on that `hits` has room for.
-pub fn band(scene: &Scene, view: &View, coarse: &[f32], first_row: u32, hits: &mut [Hit]) {
+/// Does a task.
+pub(super) fn run(scene: &Scene, task: Task) {
     #[cfg(target_arch = "x86_64")]
     if has_v3() {
-        // SAFETY: the features that the function is compiled for have just been found.
-        return unsafe { band_v3(scene, view, coarse, first_row, hits) };
+        // SAFETY: the processor has the features that the function is compiled for.
+        return unsafe { run_v3(scene, task) };
     }
-    band_any(scene, view, coarse, first_row, hits);
-}
-
-/// Row `j` of the coarse pass.
-pub fn coarse_row(scene: &Scene, view: &View, j: u32, row: &mut [f32]) {
-    #[cfg(target_arch = "x86_64")]
-    if has_v3() {
-        // SAFETY: the features that the function is compiled for have just been found.
-        return unsafe { coarse_row_v3(scene, view, j, row) };
-    }
-    coarse_row_any(scene, view, j, row);
-}
-
-/// Casts the rays of some of the fans.
-pub fn fans(scene: &Scene, all: &Fans, some: &[Fan], hits: &mut [Hit]) {
-    #[cfg(target_arch = "x86_64")]
-    if has_v3() {
-        // SAFETY: the features that the function is compiled for have just been found.
-        return unsafe { fans_v3(scene, all, some, hits) };
-    }
-    fans_any(scene, all, some, hits);
+    task.run(&Single(scene));
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
-fn fans_v3(scene: &Scene, all: &Fans, some: &[Fan], hits: &mut [Hit]) {
-    fans_any(scene, all, some, hits);
+fn run_v3(scene: &Scene, task: Task) {
+    task.run(&Single(scene));
 }
 
-#[inline(always)]
-fn fans_any(scene: &Scene, all: &Fans, some: &[Fan], hits: &mut [Hit]) {
-    for (fan, hits) in some.iter().zip(hits.chunks_exact_mut(all.directions.len())) {
-        for (direction, hit) in all.directions.iter().zip(hits) {
-            let ray = Fans::ray(fan, *direction);
-            *hit = if all.contours { cast::<true, false>(scene, &ray) } else { cast::<false, false>(scene, &ray) };
+/// Casts the lanes of a packet one after the other.
+struct Single<'a>(&'a Scene<'a>);
+
+impl CastPacket for Single<'_> {
+    #[inline(always)]
+    fn cast<const CONTOURS: bool, const LOD: bool>(&self, packet: &Packet) -> Found {
+        let mut found = Found::new();
+        for lane in (0..LANES).filter(|lane| packet.active >> lane & 1 != 0) {
+            let ray = Ray {
+                origin: packet.origin.into(),
+                direction: packet.direction.map(|lanes| lanes[lane]).into(),
+                t_min: packet.t_min,
+                t_max: packet.t_max,
+                size_at_origin: 0.0,
+                size_per_t: packet.size_per_t,
+            };
+            found.set(lane, cast::<CONTOURS, LOD>(self.0, &ray));
         }
-    }
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
-fn band_v3(scene: &Scene, view: &View, coarse: &[f32], first_row: u32, hits: &mut [Hit]) {
-    band_any(scene, view, coarse, first_row, hits);
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
-fn coarse_row_v3(scene: &Scene, view: &View, j: u32, row: &mut [f32]) {
-    coarse_row_any(scene, view, j, row);
-}
-
-#[inline(always)]
-fn band_any(scene: &Scene, view: &View, coarse: &[f32], first_row: u32, hits: &mut [Hit]) {
-    match (view.contours(), view.max_voxel_pixels > 0.0) {
-        (true, true) => band_with::<true, true>(scene, view, coarse, first_row, hits),
-        (true, false) => band_with::<true, false>(scene, view, coarse, first_row, hits),
-        (false, true) => band_with::<false, true>(scene, view, coarse, first_row, hits),
-        (false, false) => band_with::<false, false>(scene, view, coarse, first_row, hits),
-    }
-}
-
-#[inline(always)]
-fn band_with<const CONTOURS: bool, const LOD: bool>(
-    scene: &Scene,
-    view: &View,
-    coarse: &[f32],
-    first_row: u32,
-    hits: &mut [Hit],
-) {
-    let width = view.width as usize;
-    for left in (0..width).step_by(TILE) {
-        for (y, row) in hits.chunks_exact_mut(width).enumerate() {
-            for x in left..(left + TILE).min(width) {
-                let (px, py) = (x as u32, first_row + y as u32);
-                let mut ray = view.ray(px, py);
-                if view.beam() {
-                    ray.t_min = view.beam_start(coarse, px, py);
-                }
-                row[x] = cast::<CONTOURS, LOD>(scene, &ray);
-            }
-        }
-    }
-}
-
-#[inline(always)]
-fn coarse_row_any(scene: &Scene, view: &View, j: u32, row: &mut [f32]) {
-    for (i, value) in row.iter_mut().enumerate() {
-        let hit = cast::<false, true>(scene, &view.coarse_ray(i as u32, j));
-        *value = if hit.is_miss() { 1.0 } else { view.coarse_start(hit.t, hit.size()) };
+        found
     }
 }
 
@@ -159,8 +74,8 @@ fn away_from_zero(x: f32) -> f32 {
 
 #[inline(always)]
 fn cast<const CONTOURS: bool, const LOD: bool>(scene: &Scene, ray: &Ray) -> Hit {
-    let finite = ray.origin.is_finite() && ray.direction.is_finite();
-    if !finite || ray.direction.abs().max_element() > MAX_COMPONENT {
+    let (slots, words) = (scene.slots(), scene.words());
+    if !ray.is_finite() || ray.direction.abs().max_element() > MAX_COMPONENT {
         return Hit::miss(0);
     }
     let d: [f32; 3] = ray.direction.to_array().map(away_from_zero);
@@ -182,8 +97,8 @@ fn cast<const CONTOURS: bool, const LOD: bool>(scene: &Scene, ray: &Ray) -> Hit 
     t_min = t_min.max(ray.t_min);
     t_max = t_max.min(ray.t_max);
 
-    let mut parent = scene.root;
-    let mut descriptor = ChildDescriptor(scene.slots[parent as usize]);
+    let mut parent = scene.root();
+    let mut descriptor = ChildDescriptor(slots[parent as usize]);
     let mut stack = [(0u32, 0.0f32); MAX_SCALE as usize + 1];
     // Bit s: the frame of scale s was written.
     let mut pushed = 0u32;
@@ -213,7 +128,7 @@ fn cast<const CONTOURS: bool, const LOD: bool>(scene: &Scene, ray: &Ray) -> Hit 
             let mut tv_max = t_max.min(tc_max);
             if CONTOURS && descriptor.contour_mask() as u32 >> child & 1 != 0 {
                 let at = 2 * parent + descriptor.contour_ptr() + descriptor.contour_rank(child as u8);
-                let word = scene.words[at as usize];
+                let word = words[at as usize];
                 let field = |shift: u32| (word << shift) as i32 as f32;
                 let (a, b, c) = (field(14) * d[0], field(20) * d[1], field(26) * d[2]);
                 let inverse = 1.0 / away_from_zero(a + b + c);
@@ -234,10 +149,10 @@ fn cast<const CONTOURS: bool, const LOD: bool>(scene: &Scene, ray: &Ray) -> Hit 
                 h = tc_max;
                 let mut first = parent + descriptor.child_ptr();
                 if descriptor.far() {
-                    first = parent.wrapping_add(scene.slots[first as usize] as u32);
+                    first = parent.wrapping_add(slots[first as usize] as u32);
                 }
                 parent = first + descriptor.child_rank(child as u8);
-                descriptor = ChildDescriptor(scene.slots[parent as usize]);
+                descriptor = ChildDescriptor(slots[parent as usize]);
                 scale -= 1;
                 size = half;
                 idx = 0;
@@ -270,7 +185,7 @@ fn cast<const CONTOURS: bool, const LOD: bool>(scene: &Scene, ray: &Ray) -> Hit 
             }
             size = exp2(scale as i32 - MAX_SCALE as i32);
             (parent, t_max) = stack[scale as usize];
-            descriptor = ChildDescriptor(scene.slots[parent as usize]);
+            descriptor = ChildDescriptor(slots[parent as usize]);
             idx = 0;
             for axis in 0..3 {
                 let path = pos[axis].to_bits() >> scale;

@@ -1,0 +1,83 @@
+//! What core has checked before an engine sees it: roots, views and fans.
+//!
+//! An engine walks the octree by the numbers that it finds there, without looking at bounds: in a GPU's memory, or by the
+//! gathers of a processor. Two checks make that safe. [`Caster::load`](crate::Caster::load) takes only octrees that are
+//! [sound](Octree::sound), and a ray starts only at the root of an object. The types of this module make the second check
+//! impossible to leave out: the methods that an engine implements take a [`Checked`] view or fan, only core makes one, and
+//! its contents are read through the [`Roots`] of the octree that it was checked against.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use esvo_format::Octree;
+
+use crate::{CastError, Fans, View};
+
+/// The root slots of the octree that an engine holds: the slots at which its rays may start.
+///
+/// Made by [`Caster::load`](crate::Caster::load), of an octree that is sound. An engine keeps them with the octree.
+#[derive(Debug)]
+pub struct Roots {
+    /// Different for every call of `load`.
+    id: u64,
+    /// Ascending.
+    slots: Vec<u32>,
+}
+
+/// A [`View`] or [`Fans`] that passed every check against the octree that an engine holds; see [`Roots::open`].
+#[derive(Clone, Copy, Debug)]
+pub struct Checked<T> {
+    roots: u64,
+    value: T,
+}
+
+impl Roots {
+    /// The roots of a sound octree.
+    ///
+    /// # Errors
+    /// The octree is not [sound](Octree::sound).
+    pub(crate) fn of(octree: &Octree) -> Result<Self, CastError> {
+        static NEXT: AtomicU64 = AtomicU64::new(0);
+        octree.sound()?;
+        // An image has at most 2^32 slots.
+        let mut slots: Vec<u32> = octree.objects().iter().map(|object| object.root_slot as u32).collect();
+        slots.sort_unstable();
+        Ok(Self { id: NEXT.fetch_add(1, Ordering::Relaxed), slots })
+    }
+
+    /// The root slots, ascending.
+    pub fn slots(&self) -> &[u32] {
+        &self.slots
+    }
+
+    /// What was checked. Its root is one of [`slots`](Self::slots).
+    ///
+    /// # Errors
+    /// [`CastError::NotLoaded`] if it was checked against another octree, or before this one was loaded again.
+    pub fn open<'c, T>(&self, checked: &'c Checked<T>) -> Result<&'c T, CastError> {
+        if checked.roots == self.id { Ok(&checked.value) } else { Err(CastError::NotLoaded) }
+    }
+
+    /// Checks a view.
+    ///
+    /// # Errors
+    /// As [`View::check`]; [`CastError::Root`].
+    pub(crate) fn check_view(&self, view: &View) -> Result<Checked<View>, CastError> {
+        view.check()?;
+        self.check(view.root, *view)
+    }
+
+    /// Checks fans. Their rays need no check: one that is not finite or too long misses.
+    ///
+    /// # Errors
+    /// [`CastError::Root`].
+    pub(crate) fn check_fans<'a>(&self, fans: &Fans<'a>) -> Result<Checked<Fans<'a>>, CastError> {
+        self.check(fans.root, *fans)
+    }
+
+    fn check<T>(&self, root: u32, value: T) -> Result<Checked<T>, CastError> {
+        match self.slots.binary_search(&root) {
+            Ok(_) => Ok(Checked { roots: self.id, value }),
+            Err(_) => Err(CastError::Root { root, roots: self.slots.clone() }),
+        }
+    }
+}

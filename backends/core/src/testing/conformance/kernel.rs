@@ -1,0 +1,77 @@
+//! The further checks of engines that run the kernel of [`gpu`](crate::gpu).
+
+use super::checks::{demand_agreement, view_of};
+use super::{Fault, Subject, Tolerance, demand};
+use crate::CastError;
+use crate::gpu::kernel::{CAST_WGSL, GpuOptions};
+use crate::testing::sample::{Sample, against_reference};
+
+/// Lines of the kernel, and mistakes to put in their place.
+const MISTAKES: [(&str, &str); 6] = [
+    ("if tc_max < h {", "if tc_max > h {"),
+    ("let crossed = t_corner <= vec3<f32>(tc_max);", "let crossed = t_corner < vec3<f32>(tc_max) + vec3<f32>(1e-3);"),
+    ("if CONTOURS {", "if CONTOURS && false {"),
+    ("if FAR_POINTERS {", "if FAR_POINTERS && scale < 20u {"),
+    ("if tc_max * ray.size_per_t >= size {", "if tc_max * ray.size_per_t > size * 1.5 {"),
+    ("t_max = stack_t_max[scale - LOWEST_SCALE];", "t_max = 1.0;"),
+];
+
+/// An octree that is split over several bindings gives the reference's hits.
+///
+/// # Errors
+/// Rays that end elsewhere; what the caster said.
+pub fn several_bindings_agree(subject: &Subject) -> Result<(), Fault> {
+    let octree = Sample::scattered(6, true).octree()?;
+    let part = (octree.slots().len() * 8 / 3) as u64;
+    let mut caster = subject.open_with(&GpuOptions { max_part_bytes: Some(part), ..GpuOptions::default() })??;
+    let comparison = against_reference(&mut *caster, &octree, (64, 48))?;
+    demand_agreement(&*caster, &comparison)
+}
+
+/// The comparison has teeth: a kernel with any of several mistakes in it does not pass.
+///
+/// # Errors
+/// A mistake that is not noticed, or that replaces a line that the kernel no longer has; what the caster said.
+pub fn broken_kernels_are_caught(subject: &Subject) -> Result<(), Fault> {
+    let octree = Sample::scattered(6, true).octree()?;
+    for (right, wrong) in MISTAKES {
+        demand(CAST_WGSL.contains(right), || format!("the kernel has no {right:?}"))?;
+        let kernel = Some(CAST_WGSL.replace(right, wrong));
+        let mut caster = subject.open_with(&GpuOptions { kernel, ..GpuOptions::default() })??;
+        let comparison = against_reference(&mut *caster, &octree, (64, 48))?;
+        demand(!Tolerance::GPU.admits(&comparison), || format!("not noticed: {wrong}: {comparison:?}"))?;
+    }
+    Ok(())
+}
+
+/// [`CastError::Device`] with `says` in its text, or a [`Fault`].
+fn demand_refusal<T>(what: &str, result: Result<T, CastError>, says: &str) -> Result<(), Fault> {
+    match result {
+        Err(CastError::Device(text)) if text.contains(says) => Ok(()),
+        Err(other) => Err(Fault::Wrong(format!("{what}: {other:?}"))),
+        Ok(_) => Err(Fault::Wrong(format!("{what}: no error"))),
+    }
+}
+
+/// What a device cannot do is an error that says so, and the caster works afterwards.
+///
+/// # Errors
+/// Something that is not refused, or not in these words; what the caster said elsewhere.
+pub fn what_a_device_cannot_do_is_an_error(subject: &Subject) -> Result<(), Fault> {
+    let mut caster = subject.open()?;
+    let octree = Sample::plain(3, false).octree()?;
+    let view = |size| view_of(&octree, 0, size, false);
+    let mut hits = Vec::new();
+    caster.load(&octree)?;
+    demand_refusal("a wide picture", caster.cast(&view((1 << 20, 1))?, &mut hits), "smaller")?;
+    caster.cast(&view((8, 8))?, &mut hits)?;
+
+    let nobodys = GpuOptions { adapter: Some("nobody's".into()), ..GpuOptions::default() };
+    demand_refusal("a device that does not exist", subject.open_with(&nobodys)?, "nobody's")?;
+    let mut tiny = subject.open_with(&GpuOptions { max_part_bytes: Some(64), ..GpuOptions::default() })??;
+    demand_refusal("a large octree", tiny.load(&Sample::plain(6, false).octree()?), "fewer levels")?;
+    let mut broken =
+        subject.open_with(&GpuOptions { kernel: Some("fn cast( {".into()), ..GpuOptions::default() })??;
+    broken.load(&octree)?;
+    demand_refusal("a kernel that is no WGSL", broken.cast(&view((8, 8))?, &mut hits), "")
+}

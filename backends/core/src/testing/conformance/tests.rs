@@ -1,0 +1,179 @@
+//! Every check passes for the reference and fails for some caster.
+
+use std::sync::Arc;
+
+use esvo_format::Octree;
+
+use super::*;
+use crate::reference::ReferenceCaster;
+use crate::{Checked, Fans, FrameTime, Hit, Roots, View};
+
+/// The reference with one fault.
+struct Faulty {
+    caster: ReferenceCaster,
+    fault: Mistake,
+    frames: u32,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Mistake {
+    /// Every third frame loses a few hits.
+    Forgets,
+    /// Hits of fans are those of the next ray.
+    ShiftsFans,
+    /// Nothing is checked, since the provided methods are overridden.
+    ChecksNothing,
+    /// Takes what was checked against any octree.
+    TakesStaleChecks,
+    /// Has bytes and casts without an octree.
+    NeedsNoOctree,
+    /// Takes a thousand times as long as it takes.
+    Exaggerates,
+    /// Always casts the first object.
+    KnowsOneObject,
+    /// Hits nothing but gives good reasons.
+    Blind,
+}
+
+impl Caster for Faulty {
+    fn name(&self) -> &'static str {
+        "faulty"
+    }
+
+    fn device(&self) -> &Device {
+        self.caster.device()
+    }
+
+    fn resident_bytes(&self) -> u64 {
+        if self.fault == Mistake::NeedsNoOctree { 1 } else { self.caster.resident_bytes() }
+    }
+
+    fn load(&mut self, octree: &Arc<Octree>) -> Result<(), CastError> {
+        match self.caster.load(octree) {
+            Err(_) if self.fault == Mistake::ChecksNothing => Ok(()),
+            result => result,
+        }
+    }
+
+    fn cast(&mut self, view: &View, hits: &mut Vec<Hit>) -> Result<(), CastError> {
+        let checked = self.caster.roots().ok_or(CastError::NotLoaded).and_then(|roots| roots.check_view(view));
+        match checked {
+            Err(_) if self.fault == Mistake::ChecksNothing => Ok(()),
+            checked => self.cast_checked(checked?, hits),
+        }
+    }
+
+    fn roots(&self) -> Option<&Roots> {
+        self.caster.roots()
+    }
+
+    fn load_checked(&mut self, octree: &Arc<Octree>, roots: Roots) -> Result<(), CastError> {
+        self.caster.load_checked(octree, roots)
+    }
+
+    fn cast_checked(&mut self, view: Checked<View>, hits: &mut Vec<Hit>) -> Result<(), CastError> {
+        if self.fault == Mistake::TakesStaleChecks && self.caster.cast_checked(view, hits).is_err() {
+            return Ok(());
+        }
+        if let (Mistake::KnowsOneObject, Some(roots)) = (self.fault, self.caster.roots()) {
+            let view = View { root: roots.slots()[0], ..*roots.open(&view)? };
+            return self.caster.cast(&view, hits);
+        }
+        self.caster.cast_checked(view, hits)?;
+        self.frames += 1;
+        if self.fault == Mistake::Forgets && self.frames.is_multiple_of(3) {
+            hits.iter_mut().filter(|hit| !hit.is_miss()).take(9).for_each(|hit| *hit = Hit::miss(0));
+        }
+        if self.fault == Mistake::Blind {
+            hits.fill(Hit::miss(1));
+        }
+        Ok(())
+    }
+
+    fn time_checked(&mut self, view: Checked<View>) -> Result<FrameTime, CastError> {
+        let time = self.caster.time_checked(view)?;
+        let factor = if self.fault == Mistake::Exaggerates { 1000 } else { 1 };
+        Ok(FrameTime { total: time.total * factor, ..time })
+    }
+
+    fn cast_fans_checked(&mut self, fans: Checked<Fans<'_>>, hits: &mut Vec<Hit>) -> Result<(), CastError> {
+        self.caster.cast_fans_checked(fans, hits)?;
+        if self.fault == Mistake::ShiftsFans && !hits.is_empty() {
+            hits.rotate_left(1);
+        }
+        Ok(())
+    }
+}
+
+fn open(fault: Mistake) -> Opened {
+    Ok(Box::new(Faulty { caster: ReferenceCaster::default(), fault, frames: 0 }))
+}
+
+const REFERENCE: Subject = Subject::native(|| Ok(Box::new(ReferenceCaster::default())));
+
+conformance_suite!(reference, super::REFERENCE);
+
+/// For every check, a caster that fails it.
+const FAILING: [(&str, Subject); 15] = [
+    ("cubes_agree", Subject::native(|| open(Mistake::Forgets))),
+    ("contours_agree", Subject::native(|| open(Mistake::Forgets))),
+    ("blocks_and_far_pointers_agree", Subject::native(|| open(Mistake::Forgets))),
+    ("odd_sizes_agree", Subject::native(|| open(Mistake::Forgets))),
+    ("all_objects_agree", Subject::native(|| open(Mistake::KnowsOneObject))),
+    ("fans_agree", Subject::native(|| open(Mistake::ShiftsFans))),
+    ("strange_rays_agree", Subject::native(|| open(Mistake::Blind))),
+    ("bad_views_are_refused", Subject::native(|| open(Mistake::ChecksNothing))),
+    ("roots_of_no_object_are_refused", Subject::native(|| open(Mistake::ChecksNothing))),
+    ("unsound_octrees_are_refused", Subject::native(|| open(Mistake::ChecksNothing))),
+    ("checks_against_another_octree_do_not_count", Subject::native(|| open(Mistake::TakesStaleChecks))),
+    ("nothing_loaded_is_an_error", Subject::native(|| open(Mistake::NeedsNoOctree))),
+    ("nothing_is_left_of_the_frame_before", Subject::native(|| open(Mistake::Forgets))),
+    ("times_are_plausible", Subject::native(|| open(Mistake::Exaggerates))),
+    ("broken_casters_are_caught", Subject::native(|| Err(CastError::NotLoaded))),
+];
+
+#[test]
+fn every_check_fails_for_some_caster() {
+    assert_eq!(FAILING.map(|(name, _)| name)[..], CHECKS.iter().map(|(name, _)| *name).collect::<Vec<_>>());
+    for ((name, faulty), (_, check)) in FAILING.iter().zip(CHECKS) {
+        match (*name, check(faulty)) {
+            (_, Err(Fault::Wrong(what))) => println!("{name}: {what}"),
+            // Nothing fails this check but a comparison that is blind, so that it only shows that it opens the engine.
+            ("broken_casters_are_caught", Err(Fault::Cast(CastError::NotLoaded))) => {}
+            (_, other) => panic!("{name} of a faulty caster: {other:?}"),
+        }
+    }
+}
+
+/// The reference runs no kernel, so that it is no subject of these.
+#[test]
+fn checks_of_kernels_need_one() {
+    for (name, check) in KERNEL_CHECKS {
+        assert!(check(&REFERENCE).is_err(), "{name}");
+        let deaf: Subject = Subject::kernel(|_| Ok(Box::new(ReferenceCaster::default())));
+        assert!(*name == "several_bindings_agree" || matches!(check(&deaf), Err(Fault::Wrong(_))), "{name}");
+    }
+}
+
+#[test]
+fn only_what_may_be_missing_is_skipped() {
+    const VARIABLE: &str = "ESVO_TEST_THAT_NOBODY_SETS";
+    const MISSING: Subject = Subject::native(|| Err(CastError::Device("no such thing".into())));
+    let never: Check = |_| panic!("is not run");
+    assert!(run(&MISSING, "x", never).is_err());
+    assert!(run(&MISSING.required_by(VARIABLE), "x", never).is_ok());
+    assert!(run(&MISSING.required_by("PATH"), "x", never).is_err());
+    let other = Subject::native(|| Err(CastError::NotLoaded)).required_by(VARIABLE);
+    assert!(run(&other, "x", never).is_err());
+    assert!(tell_what_is_tested(&[("it", MISSING.required_by(VARIABLE)), ("reference", REFERENCE)]).is_ok());
+    assert!(tell_what_is_tested(&[("it", MISSING)]).is_err());
+}
+
+#[test]
+fn processors_are_held_to_every_bit() {
+    let device = |kind| Device { name: String::new(), kind, detail: String::new() };
+    assert_eq!(Tolerance::of(&device(DeviceKind::Cpu)), Tolerance::EXACT);
+    assert_eq!(Tolerance::of(&device(DeviceKind::SoftwareGpu)), Tolerance::EXACT);
+    assert_eq!(Tolerance::of(&device(DeviceKind::Gpu)), Tolerance::GPU);
+    assert!(!Tolerance::GPU.admits(&Comparison::default()), "no rays are no agreement");
+}

@@ -1,0 +1,96 @@
+//! The structs that the kernel shares with Rust: every member has the name, the offset and the size of its twin.
+
+use std::collections::BTreeMap;
+use std::mem::offset_of;
+
+use esvo_core::gpu::kernel::CAST_WGSL;
+use esvo_core::{Hit, View};
+
+/// Offset and size in bytes of each member, and the size of the whole.
+#[derive(PartialEq, Eq, Debug)]
+struct Layout {
+    members: BTreeMap<String, (usize, usize)>,
+    size: usize,
+}
+
+/// Fields of a Rust struct. The pattern names every field: one that is left out does not compile.
+macro_rules! rust_layout {
+    ($name:ident { $($field:ident),* }) => {{
+        let size_of_field = |value: $name| {
+            let $name { $($field),* } = value;
+            [$((stringify!($field), size_of_val(&$field))),*]
+        };
+        let offsets = [$(offset_of!($name, $field)),*];
+        let fields = size_of_field(bytemuck::Zeroable::zeroed());
+        let members = fields.iter().zip(offsets).map(|((name, size), offset)| (name.to_string(), (offset, *size)));
+        Layout { members: members.collect(), size: size_of::<$name>() }
+    }};
+}
+
+/// Members of a struct of the kernel. Its structs stand before its bindings; only they are parsed, so that a struct can be
+/// changed without the functions that use it.
+fn kernel_layout(kernel: &str, name: &str) -> Layout {
+    let (structs, _) = kernel.split_once("@group").expect("the kernel has bindings");
+    let module = naga::front::wgsl::parse_str(structs).expect("the structs are WGSL");
+    let mut layouter = naga::proc::Layouter::default();
+    layouter.update(module.to_ctx()).expect("every type has a layout");
+    let (_, found) = module.types.iter().find(|(_, ty)| ty.name.as_deref() == Some(name)).expect("the kernel has it");
+    let naga::TypeInner::Struct { members, span } = &found.inner else { panic!("{name} is no struct") };
+    let members = members.iter().map(|member| {
+        let name = member.name.clone().expect("members have names");
+        (name, (member.offset as usize, layouter[member.ty].size as usize))
+    });
+    Layout { members: members.collect(), size: *span as usize }
+}
+
+/// WGSL rounds the size of a struct up, where Rust has a field for that.
+fn without_padding(mut layout: Layout) -> Layout {
+    assert_eq!(layout.members.remove("padding"), Some((84, 12)));
+    layout
+}
+
+fn rust_view() -> Layout {
+    without_padding(rust_layout!(View {
+        origin,
+        t_near,
+        base,
+        pixel_size,
+        dx,
+        max_voxel_pixels,
+        dy,
+        t_per_depth,
+        width,
+        height,
+        root,
+        flags,
+        first_row,
+        padding
+    }))
+}
+
+#[test]
+fn the_kernel_s_structs_are_those_of_rust() {
+    assert_eq!(kernel_layout(CAST_WGSL, "View"), rust_view());
+    assert_eq!(kernel_layout(CAST_WGSL, "Hit"), rust_layout!(Hit { t, slot, voxel, iterations }));
+}
+
+/// The negative control: members that are swapped, renamed, missing or of another size are noticed.
+#[test]
+fn a_struct_that_differs_is_noticed() {
+    for (name, right, wrong) in [
+        ("View", "    width: u32,\n    height: u32,\n", "    height: u32,\n    width: u32,\n"),
+        (
+            "View",
+            "    dx: vec3<f32>,\n    max_voxel_pixels: f32,\n",
+            "    max_voxel_pixels: f32,\n    dx: vec3<f32>,\n",
+        ),
+        ("View", "    first_row: u32,\n", "    first_row: u32,\n    last_row: u32,\n"),
+        ("View", "    origin: vec3<f32>,\n    t_near: f32,\n", "    origin: vec4<f32>,\n    t_near: f32,\n"),
+        ("Hit", "    slot: u32,\n    voxel: u32,\n", "    voxel: u32,\n    slot: u32,\n"),
+    ] {
+        assert!(CAST_WGSL.contains(right), "{right}");
+        let broken = kernel_layout(&CAST_WGSL.replacen(right, wrong, 1), name);
+        let rust = if name == "View" { rust_view() } else { rust_layout!(Hit { t, slot, voxel, iterations }) };
+        assert_ne!(broken, rust, "{wrong}");
+    }
+}

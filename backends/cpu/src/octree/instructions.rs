@@ -1,0 +1,86 @@
+//! The instruction sets that there is code for.
+
+use std::fmt;
+
+use super::scene::Scene;
+use super::single;
+use super::tiles::Task;
+#[cfg(target_arch = "x86_64")]
+use super::{gather, packet};
+
+/// Instructions that an octree caster is compiled for.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+#[non_exhaustive]
+pub enum InstructionSet {
+    /// One ray at a time, on every processor; with AVX2 and BMI where the processor has them.
+    Scalar,
+    /// Sixteen rays in lockstep.
+    Avx512,
+}
+
+impl InstructionSet {
+    /// All of them, the fastest last.
+    pub const ALL: [Self; 2] = [Self::Scalar, Self::Avx512];
+
+    /// Those that this processor has, the fastest last.
+    pub fn available() -> impl Iterator<Item = Self> {
+        Self::ALL.into_iter().filter(|set| set.is_available())
+    }
+
+    /// The fastest that this processor has.
+    pub fn best() -> Self {
+        Self::available().last().unwrap_or(Self::Scalar)
+    }
+
+    /// Whether this processor has it.
+    pub fn is_available(self) -> bool {
+        match self {
+            Self::Scalar => true,
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => packet::is_available(),
+            #[cfg(not(target_arch = "x86_64"))]
+            Self::Avx512 => false,
+        }
+    }
+
+    /// Its name: `scalar`, `AVX-512`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Scalar => "scalar",
+            Self::Avx512 => "AVX-512",
+        }
+    }
+
+    /// What the description of a device says about it.
+    pub(super) fn detail(self) -> &'static str {
+        match self {
+            Self::Scalar => single::detail(),
+            Self::Avx512 => "AVX-512, 16 lanes",
+        }
+    }
+
+    /// 32-bit words of the largest image that its code can address.
+    pub(super) fn max_words(self) -> usize {
+        match self {
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => gather::Image::MAX_WORDS,
+            _ => usize::MAX,
+        }
+    }
+
+    /// Does a task.
+    pub(super) fn run(self, scene: &Scene, task: Task) {
+        // Packets can cast every scene that `CpuCaster` pairs with AVX-512.
+        #[cfg(target_arch = "x86_64")]
+        if let (Self::Avx512, Some(packets)) = (self, packet::Packets::new(scene)) {
+            return packets.run(task);
+        }
+        single::run(scene, task);
+    }
+}
+
+impl fmt::Display for InstructionSet {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.name())
+    }
+}

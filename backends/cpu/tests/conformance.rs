@@ -1,0 +1,39 @@
+//! Every instruction set passes every check; see `esvo_core::testing::conformance`.
+
+use esvo_core::testing::conformance::{Fault, Opened, Subject, tell_what_is_tested};
+use esvo_cpu::{CpuCaster, InstructionSet};
+
+/// Environment variable that is set where the processor must have AVX-512: without it the tests then fail.
+const REQUIRE_AVX512: &str = "ESVO_REQUIRE_AVX512";
+
+fn open(instructions: InstructionSet) -> Opened {
+    Ok(Box::new(CpuCaster::with_instructions(Some(2), instructions)?))
+}
+
+const SCALAR: Subject = Subject::native(|| open(InstructionSet::Scalar));
+const AVX512: Subject = Subject::native(|| open(InstructionSet::Avx512)).required_by(REQUIRE_AVX512);
+
+esvo_core::conformance_suite!(scalar, super::SCALAR);
+esvo_core::conformance_suite!(avx512, super::AVX512);
+
+/// Says on standard error which instruction sets this machine tests and which it does not.
+#[test]
+fn instruction_sets_tested_here() -> Result<(), Fault> {
+    let subjects = [("scalar", SCALAR), ("AVX-512", AVX512)];
+    assert_eq!(subjects.map(|(name, _)| name), InstructionSet::ALL.map(InstructionSet::name), "one is not tested");
+    tell_what_is_tested(&subjects)
+}
+
+#[test]
+fn an_instruction_set_that_is_missing_is_an_error() {
+    for set in InstructionSet::ALL {
+        match CpuCaster::with_instructions(Some(1), set) {
+            Ok(_) => assert!(set.is_available()),
+            Err(error) => {
+                assert!(!set.is_available());
+                assert_eq!(error.to_string(), format!("this processor has no {set}"));
+            }
+        }
+    }
+    assert!(InstructionSet::Scalar.is_available() && InstructionSet::best().is_available());
+}
