@@ -1,4 +1,4 @@
-//! Why a run could not be done.
+//! The errors of this crate.
 
 use std::path::{Path, PathBuf};
 
@@ -6,10 +6,10 @@ use esvo_core::CastError;
 use esvo_engines::{EngineId, OpenError};
 use esvo_format::FormatError;
 
-/// Why the harness gave up. Each message is one line: what, where, what to do.
+/// Why a benchmark failed. Each message is one line: where, what, what to do.
 #[derive(Debug, thiserror::Error)]
 pub enum BenchError {
-    /// The operating system refused.
+    /// An error of the operating system.
     #[error("{}: {source}", path.display())]
     Io {
         /// The file or folder.
@@ -17,7 +17,7 @@ pub enum BenchError {
         /// What the system said.
         source: std::io::Error,
     },
-    /// A matrix that makes no sense.
+    /// A matrix that cannot be read or has values out of range.
     #[error("{file}: {what}")]
     Matrix {
         /// The file as given.
@@ -25,7 +25,7 @@ pub enum BenchError {
         /// What is wrong with it.
         what: String,
     },
-    /// A scene that does not exist or cannot be used.
+    /// A scene that does not exist or cannot be measured.
     #[error("scene {scene}: {what}")]
     Scene {
         /// Its name as given.
@@ -44,7 +44,7 @@ pub enum BenchError {
         /// What is wrong with it.
         source: FormatError,
     },
-    /// A caster that had worked failed.
+    /// An engine failed while it cast.
     #[error("engine {engine}: {source}")]
     Cast {
         /// The engine.
@@ -52,7 +52,7 @@ pub enum BenchError {
         /// What it said.
         source: CastError,
     },
-    /// An engine that this program was built without, or that finds no device.
+    /// An engine could not be opened: this program was built without it, or it found no device.
     #[error(transparent)]
     Open(OpenError),
 }
@@ -63,7 +63,7 @@ impl BenchError {
         Self::Io { path: path.to_owned(), source }
     }
 
-    /// What is wrong with the octree in the file at `path`.
+    /// A [`File`](Self::File) error at `path`; an [`Io`](Self::Io) error if `source` is one.
     pub fn file(path: &Path, source: FormatError) -> Self {
         match source {
             // The system's errors name the file themselves.

@@ -1,5 +1,5 @@
-//! What becomes of mesh files: each is given to `esvo build` in a process of its own, and a table says which gave an octree
-//! and which an error. Made for collections of odd files, where a crash or a hang must be seen and not end the run.
+//! `esvo bench import`: builds each mesh file of some folders in a process of its own and lists which files give an octree and
+//! which an error. Made for collections of unusual files: a crash or a hang is recorded and does not end the run.
 
 use std::fs::File;
 use std::io::Read;
@@ -13,18 +13,18 @@ use crate::system::process::Process;
 use crate::text::TextTable;
 use crate::{BenchError, Progress};
 
-/// Time between two looks at a child.
+/// Time between two checks of a process.
 const POLL: Duration = Duration::from_millis(5);
 
-/// Most bytes of a child's standard error that are read: an error is one line.
+/// Maximum number of bytes read from the standard error of a process: an error is one line.
 const MOST_WORDS: u64 = 1 << 16;
 
-/// What is tried, and within which limits.
+/// Which files [`run_import_bench`] tries, and within which limits.
 #[derive(Clone, Debug)]
 pub struct ImportBenchOptions {
-    /// Folders that are searched for mesh files, with all folders in them.
+    /// Folders that are searched for mesh files, including all folders below them.
     pub folders: Vec<PathBuf>,
-    /// The program that has `build`: this one.
+    /// The program whose `build` command is run: `esvo`.
     pub program: PathBuf,
     /// Levels of the octrees.
     pub levels: u32,
@@ -34,7 +34,7 @@ pub struct ImportBenchOptions {
     pub memory: u64,
 }
 
-/// What became of a file.
+/// The result for a file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum ImportOutcome {
     /// An octree that keeps every rule of the specification.
@@ -43,27 +43,27 @@ pub enum ImportOutcome {
         triangles: u64,
         /// Voxels of the octree.
         voxels: u64,
-        /// What the importer had to say.
+        /// Warnings of the importer.
         warnings: Vec<String>,
     },
-    /// One clear error.
+    /// One line of error.
     Refused(String),
-    /// A crash, a hang, too much memory, a wrong octree, or anything but one line of error.
+    /// A crash, a hang, too much memory, an invalid octree, or an output other than one line of error.
     Broken(String),
 }
 
-/// A file and what became of it.
+/// A file and its result.
 #[derive(Clone, Debug)]
 pub struct ImportRow {
-    /// Which of the folders, by its place in [`ImportBenchOptions::folders`].
+    /// Index of the folder in [`ImportBenchOptions::folders`].
     pub folder: usize,
-    /// The file, seen from the folder.
+    /// Path of the file relative to the folder.
     pub file: String,
-    /// What became of it.
+    /// The result.
     pub outcome: ImportOutcome,
 }
 
-/// All files of all folders, by folder and name.
+/// All files of all folders, ordered by folder and name.
 #[derive(Clone, Debug)]
 pub struct ImportReport {
     /// Names of the folders.
@@ -75,16 +75,20 @@ pub struct ImportReport {
 }
 
 impl ImportReport {
-    /// Files that gave neither an octree nor one clear error.
-    pub fn broken(&self) -> impl Iterator<Item = &ImportRow> {
-        self.rows.iter().filter(|row| matches!(row.outcome, ImportOutcome::Broken(_)))
+    /// Files that gave neither an octree nor one line of error.
+    /// Each is given with what happened.
+    pub fn broken(&self) -> impl Iterator<Item = (&str, &str)> {
+        self.rows.iter().filter_map(|row| match &row.outcome {
+            ImportOutcome::Broken(what) => Some((&*row.file, &**what)),
+            _ => None,
+        })
     }
 
     /// A table per folder.
     pub fn to_markdown(&self) -> String {
         let mut out = format!(
-            "# Mesh files, and what becomes of them\n\nMade by `esvo bench import`: each file is built to {} levels by a process \
-             of its own. Numbers: an octree; otherwise the error.\n\n",
+            "# Import of mesh files\n\nMade by `esvo bench import`: each file is built to {} levels by a process of its own. Files \
+             with numbers gave an octree; the others gave the error.\n\n",
             self.levels
         );
         for (index, name) in self.folders.iter().enumerate() {
@@ -123,11 +127,10 @@ impl ImportReport {
     }
 }
 
-/// Tries every mesh file (by its extension) below the folders.
+/// Tries all mesh files (told by their extension) below the folders.
 ///
 /// # Errors
-/// A folder that cannot be read or holds no mesh files, or a program that cannot be started. What goes wrong with a file is
-/// in its row.
+/// A folder that cannot be read or has no mesh files, or a program that cannot be started. Failures of a file are in its row.
 pub fn run_import_bench(options: &ImportBenchOptions, progress: &Progress) -> Result<ImportReport, BenchError> {
     let mut files = Vec::new();
     for (index, folder) in options.folders.iter().enumerate() {
@@ -154,7 +157,7 @@ pub fn run_import_bench(options: &ImportBenchOptions, progress: &Progress) -> Re
     Ok(ImportReport { folders: options.folders.iter().map(name).collect(), levels: options.levels, rows })
 }
 
-/// All mesh files below a folder. Links are not followed: they could lead round in a circle.
+/// Finds all mesh files below a folder. Links are not followed, as they may form a circle.
 fn collect(folder: &Path, found: &mut Vec<PathBuf>) -> Result<(), BenchError> {
     let failed = |e| BenchError::io(folder, e);
     for entry in std::fs::read_dir(folder).map_err(failed)? {
@@ -170,7 +173,7 @@ fn collect(folder: &Path, found: &mut Vec<PathBuf>) -> Result<(), BenchError> {
     Ok(())
 }
 
-/// One file at a time.
+/// The trial of one file.
 struct Trial<'a> {
     options: &'a ImportBenchOptions,
     path: &'a Path,
@@ -180,7 +183,7 @@ struct Trial<'a> {
 
 impl Trial<'_> {
     fn run(&self) -> Result<ImportOutcome, BenchError> {
-        // Whatever an earlier file left must not be taken for this one's.
+        // Remove the output of the previous file.
         if self.output.exists() {
             std::fs::remove_file(&self.output).map_err(|e| BenchError::io(&self.output, e))?;
         }
@@ -212,11 +215,11 @@ impl Trial<'_> {
         Ok(self.judge(status, &String::from_utf8_lossy(&words)))
     }
 
-    /// What became of the file, from how the process ended and what it said.
+    /// The result for the file, from the exit status and the standard error of its process.
     fn judge(&self, status: ExitStatus, words: &str) -> ImportOutcome {
         let folder = format!("{}/", self.folder.display());
         let lines: Vec<String> = words.lines().map(|line| line.replace(&folder, "")).collect();
-        let last = || lines.last().cloned().unwrap_or_else(|| "without a word".into());
+        let last = || lines.last().cloned().unwrap_or_else(|| "no output".into());
         let warnings = || lines.iter().filter_map(|line| line.strip_prefix("warning: ")).map(str::to_owned).collect();
         match status.code() {
             Some(0) => match self.octree() {
@@ -227,7 +230,7 @@ impl Trial<'_> {
                 let errors: Vec<&str> = lines.iter().filter_map(|line| line.strip_prefix("error: ")).collect();
                 match errors.as_slice() {
                     [error] if !self.output.exists() => ImportOutcome::Refused((*error).to_owned()),
-                    [_] => ImportOutcome::Broken("an error, and yet an octree".into()),
+                    [_] => ImportOutcome::Broken("an error, but also an octree".into()),
                     _ => ImportOutcome::Broken(format!("not one line of error: {}", last())),
                 }
             }
@@ -235,7 +238,7 @@ impl Trial<'_> {
         }
     }
 
-    /// Triangles and voxels of the octree that was written, or what is wrong with it.
+    /// Triangles and voxels of the octree, or why it is invalid.
     fn octree(&self) -> Result<(u64, u64), String> {
         let report = esvo_format::validate_file(&self.output).map_err(|e| format!("no octree: {e}"))?;
         if let Some(finding) = report.findings.iter().find(|f| !f.warning) {
@@ -243,7 +246,7 @@ impl Trial<'_> {
         }
         let octree = esvo_format::Octree::open(&self.output).map_err(|e| format!("no octree: {e}"))?;
         let meta: serde_json::Value = serde_json::from_str(octree.meta()).map_err(|e| format!("metadata: {e}"))?;
-        let triangles = meta["triangles"].as_u64().ok_or("the metadata does not say how many triangles there were")?;
+        let triangles = meta["triangles"].as_u64().ok_or("the metadata has no number of triangles")?;
         Ok((triangles, esvo_format::stats(&octree).voxels))
     }
 }
@@ -294,7 +297,7 @@ mod tests {
         broken(found[2].1, "crashed (signal: 9");
         broken(found[3].1, "not done after 1 s");
         assert_eq!(found[4].0, "deep/er/g.gltf");
-        broken(found[4].1, "not one line of error: without a word");
+        broken(found[4].1, "not one line of error: no output");
         broken(found[5].1, "no octree: ");
         broken(found[6].1, "not one line of error: error: two");
         assert_eq!(report.broken().count(), 6);

@@ -1,7 +1,33 @@
-//! The benchmark harness of esvo: matrix, checks, timing, error, tables.
+//! The benchmark harness of esvo: it builds octrees, checks the answers of the engines, times them, measures errors against
+//! the triangles, and writes records and tables.
 //!
-//! [`run::run`](paper_bench::run::run) takes a [`Matrix`] and gives a [`Report`], from which
-//! [`tables`](paper_bench::tables) makes what is printed and [`output`] what is written.
+//! ```no_run
+//! use esvo_bench::paper_bench::{PaperBenchOptions, run_paper_bench, tables};
+//! use esvo_bench::{Matrix, Progress};
+//!
+//! let options = PaperBenchOptions { matrix: Matrix::default_run(), scenes_dir: None, threads: None };
+//! let outcome = run_paper_bench(&options, &Progress::terminal())?;
+//! print!("{}", tables::to_text(&outcome.report));
+//! # Ok::<(), esvo_bench::BenchError>(())
+//! ```
+//!
+//! # What is where
+//! Each benchmark is a folder with a function `run_...`, a record (plain data, stored as JSON), tables, and a writer:
+//! - [`paper_bench`]: `esvo bench`, the paper's two tables. `table1.rs` and `table2.rs` in `paper_bench/tables/` print Table 1
+//!   and Table 2; `timed_row.rs` takes the times of Table 2, `check.rs` compares engines with the reference caster, `paper.rs`
+//!   has the paper's figures.
+//! - [`build_bench`]: `esvo bench build`, time, memory, size and error of building, compared with the authors' builder.
+//! - [`format_bench`]: `esvo bench format`, storing, validating and reading files.
+//! - [`picture_bench`]: `esvo bench pictures`, octrees next to their triangles. Also the exact pictures of meshes.
+//! - [`import_bench`]: `esvo bench import`, what happens to each mesh file of a folder.
+//!
+//! What they share:
+//! - [`scene`]: from a scene's name to its mesh and viewpoints. [`matrix_parts`]: scenes and levels of a matrix.
+//! - [`error`]: depth error and image error (FLIP). [`timing`]: samples, medians and quartiles.
+//! - [`text`]: tables as text and Markdown. [`output`]: the only writer of records, tables and pictures.
+//! - [`build_summary`]: what `esvo build --json` prints. `growth`: predicting the next level. `units`: bytes.
+//! - [`system`]: machine, clock, processes, temporary folders; the only reader of `/proc`.
+//! - [`BenchError`]: all errors. [`Progress`]: the line on the terminal.
 
 mod bench_error;
 pub mod build_bench;

@@ -8,19 +8,19 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SceneLevels {
-    /// Name of the scene's manifest.
+    /// Name of the scene in the manifest.
     pub name: String,
-    /// Deepest levels to build, ascending, each 1..=23. Casting is timed on the last one that was built.
+    /// Deepest levels of the octrees to build, ascending, each 1..=23. Casting is timed on the last one that was built.
     pub levels: Vec<u32>,
 }
 
-/// Something that was not measured.
+/// Something that was not measured, and the reason.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LeftOut {
-    /// What.
+    /// What was not measured.
     pub what: String,
-    /// Why, and where it makes sense how to get it.
+    /// The reason, and what to do about it if something can be done.
     pub reason: String,
 }
 
@@ -32,7 +32,7 @@ pub(crate) fn parse_toml<T: DeserializeOwned>(text: &str) -> Result<T, String> {
     })
 }
 
-/// These scenes, in this order. One that is not among `scenes` takes the levels of the first.
+/// The named scenes, in this order. A scene that is not among `scenes` gets the levels of the first.
 pub(crate) fn select_scenes(scenes: &[SceneLevels], names: &[String]) -> Vec<SceneLevels> {
     let levels = scenes.first().map(|s| s.levels.clone()).unwrap_or_default();
     let pick = |name: &String| {
@@ -42,17 +42,17 @@ pub(crate) fn select_scenes(scenes: &[SceneLevels], names: &[String]) -> Vec<Sce
     names.iter().map(pick).collect()
 }
 
-/// Checks that there are scenes and that their levels ascend within 1 to 23; says in words what is wrong.
+/// Checks that there are scenes and that their levels ascend within 1 to 23. `Err` says what is wrong.
 pub(crate) fn check_scenes(scenes: &[SceneLevels]) -> Result<(), String> {
     if scenes.is_empty() {
-        return Err("there is no scene".into());
+        return Err("the list of scenes is empty".into());
     }
     for scene in scenes {
         if scene.levels.is_empty() {
             return Err(format!("scene {}: levels is empty", scene.name));
         }
         if let Some(levels) = scene.levels.iter().find(|l| !(1..=23).contains(*l)) {
-            return Err(format!("scene {}: levels are between 1 and 23, not {levels}", scene.name));
+            return Err(format!("scene {}: levels must be between 1 and 23, not {levels}", scene.name));
         }
         if scene.levels.windows(2).any(|w| w[0] >= w[1]) {
             return Err(format!("scene {}: levels must ascend", scene.name));

@@ -9,7 +9,7 @@ use serde::Serialize;
 use crate::BenchError;
 use crate::system::machine::{Machine, slug};
 
-/// A picture and where it goes.
+/// A picture and the name of its file.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct NamedPicture {
     /// File name.
@@ -18,10 +18,10 @@ pub struct NamedPicture {
     pub picture: Picture,
 }
 
-/// Whether something can be written below `results`, which need not exist: better known before a run than after it.
+/// Checks that files can be written below `results`, which need not exist. Call this before a long run.
 ///
 /// # Errors
-/// The system's, at the folder or the nearest one above that exists.
+/// The system's, for the folder or the nearest one above it that exists.
 pub fn check_writable(results: &Path) -> Result<(), BenchError> {
     let above = results.ancestors().map(|p| if p.as_os_str().is_empty() { Path::new(".") } else { p });
     let existing = above.into_iter().find(|p| p.exists()).unwrap_or(Path::new("."));
@@ -86,14 +86,14 @@ pub(crate) fn write_folder(
             continue;
         }
         std::fs::rename(temporary.path(), &folder).map_err(|e| BenchError::io(&folder, e))?;
-        // It has moved: there is nothing left to remove.
+        // The folder was renamed: there is nothing to remove.
         let _ = temporary.keep();
         return Ok(folder);
     }
     Err(BenchError::io(&parent, std::io::Error::other("too many runs of this day")))
 }
 
-/// A temporary folder is its owner's alone; results are for everybody.
+/// Makes a folder readable for everybody; temporary folders are readable only for their owner.
 fn readable(folder: &Path) -> Result<(), BenchError> {
     #[cfg(unix)]
     {
@@ -102,4 +102,38 @@ fn readable(folder: &Path) -> Result<(), BenchError> {
             .map_err(|e| BenchError::io(folder, e))?;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_are_whole_or_as_before() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("record.json");
+        write_text(&path, "first").unwrap();
+        write_text(&path, "second").unwrap();
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), "second");
+        let picture = Picture::from_fn((2, 1), |_, _| [0.5; 3]);
+        let bad = NamedPicture { name: "bad.png".into(), picture: Picture { width: 3, ..picture.clone() } };
+        assert!(bad.write(folder.path()).is_err());
+        NamedPicture { name: "good.png".into(), picture }.write(folder.path()).unwrap();
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2, "no temporary file is left");
+        let error = write_text(&folder.path().join("absent/record.json"), "x").unwrap_err().to_string();
+        assert!(error.contains("absent"), "{error}");
+    }
+
+    #[test]
+    fn a_folder_that_cannot_be_filled_does_not_appear() {
+        let results = tempfile::tempdir().unwrap();
+        let machine = Machine::detect();
+        let failed = write_folder(results.path(), &machine, Some("m"), "-x", |folder| {
+            write_text(&folder.join("a"), "a")?;
+            Err(BenchError::scene("s", "fails"))
+        });
+        assert!(failed.is_err());
+        assert_eq!(std::fs::read_dir(results.path().join("m")).unwrap().count(), 0);
+        check_writable(&results.path().join("not/there/yet")).unwrap();
+    }
 }

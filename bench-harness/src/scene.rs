@@ -50,7 +50,7 @@ pub struct NamedView {
 pub fn entry<'a>(manifest: &'a SceneManifest, name: &str) -> Result<&'a SceneEntry, BenchError> {
     let Some(entry) = manifest.scene(name) else {
         let names: Vec<_> = manifest.scenes.iter().map(|s| s.name.to_ascii_lowercase()).collect();
-        return Err(BenchError::scene(name, format!("unknown; the scenes are {}", names.join(", "))));
+        return Err(BenchError::scene(name, format!("unknown scene; the scenes are {}", names.join(", "))));
     };
     if entry.displaced {
         let what =
@@ -108,8 +108,12 @@ pub fn mesh(entry: &SceneEntry, scenes_dir: Option<&Path>, stand_in: bool) -> Re
 
 /// The stand-in of a scene, and a description of its generator.
 fn generate(entry: &SceneEntry) -> Result<(Mesh, String), BenchError> {
-    let missing =
-        || BenchError::scene(&entry.name, "the mesh is not there, and there is no stand-in; see --scenes-dir");
+    let missing = || {
+        BenchError::scene(
+            &entry.name,
+            "its mesh was not found, and it has no stand-in; give the folder of the mesh by --scenes-dir",
+        )
+    };
     let stand_in = entry.stand_in.as_ref().ok_or_else(missing)?;
     let mesh = stand_in.generate().ok_or_else(missing)?;
     Ok((mesh, format!("procedural, generator {}, seed {}", stand_in.generator, stand_in.seed)))
@@ -158,7 +162,7 @@ impl Scene {
         };
         let views: Vec<_> = cameras.iter().take(views).map(named_view).collect();
         if views.is_empty() {
-            return Err(failed("the manifest has no cameras for it".into()));
+            return Err(failed("the manifest has no viewpoints for it".into()));
         }
         Ok(Self {
             name: entry.name.clone(),

@@ -131,6 +131,11 @@ pub fn short(x: f64) -> String {
     }
 }
 
+/// A cell of a table: the value, or `-` without one.
+pub(crate) fn or_dash(value: Option<String>) -> String {
+    value.unwrap_or_else(|| "-".into())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

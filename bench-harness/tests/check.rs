@@ -1,4 +1,4 @@
-//! The check that comes before timing, and its negative controls: casters broken on purpose that it must catch.
+//! The check before timing, and its negative controls: casters that are broken on purpose, which it must detect.
 
 use std::sync::Arc;
 
@@ -9,7 +9,7 @@ use esvo_core::{CastError, CastOptions, Caster, Checked, Device, FrameTime, Hit,
 use esvo_engines::{EngineId, OpenOptions};
 use esvo_format::Octree;
 
-/// Does something to every picture of the reference caster.
+/// The reference caster with hits that are changed by `break_it`.
 struct Broken<F> {
     inner: ReferenceCaster,
     break_it: F,

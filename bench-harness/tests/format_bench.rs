@@ -1,4 +1,4 @@
-//! The benchmark of the format, small.
+//! The benchmark of the format on small octrees.
 
 use esvo_bench::format_bench::{
     FormatBenchOptions, FormatReport, run_format_bench, to_markdown, to_text, write_format_record,
@@ -21,7 +21,7 @@ fn everything_is_measured_written_and_read_back() {
     assert!((3 << 20..5 << 20).contains(&report.large.file_bytes), "{}", report.large.file_bytes);
     assert!(report.validation.iter().all(|row| row.time.seconds.len() >= 5 && row.time.best() > 0.0));
 
-    // Opening reads the tables, and one block more is one block more.
+    // Opening reads the tables only; reading a block adds one read.
     let [open, block, coarse, mapped] = &report.large.access[..] else { panic!("{:?}", report.large.access) };
     let table = report.large.blocks * 72;
     assert!((table..table + 100_000).contains(&open.bytes.unwrap()), "{open:?}");

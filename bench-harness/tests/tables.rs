@@ -1,8 +1,12 @@
 //! The layout of the tables, on a report with made-up figures.
 
+use std::path::Path;
+
+use esvo_bench::build_bench::BuildReport;
 use esvo_bench::build_summary::KindBytes;
 use esvo_bench::error::depth::{DepthError, Summary};
 use esvo_bench::error::image::ImageError;
+use esvo_bench::format_bench::FormatReport;
 use esvo_bench::matrix_parts::LeftOut;
 use esvo_bench::paper_bench::check::Agreement;
 use esvo_bench::paper_bench::matrix::{Matrix, Variant};
@@ -185,7 +189,35 @@ fn wrong_answers_are_failures() {
     assert_eq!(failures, [("SIBENIK".to_string(), EngineId::Ash, Variant::Beam)]);
     report.scenes.remove(0);
     assert!(report.passed());
-    // A caster that failed has compared nothing.
+    // A caster that failed has compared no pixels.
     report.scenes[0].checks[0].agreement.pixels = 0;
     assert!(!report.passed());
+}
+
+/// Records are kept for years: those of earlier versions must be read, and written again with the same kinds.
+#[test]
+fn the_records_under_results_are_read() {
+    let results = Path::new(env!("CARGO_MANIFEST_DIR")).join("../results/amd-epyc-2-threads");
+    let text = std::fs::read_to_string(results.join("2026-11-23/report.json")).unwrap();
+    let report = PaperReport::from_json(&text).unwrap();
+    assert!(report.passed());
+    let meshes: Vec<_> = report.scenes.iter().map(|scene| (scene.name.as_str(), scene.mesh)).collect();
+    assert!(meshes.contains(&("SIBENIK", SceneVariant::Real)) && meshes.contains(&("HAIRBALL", SceneVariant::StandIn)));
+    let kinds: Vec<_> = report.devices.iter().map(|device| (device.backend, device.kind)).collect();
+    assert!(
+        kinds.contains(&(EngineId::Cpu, DeviceKind::Cpu)) && kinds.contains(&(EngineId::Ash, DeviceKind::SoftwareGpu))
+    );
+    let (old, new): (serde_json::Value, serde_json::Value) =
+        (serde_json::from_str(&text).unwrap(), serde_json::from_str(&report.to_json()).unwrap());
+    assert_eq!(old, new);
+
+    for name in ["build", "build-table1", "build-city16"] {
+        let text = std::fs::read_to_string(results.join(format!("2026-11-23-build/{name}.json"))).unwrap();
+        let report: BuildReport = serde_json::from_str(&text).unwrap();
+        let new: serde_json::Value = serde_json::from_str(&report.to_json()).unwrap();
+        assert_eq!(serde_json::from_str::<serde_json::Value>(&text).unwrap(), new, "{name}");
+    }
+    let text = std::fs::read_to_string(results.join("2026-11-23-format/report.json")).unwrap();
+    let report: FormatReport = serde_json::from_str(&text).unwrap();
+    assert_eq!(serde_json::from_str::<serde_json::Value>(&text).unwrap(), serde_json::to_value(&report).unwrap());
 }

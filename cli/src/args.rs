@@ -1,4 +1,4 @@
-//! What can be typed: the list of commands. Each command has its options next to what it does, in [`crate::commands`].
+//! The command line: the list of commands. The options of each command are next to its code, in [`crate::commands`].
 
 use clap::{Parser, Subcommand};
 
@@ -24,10 +24,10 @@ use crate::version::long_version;
     propagate_version = true,
     after_help = "\
 Examples:
-  esvo bench                                          the paper's two tables on this machine, within three minutes
-  esvo build sibenik.obj -o sibenik.esvo --levels 11  a mesh to an octree
-  esvo render sibenik.esvo -o sibenik.png             a picture of it
-  esvo help render                                    everything about one command"
+  esvo build sibenik.obj -o sibenik.esvo --levels 11  build an octree from a mesh
+  esvo render sibenik.esvo -o sibenik.png             render a picture of it
+  esvo bench                                          measure the paper's two tables, within three minutes
+  esvo help render                                    all options of a command"
 )]
 pub(crate) struct Arguments {
     #[command(subcommand)]

@@ -6,7 +6,7 @@ use std::io::{ErrorKind, Write};
 /// Why a command ends early.
 #[derive(Debug)]
 pub(crate) enum Failure {
-    /// One line: what, where, what to do.
+    /// An error in one line: where, what, what to do.
     Message(String),
     /// Standard output was closed.
     Pipe,
@@ -30,7 +30,7 @@ pub(crate) fn print(text: &str) -> Result<(), Failure> {
 
 /// Writes one line to standard error. Nothing can be done if that fails.
 pub(crate) fn complain(kind: &str, message: &str) {
-    // An error is one line, whatever a library puts into its message.
+    // Messages of libraries may have several lines; errors of this program have one.
     let line = message.split_whitespace().collect::<Vec<_>>().join(" ");
     let _ = writeln!(std::io::stderr(), "{kind}: {line}");
 }

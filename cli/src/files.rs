@@ -7,13 +7,13 @@ use esvo_format::{FormatError, Octree, ids};
 
 use crate::fail::Failure;
 
-/// The error with the file's name in front, unless it says it already.
+/// The error with the file's name in front, unless it starts with the name.
 pub(crate) fn name_file(path: &Path, error: impl Display) -> String {
     let (path, error) = (path.display().to_string(), error.to_string());
     if error.starts_with(&path) { error } else { format!("{path}: {error}") }
 }
 
-/// Opens an octree that must be sound. What is another kind of file is called by its name.
+/// Opens an octree and checks that it is sound. If the file is a mesh or an .oct file, the error says so.
 pub(crate) fn open(path: &Path) -> Result<Octree, Failure> {
     let octree = Octree::open(path).map_err(|error| match wrong_kind(path, &error) {
         Some(what) => what,
@@ -23,7 +23,7 @@ pub(crate) fn open(path: &Path) -> Result<Octree, Failure> {
     Ok(octree)
 }
 
-/// What to do with a file that does not begin like an octree, if its name says what it is instead.
+/// The error for a mesh or an .oct file in place of an octree. `None` for other errors and other extensions.
 pub(crate) fn wrong_kind(path: &Path, error: &FormatError) -> Option<String> {
     if !matches!(error, FormatError::Broken(broken) if broken.rule == ids::IDENTIFIER) {
         return None;
@@ -31,7 +31,7 @@ pub(crate) fn wrong_kind(path: &Path, error: &FormatError) -> Option<String> {
     let (name, better) = (path.display(), path.with_extension("esvo"));
     match extension(path).as_str() {
         "obj" | "gltf" | "glb" | "ply" | "stl" => Some(format!(
-            "{name}: is a mesh, not an octree; make one of it first: esvo build {name} -o {}",
+            "{name}: is a mesh, not an octree; build an octree from it first: esvo build {name} -o {}",
             better.display()
         )),
         "oct" => Some(format!(
@@ -47,7 +47,7 @@ pub(crate) fn extension(path: &Path) -> String {
     path.extension().map_or(String::new(), |e| e.to_string_lossy().to_lowercase())
 }
 
-/// Refuses the name of an output that says that it is something else than what is written.
+/// Rejects an output whose extension is not `wanted`.
 pub(crate) fn check_extension(path: &Path, wanted: &str, what: &str) -> Result<(), Failure> {
     if extension(path) == wanted {
         return Ok(());
@@ -55,7 +55,7 @@ pub(crate) fn check_extension(path: &Path, wanted: &str, what: &str) -> Result<(
     Err(format!("{}: {what}; give a name that ends in .{wanted}", path.display()).into())
 }
 
-/// Fails early if a file cannot be put there, before long work is done for it.
+/// Rejects an output that cannot be written, before any long work.
 pub(crate) fn check_output(path: &Path) -> Result<(), Failure> {
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     if !folder.is_dir() {
@@ -75,7 +75,7 @@ pub(crate) fn check_output(path: &Path) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Refuses to write over the file that is read, whatever the two are called.
+/// Rejects an output that is the same file as the input, also through links.
 pub(crate) fn check_not_input(output: &Path, input: &Path) -> Result<(), Failure> {
     match (output.canonicalize(), input.canonicalize()) {
         (Ok(a), Ok(b)) if a == b => {

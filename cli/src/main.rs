@@ -10,31 +10,31 @@ mod words;
 
 use std::process::ExitCode;
 
-use clap::Parser;
+use clap::{CommandFactory, Parser};
 
 use args::{Arguments, Command};
 use fail::{Failure, complain};
 
-/// Keeps Mesa's device-select layer from asking a window system that is not there: it complains on standard error, in
-/// words that read as if they were ours. Whoever uses the layer to choose a device keeps it.
+/// Turns off Mesa's device-select layer if there is no window system: the layer would print errors of its own on standard
+/// error. It stays on if MESA_VK_DEVICE_SELECT is set, as the user then chooses a device by it.
 fn quiet_device_selection() {
     let is_set = |name| std::env::var_os(name).is_some();
     if !is_set("XDG_RUNTIME_DIR") && !is_set("MESA_VK_DEVICE_SELECT") {
-        // SAFETY: nothing but `main` runs yet, so no other thread reads the environment.
+        // SAFETY: `main` has not started any thread yet, so no other thread reads the environment.
         unsafe { std::env::set_var("NODEVICE_SELECT", "1") };
     }
 }
 
 fn main() -> ExitCode {
     quiet_device_selection();
-    // Interrupted while writing: leave nothing half-written behind.
+    // On an interrupt, remove temporary files and end child processes.
     let interrupted = ctrlc::set_handler(|| {
         esvo_format::remove_temporaries();
         esvo_bench::interrupted();
         std::process::exit(130);
     });
     if let Err(error) = interrupted {
-        complain("warning", &format!("an interrupt will leave temporary files behind: {error}"));
+        complain("warning", &format!("cannot handle interrupts, which may leave temporary files: {error}"));
     }
     let result = match Arguments::parse().command {
         Command::Build(arguments) => commands::build::run_build(&arguments),
@@ -46,12 +46,12 @@ fn main() -> ExitCode {
         Command::Ambient(arguments) => commands::ambient::run_ambient(&arguments),
         Command::Render(arguments) => commands::render::run_render(&arguments),
         Command::Bench(arguments) => commands::bench::run_bench(&arguments),
-        Command::Completions(arguments) => commands::completions::run_completions(&arguments),
-        Command::Man(arguments) => commands::man::run_man(&arguments),
+        Command::Completions(arguments) => commands::completions::run_completions(&arguments, Arguments::command()),
+        Command::Man(arguments) => commands::man::run_man(&arguments, Arguments::command()),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
-        // Whoever read our output has seen enough.
+        // The reader of standard output has closed it, as `head` does.
         Err(Failure::Pipe) => ExitCode::SUCCESS,
         Err(Failure::Message(message)) => {
             complain("error", &message);

@@ -1,4 +1,4 @@
-//! Reading the values of options.
+//! Parsers of option values.
 
 use std::path::PathBuf;
 
@@ -15,45 +15,49 @@ pub(crate) fn engine() -> impl TypedValueParser<Value = EngineId> {
     PossibleValuesParser::new(EngineId::ALL.iter().map(value)).try_map(|name| name.parse::<EngineId>())
 }
 
-/// Gigabytes of 10^9 bytes, above 0.
+/// Gigabytes (10^9 bytes), a number above 0.
 pub(crate) fn parse_gigabytes(text: &str) -> Result<f64, String> {
     let number = text.parse::<f64>().map_err(|e| e.to_string())?;
-    if number > 0.0 && number.is_finite() { Ok(number) } else { Err("not a number above 0".into()) }
+    if number > 0.0 && number.is_finite() { Ok(number) } else { Err("expected a number above 0".into()) }
 }
 
+/// Width and height in pixels, each 1 to 16384: `1024x768`.
 pub(crate) fn parse_size(text: &str) -> Result<[u32; 2], String> {
     let number = |s: &str| s.trim().parse::<u32>().ok().filter(|n| (1..=16384).contains(n));
     match text.split_once(['x', 'X']).map(|(w, h)| (number(w), number(h))) {
         Some((Some(w), Some(h))) => Ok([w, h]),
-        _ => Err("write width x height in pixels, 1x1 to 16384x16384, as 1024x768".into()),
+        _ => Err("expected width x height in pixels, 1x1 to 16384x16384, e.g. 1024x768".into()),
     }
 }
 
+/// Finite numbers separated by commas; `None` for anything else.
 pub(crate) fn parse_numbers(text: &str) -> Option<Vec<f64>> {
     text.split(',').map(|s| s.trim().parse::<f64>().ok().filter(|x| x.is_finite())).collect()
 }
 
-/// What a height of 1 stands for.
+/// The displacement of a height of 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Amplitude {
-    /// In proportion to the mesh.
+    /// 1/500 of the mesh's largest extent.
     Auto,
     /// In mesh units.
     Units(f64),
 }
 
+/// A number of mesh units, or `auto`.
 pub(crate) fn parse_amplitude(text: &str) -> Result<Amplitude, String> {
     if text == "auto" {
         return Ok(Amplitude::Auto);
     }
     let number = text.parse::<f64>().ok().filter(|x| x.is_finite());
-    number.map(Amplitude::Units).ok_or_else(|| "write a number of mesh units, as 0.05".into())
+    number.map(Amplitude::Units).ok_or_else(|| "expected a number of mesh units, e.g. 0.05".into())
 }
 
+/// A material and its height map: `stone=stone-height.png`.
 pub(crate) fn parse_height_map(text: &str) -> Result<(String, PathBuf), String> {
     match text.split_once('=') {
         Some((material, file)) if !file.is_empty() => Ok((material.to_owned(), file.into())),
-        _ => Err("write the name of a material, an equals sign and an image file, as stone=stone-height.png".into()),
+        _ => Err("expected MATERIAL=FILE, e.g. stone=stone-height.png".into()),
     }
 }
 

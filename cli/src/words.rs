@@ -1,14 +1,14 @@
-//! Numbers as a person reads them.
+//! Numbers with units, for people to read.
 
 use esvo_bench::text::short;
 
-/// A number and its unit, in the plural where there is not one: `1 level`, `2 levels`.
+/// A number and its unit, with a plural `s` unless the number is 1: `1 level`, `2 levels`.
 pub(crate) fn count(number: impl Into<u64>, unit: &str) -> String {
     let number = number.into();
     format!("{number} {unit}{}", if number == 1 { "" } else { "s" })
 }
 
-/// A size in KiB below one MiB, in MiB from there on.
+/// A size in KiB if it is below 1 MiB, otherwise in MiB.
 pub(crate) fn size(bytes: u64) -> String {
     match bytes {
         0..0x10_0000 => format!("{} KiB", short(bytes as f64 / 1024.0)),

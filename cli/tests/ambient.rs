@@ -10,7 +10,7 @@ fn ambient_occlusion_is_added_and_changes_the_picture() {
     let out = folder.ok(&["ambient", "box.esvo", "-o", "ao.esvo", "--rays", "32", "--radius", "0.3"]);
     assert!(out.contains("32 rays each") && out.contains("cast by cpu"), "{out}");
     folder.ok(&["validate", "ao.esvo"]);
-    // The same octree but for that, and the same once more whatever the engine.
+    // The octree is unchanged otherwise, and every engine gives the same values.
     folder.ok(&[
         "ambient",
         "box.esvo",
@@ -30,7 +30,7 @@ fn ambient_occlusion_is_added_and_changes_the_picture() {
         folder.ok(&["render", &format!("{name}.esvo"), "-o", &format!("{name}.png"), "--size", "64x48"]);
     }
     assert!(bytes("ao.png") != bytes("box.png"));
-    // Ambient occlusion that is there is replaced.
+    // Existing ambient occlusion is replaced.
     folder.ok(&["ambient", "ao.esvo", "-o", "twice.esvo", "--rays", "32", "--radius", "0.3"]);
     assert!(bytes("ao.esvo") == bytes("twice.esvo"));
 }

@@ -63,7 +63,7 @@ fn the_same_mesh_gives_the_same_bytes() {
 
 #[test]
 fn the_gpu_draws() {
-    // As in the casters' own tests: without a device there is nothing to test, unless one is required.
+    // As in the tests of the casters: without a device this is skipped, unless a device is required.
     if std::env::var_os("ESVO_REQUIRE_GPU").is_none() {
         eprintln!("skipped: ESVO_REQUIRE_GPU is not set");
         return;
@@ -75,7 +75,7 @@ fn the_gpu_draws() {
     }
 }
 
-/// What a GPU engine says where there is no driver: what to install, or that it is not in this program.
+/// Part of the error of a GPU engine without a driver: what to install, or that it is not built in.
 const WITHOUT_A_DRIVER: &str = if cfg!(feature = "wgpu") { "install" } else { "built without it" };
 
 #[test]
@@ -83,7 +83,7 @@ fn without_a_vulkan_driver_the_rest_is_done_and_one_line_says_so() {
     let folder = Folder::new();
     folder.put("small.toml", SMALL);
     let mut command = folder.command(&["bench", "--matrix", "small.toml", "--backends", "cpu,wgpu,ash"]);
-    // The loader's two names for the list of drivers.
+    // Both environment variables of the Vulkan loader for its list of drivers.
     command.env("VK_DRIVER_FILES", "/nonexistent").env("VK_ICD_FILENAMES", "/nonexistent");
     let out = command.output().unwrap();
     assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
@@ -102,7 +102,7 @@ fn rendering_without_a_vulkan_driver_says_what_to_install() {
         let out = command.output().unwrap();
         let error = String::from_utf8_lossy(&out.stderr).into_owned();
         assert_eq!(out.status.code(), Some(1), "{error}");
-        assert!(error.contains(&format!("error: backend {backend}: ")) && error.contains(WITHOUT_A_DRIVER), "{error}");
+        assert!(error.contains(&format!("error: engine {backend}: ")) && error.contains(WITHOUT_A_DRIVER), "{error}");
         assert_eq!(folder.files(), ["box.esvo", "box.obj"]);
     }
 }
@@ -177,7 +177,7 @@ fn bench_writes_its_record() {
         assert!(std::fs::read(day.join(picture)).unwrap().starts_with(b"\x89PNG"));
     }
     assert!(std::fs::read_to_string(day.join("tables.md")).unwrap().contains("## Table 1"));
-    // A second run on the same day has a folder of its own.
+    // A second run on the same day gets a folder of its own.
     folder.ok(&["bench", "--matrix", "small.toml", "--machine", "Test Machine", "--json"]);
     assert_eq!(std::fs::read_dir(&machine).unwrap().count(), 2);
 }

@@ -21,7 +21,7 @@ fn there_and_back() {
     assert!(back.contains("nothing lost"), "{back}");
     assert_eq!(counts(&folder, "back.esvo"), counts(&folder, "box.esvo"));
     folder.ok(&["validate", "back.esvo"]);
-    // The second time nothing is left to lose.
+    // The second conversion loses nothing.
     let again = folder.ok(&["convert", "back.esvo", "-o", "again.OCT"]);
     assert!(again.contains("nothing lost"), "{again}");
 }
@@ -32,7 +32,7 @@ fn rewriting_keeps_everything() {
     let out = folder.ok(&["convert", "box.esvo", "-o", "same.esvo"]);
     assert!(out.contains("nothing lost"), "{out}");
     assert!(std::fs::read(folder.path("same.esvo")).unwrap() == std::fs::read(folder.path("box.esvo")).unwrap());
-    // A file may be rewritten in place, and compressed and not.
+    // A file can be rewritten in place, with and without compression.
     folder.ok(&["convert", "same.esvo", "-o", "same.esvo", "--compress"]);
     let size = |name: &str| std::fs::metadata(folder.path(name)).unwrap().len();
     assert!(size("same.esvo") < size("box.esvo"));

@@ -1,4 +1,4 @@
-//! Bad input: one clear error each, an exit code, nothing half-written.
+//! Bad input: each gives one clear error and an exit code, and leaves no partial files.
 
 mod common;
 
@@ -27,18 +27,26 @@ fn settings_out_of_range() {
     folder.fails(
         &["render", "box.esvo", "-o", "x.png", "--camera", "0,0,0,0,0,0"],
         1,
-        "the direction, its fourth to sixth number, is zero",
+        "the direction (fourth to sixth number) is zero",
     );
-    folder.fails(&["render", "box.esvo", "-o", "x.png", "--camera", "0,0,0,0,1,0"], 1, "--up 0,1,0: is the direction");
+    folder.fails(
+        &["render", "box.esvo", "-o", "x.png", "--camera", "0,0,0,0,1,0"],
+        1,
+        "--up 0,1,0: is parallel to the viewing direction",
+    );
     folder.fails(&["render", "box.esvo", "-o", "x.png", "--camera", "1e200,0,0,0,0,1"], 1, "too far away");
     folder.fails(&["render", "box.esvo", "-o", "x.png", "--camera", "0,0,0,0,0,1,190"], 1, "between 0 and 180");
-    folder.fails(&["render", "box.esvo", "-o", "x.png", "--up", "0,0,0"], 1, "--up 0,0,0: no direction");
-    folder.fails(&["render", "box.esvo", "-o", "x.png", "--up", "0,1"], 1, "three numbers");
+    folder.fails(&["render", "box.esvo", "-o", "x.png", "--up", "0,0,0"], 1, "--up 0,0,0: is not a direction");
+    folder.fails(
+        &["render", "box.esvo", "-o", "x.png", "--up", "0,1"],
+        1,
+        "--up 0,1: expected three numbers, e.g. 0,1,0",
+    );
     folder.fails(&["render", "box.esvo", "-o", "x.png", "--fov", "180"], 1, "between 0 and 180");
     folder.fails(
         &["render", "box.esvo", "-o", "x.png", "--max-voxel-pixels=-2"],
         1,
-        "--max-voxel-pixels -2: zero or a positive number",
+        "--max-voxel-pixels -2: expected 0 or a positive number",
     );
     folder.fails(&["render", "box.esvo", "-o", "x.png", "--scene", "hairball", "--view", "99"], 1, "views 1 to");
     folder.fails(&["render", "box.esvo", "-o", "x.png", "--scene", "teapot"], 1, "unknown");
@@ -95,7 +103,7 @@ fn files_of_the_wrong_kind() {
     let every = |name: &str, what: &str| {
         folder.fails(&["info", name], 1, what);
         folder.fails(&["render", name, "-o", "x.png"], 1, what);
-        // The validator's findings are its output; an error says that there are some.
+        // Findings go to standard output; the error only says that there are findings.
         let out = folder.run(&["validate", name]);
         assert_eq!(out.status.code(), Some(1), "{name}");
         let all = String::from_utf8_lossy(&out.stdout).into_owned() + &String::from_utf8_lossy(&out.stderr);
@@ -130,7 +138,7 @@ fn files_of_another_kind_are_called_by_their_names() {
         folder.fails(
             &with("box.obj"),
             1,
-            "box.obj: is a mesh, not an octree; make one of it first: esvo build box.obj",
+            "box.obj: is a mesh, not an octree; build an octree from it first: esvo build box.obj",
         );
         folder.fails(&with("old.oct"), 1, "convert it first: esvo convert old.oct -o old.esvo");
     }
@@ -138,7 +146,7 @@ fn files_of_another_kind_are_called_by_their_names() {
     folder.fails(&["build", "box.esvo", "-o", "x.esvo"], 1, "box.esvo: is an octree already");
     folder.fails(&["build", "box.obj", "-o", "x.png"], 1, "x.png: octrees are written as .esvo");
     folder.fails(&["build", "box.obj", "-o", "x"], 1, "ends in .esvo");
-    folder.fails(&["build", "box.obj", "-o", "x.oct"], 1, "esvo convert makes .oct of them");
+    folder.fails(&["build", "box.obj", "-o", "x.oct"], 1, "esvo convert makes .oct files from them");
     folder.fails(&["render", "box.esvo", "-o", "x.jpg"], 1, "x.jpg: pictures are written as PNG");
     folder.fails(&["render", "box.esvo", "-o", "x"], 1, "ends in .png");
 }
@@ -155,7 +163,7 @@ fn a_camera_that_sees_nothing_is_told_where_the_object_is() {
 fn flipped_bits_are_found_or_harmless() {
     let folder = Folder::with_octree();
     let whole = std::fs::read(folder.path("box.esvo")).unwrap();
-    // A multiplicative step visits header, tables and block data alike.
+    // A multiplicative step covers header, tables and block data.
     let mut found = 0;
     for k in 0..24usize {
         let bit = k.wrapping_mul(0x9E37_79B9) % (whole.len() * 8);
@@ -169,7 +177,7 @@ fn flipped_bits_are_found_or_harmless() {
         assert!(matches!(out.status.code(), Some(0 | 1)), "bit {bit}: {:?}", out.status);
         let _ = std::fs::remove_file(folder.path("flipped.png"));
     }
-    // Everything but the gaps between sections is under a checksum.
+    // Checksums cover everything except the gaps between sections.
     assert!(found >= 20, "{found} of 24");
 }
 
@@ -241,10 +249,10 @@ fn displacements_out_of_range() {
     folder.put("wall.obj", format!("mtllib wall.mtl\n{corners}usemtl stone\nf 1/1 2/2 3/3 4/4\n"));
     let build = |more: &[&'static str]| [&["build", "wall.obj", "-o", "wall.esvo", "--levels", "4"], more].concat();
     folder.fails(&build(&["--displace", "1e300"]), 1, "--displace: displacement is up to 1e300 in a mesh whose");
-    folder.fails(&build(&["--displace", "much"]), 2, "write a number of mesh units");
+    folder.fails(&build(&["--displace", "much"]), 2, "expected a number of mesh units");
     folder.fails(&build(&["--height-map", "wood=height.tga"]), 1, "the mesh has no material wood; it has stone");
     folder.fails(&build(&["--height-map", "stone=absent.png"]), 1, "absent.png: cannot be read");
-    // An option behind it is not its number.
+    // An option that follows is not its number.
     folder.ok(&build(&["--displace", "--no-colors"]));
     folder.ok(&build(&["--displace", "-0.05"]));
 }

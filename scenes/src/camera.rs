@@ -2,7 +2,7 @@
 
 use serde::Deserialize;
 
-/// A pinhole camera in the units of the mesh it belongs to. Plain data: the casters' crate turns it into rays.
+/// A pinhole camera in the units of its mesh, as plain data; `esvo-core` makes rays from it.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(try_from = "RawCamera")]
 pub struct CameraSpec {
@@ -12,7 +12,7 @@ pub struct CameraSpec {
     pub eye: [f64; 3],
     /// Viewing direction, of unit length.
     pub forward: [f64; 3],
-    /// Which way is up in the picture; not parallel to `forward`, need not be perpendicular to it.
+    /// The direction that is up in the picture. Not parallel to `forward`; need not be perpendicular to it.
     pub up: [f64; 3],
     /// Full angle of view over the shorter side of the picture, in degrees: more than 0, less than 180.
     pub fov_degrees: f64,
@@ -22,7 +22,7 @@ pub struct CameraSpec {
     pub far: f64,
 }
 
-/// A camera as a manifest writes it: with `forward` or with `target`, not both.
+/// A camera in a manifest: either `forward` or `target` is given.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RawCamera {
@@ -45,13 +45,13 @@ impl TryFrom<RawCamera> for CameraSpec {
         let forward = match (raw.forward, raw.target) {
             (Some(forward), None) => forward,
             (None, Some(target)) => std::array::from_fn(|i| target[i] - eye[i]),
-            _ => return fail("give either `forward` or `target`, and only one of them"),
+            _ => return fail("expected either `forward` or `target`, and only one of them"),
         };
         if name.is_empty() {
             return fail("the name is empty");
         }
         if !eye.iter().chain(&forward).chain(&up).chain(&[fov, near, far]).all(|x| x.is_finite()) {
-            return fail("every number has to be finite");
+            return fail("all numbers must be finite");
         }
         let forward = glam::DVec3::from_array(forward);
         let up_vector = glam::DVec3::from_array(up);
@@ -62,10 +62,10 @@ impl TryFrom<RawCamera> for CameraSpec {
             return fail("`up` is zero or parallel to the viewing direction");
         }
         if !(fov > 0.0 && fov < 180.0) {
-            return fail("`fov` is in degrees, more than 0 and less than 180");
+            return fail("`fov` must be between 0 and 180 degrees");
         }
         if !(near > 0.0 && far > near) {
-            return fail("`near` has to be more than 0 and `far` more than `near`");
+            return fail("`near` must be above 0 and below `far`");
         }
         Ok(Self { name, eye, forward: forward.to_array(), up, fov_degrees: fov, near, far })
     }

@@ -1,8 +1,8 @@
-//! Scene manifests, camera sets and procedural meshes for the esvo benchmarks.
+//! Scene manifests, viewpoints and procedural meshes for the benchmarks of esvo.
 //!
-//! No mesh is part of the repository. A [`SceneManifest`] names each scene by content hash and says where a person gets
-//! it; [`locate_scene`] looks for it on this machine; where it is not, a procedural stand-in with the same number of
-//! triangles takes its place, and tables say which of the two was measured.
+//! No mesh is part of the repository. A [`SceneManifest`] identifies the meshes of each scene by content hash and says where to
+//! get them. [`locate_scene`] looks for a scene's mesh on this machine. If it is not found, a procedural stand-in with the same
+//! number of triangles is used; tables say which of the two was measured ([`SceneVariant`]).
 //!
 //! ```
 //! use esvo_scenes::{SceneManifest, SceneVariant};
@@ -14,6 +14,11 @@
 //! assert!(scene.cameras(SceneVariant::StandIn).len() >= 4);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
+//!
+//! # What is where
+//! - `manifest`: reading and checking manifests, [`SceneManifest`] and [`SceneEntry`]. `camera`: their viewpoints.
+//! - `locate`: finding the files of real meshes and comparing their hashes.
+//! - [`generate`]: the procedural meshes, one file for each scene.
 
 mod camera;
 pub mod generate;

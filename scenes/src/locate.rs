@@ -1,4 +1,4 @@
-//! Finding real meshes on this machine and telling which copy one is.
+//! Finding real meshes on this machine and identifying them by their hashes.
 
 use std::fs::File;
 use std::io::{self, Read};
@@ -12,21 +12,21 @@ use crate::manifest::{MeshFile, SceneEntry};
 
 /// The environment variable that names the directory of scenes.
 pub const SCENES_VARIABLE: &str = "ESVO_SCENES";
-/// Where scenes are looked for at last, relative to the current directory.
+/// The directory that is searched last for scenes, relative to the current directory.
 pub const DEFAULT_SCENES_DIR: &str = "../shared/scenes";
 
-/// Which of a scene's two meshes was measured. Tables always say.
+/// Which of a scene's two meshes was measured: tables always name it. Stored as `real` or `stand-in`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SceneVariant {
-    /// The mesh the manifest names.
+    /// The mesh that the manifest lists.
     Real,
-    /// The procedural mesh that takes its place.
+    /// The procedural mesh that is used if the real mesh is not found.
     StandIn,
 }
 
 impl SceneVariant {
-    /// What tables call it: `real mesh` or `stand-in`.
+    /// Its name in tables: `real mesh` or `stand-in`.
     pub fn title(self) -> &'static str {
         match self {
             Self::Real => "real mesh",
@@ -44,16 +44,16 @@ impl std::fmt::Display for SceneVariant {
     }
 }
 
-/// Whether a file is the one that the manifest names.
+/// Whether a file is the one that the manifest lists.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum FileIdentity {
-    /// Every hash agrees.
+    /// All hashes agree.
     Listed,
-    /// A file differs from what the manifest names: results are not comparable with those of others.
+    /// A file differs from the one in the manifest: results cannot be compared with those of others.
     Modified {
         /// The file that differs.
         path: PathBuf,
-        /// The hash that the manifest names.
+        /// The hash in the manifest.
         expected: String,
         /// The hash of the file, or `None` if the file (a part of the mesh) is missing.
         found: Option<String>,
@@ -81,15 +81,15 @@ impl std::fmt::Display for FileIdentity {
 pub struct FoundScene<'a> {
     /// Where it is.
     pub path: PathBuf,
-    /// Which of the entry's copies it is by its name; its cameras are in this file's units.
+    /// The copy in the manifest, found by its file name. Its cameras are in the units of this file.
     pub mesh: &'a MeshFile,
-    /// Whether its content is the listed one. Show it as a warning if not.
+    /// Whether its content is that in the manifest. If not, show this as a warning.
     pub identity: FileIdentity,
 }
 
-/// The directories that are looked in, in order: the explicit one, `$ESVO_SCENES`, `../shared/scenes`.
+/// The directories that are searched, in order: the explicit one, `$ESVO_SCENES`, `../shared/scenes`.
 ///
-/// An explicit directory does not replace the others: a scene it does not have may still be in one of them.
+/// An explicit directory does not replace the others: scenes that it lacks may be in one of them.
 pub fn scene_dirs(explicit: Option<&Path>) -> Vec<PathBuf> {
     let variable = std::env::var_os(SCENES_VARIABLE).filter(|v| !v.is_empty()).map(PathBuf::from);
     explicit.map(Path::to_owned).into_iter().chain(variable).chain([PathBuf::from(DEFAULT_SCENES_DIR)]).collect()
@@ -100,15 +100,15 @@ pub fn find_scene_file(entry: &SceneEntry, explicit_dir: Option<&Path>) -> Optio
     find(entry, &scene_dirs(explicit_dir)).map(|(path, _, _)| path)
 }
 
-/// Finds the scene's real mesh and compares its hashes with the manifest. `Ok(None)`: use the stand-in.
+/// Finds the scene's real mesh and compares its hashes with the manifest. `Ok(None)` if it is not found: use the stand-in.
 ///
 /// # Errors
-/// A file that is there but cannot be read; the message names it.
+/// A file that exists but cannot be read; the message names it.
 pub fn locate_scene<'a>(entry: &'a SceneEntry, explicit_dir: Option<&Path>) -> io::Result<Option<FoundScene<'a>>> {
     locate_scene_in(entry, &scene_dirs(explicit_dir))
 }
 
-/// As [`locate_scene`], in the given directories only.
+/// Like [`locate_scene`], but searches only the given directories.
 pub fn locate_scene_in<'a>(entry: &'a SceneEntry, dirs: &[PathBuf]) -> io::Result<Option<FoundScene<'a>>> {
     let Some((path, dir, mesh)) = find(entry, dirs) else { return Ok(None) };
     let files = std::iter::once((&mesh.file, &mesh.sha256)).chain(mesh.parts.iter().map(|p| (&p.file, &p.sha256)));
@@ -125,13 +125,13 @@ pub fn locate_scene_in<'a>(entry: &'a SceneEntry, dirs: &[PathBuf]) -> io::Resul
 }
 
 fn find<'a, 'd>(entry: &'a SceneEntry, dirs: &'d [PathBuf]) -> Option<(PathBuf, &'d Path, &'a MeshFile)> {
-    // Directories outrank copies: what the user points at comes before what happens to lie around.
+    // All copies are looked for in the first directory before the second: the user's choice comes first.
     dirs.iter()
         .flat_map(|dir| entry.meshes.iter().map(move |mesh| (dir.join(&mesh.file), dir.as_path(), mesh)))
         .find(|(path, _, _)| path.is_file())
 }
 
-/// SHA-256 of a file as 64 lower-case hexadecimal digits, read in pieces.
+/// SHA-256 of a file as 64 lower-case hexadecimal digits. The file is read in pieces.
 pub fn sha256_of(path: &Path) -> io::Result<String> {
     let annotate = |e: io::Error| io::Error::new(e.kind(), format!("cannot read {}: {e}", path.display()));
     let mut file = File::open(path).map_err(annotate)?;
@@ -149,8 +149,8 @@ pub fn sha256_of(path: &Path) -> io::Result<String> {
 }
 
 impl SceneEntry {
-    /// The viewpoints of a variant in its own units: those of the preferred copy for [`SceneVariant::Real`] (another copy's
-    /// are in [`FoundScene::mesh`]). Empty if the scene has no such variant.
+    /// The viewpoints of a variant, in the units of its mesh. For [`SceneVariant::Real`] those of the preferred copy; those of
+    /// other copies are in [`FoundScene::mesh`]. Empty if the scene has no such variant.
     pub fn cameras(&self, variant: SceneVariant) -> &[CameraSpec] {
         match variant {
             SceneVariant::Real => self.meshes.first().map_or(&[], |m| &m.cameras),

@@ -1,4 +1,4 @@
-//! Manifests: which scenes there are, by content hash, and from where they are looked at.
+//! Scene manifests: the scenes, the content hashes of their meshes, and their viewpoints.
 
 use std::collections::HashSet;
 use std::path::{Component, Path, PathBuf};
@@ -29,25 +29,25 @@ pub struct SceneManifest {
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SceneEntry {
-    /// As in the paper's tables where the scene is one of the paper's. Unique, without regard to letter case.
+    /// The name in tables; that of the paper's tables if it is one of the paper's scenes. Unique, ignoring letter case.
     pub name: String,
-    /// True for the scenes of the paper's tables, false for extras.
+    /// True for the scenes of the paper's tables, false for others.
     #[serde(default)]
     pub paper: bool,
     /// Number of triangles that the paper states.
     pub paper_triangles: Option<u64>,
-    /// What the scene tests or is, in a line.
+    /// What the scene is or tests, in one line.
     pub about: String,
-    /// Where a person gets the mesh.
+    /// Where to get the mesh.
     pub source: String,
     /// Credit line to print wherever a picture or a table of the real mesh is published.
     pub credit: String,
-    /// Whether pictures of the real mesh may be published. (Pictures of stand-ins always may.)
+    /// Whether pictures of the real mesh may be published. Pictures of stand-ins always may.
     pub publish: bool,
-    /// Whether the scene is its mesh displaced by the height maps of its materials, which whoever builds it has to do.
+    /// Whether the mesh must be displaced by the height maps of its materials before it is built.
     #[serde(default)]
     pub displaced: bool,
-    /// Why the scene cannot be measured, if so: tables show it as left out and say this.
+    /// Why the scene cannot be measured: tables list it as left out with this reason. Absent: it can be measured.
     pub unsupported: Option<String>,
     /// The paper's settings of the builder for this scene.
     pub build: BuildSettings,
@@ -58,7 +58,7 @@ pub struct SceneEntry {
     pub stand_in: Option<StandIn>,
 }
 
-/// Limits that the paper's builder stops refining at.
+/// Errors at which the paper's builder stops dividing voxels.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BuildSettings {
@@ -70,7 +70,7 @@ pub struct BuildSettings {
     pub contour_error: f64,
 }
 
-/// A mesh file that a person may have, and the viewpoints in its units.
+/// A mesh file, and viewpoints in its units.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MeshFile {
@@ -80,10 +80,10 @@ pub struct MeshFile {
     pub sha256: String,
     /// Number of triangles, if known.
     pub triangles: Option<u64>,
-    /// Other files whose content belongs to the geometry (buffers of a glTF file).
+    /// Other files with parts of the geometry (buffers of a glTF file).
     #[serde(default)]
     pub parts: Vec<MeshPart>,
-    /// What is special about this copy.
+    /// A remark about this copy.
     pub note: Option<String>,
     /// Viewpoints in the units of this file.
     #[serde(default)]
@@ -100,22 +100,22 @@ pub struct MeshPart {
     pub sha256: String,
 }
 
-/// A procedural mesh that takes the place of a real one, and the viewpoints in its units.
+/// A procedural mesh that replaces a real one, and viewpoints in its units.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StandIn {
-    /// Name of a generator, see [`crate::generate::GENERATORS`].
+    /// Name of a generator in [`crate::generate::GENERATORS`].
     pub generator: String,
     /// Seed of the generator.
     pub seed: u64,
-    /// Exact number of triangles; has to agree with the generator.
+    /// Exact number of triangles; must agree with the generator.
     pub triangles: u64,
     /// Viewpoints in the units of the generator.
     pub cameras: Vec<CameraSpec>,
 }
 
 impl StandIn {
-    /// Makes the mesh. `None` only if the entry was not validated and names a generator that does not exist.
+    /// Makes the mesh. `None` if the generator does not exist, which validation rules out.
     pub fn generate(&self) -> Option<Mesh> {
         Some((generator(&self.generator)?.make)(self.seed))
     }
@@ -132,7 +132,7 @@ pub enum ManifestError {
         /// What the system said.
         source: std::io::Error,
     },
-    /// Not TOML, or an unknown key, a missing one, or one of the wrong type. The source names line and column.
+    /// Not TOML, or a key is unknown, missing, or of the wrong type. The source names line and column.
     #[error("scene manifest {}: {source}", path.display())]
     Parse {
         /// The manifest.
@@ -140,7 +140,7 @@ pub enum ManifestError {
         /// What the parser said.
         source: Box<toml::de::Error>,
     },
-    /// Well-formed, but a value is out of range or contradicts another.
+    /// A value is out of range or contradicts another.
     #[error("scene manifest {}: {what}", path.display())]
     Invalid {
         /// The manifest.
@@ -158,12 +158,12 @@ impl SceneManifest {
         Self::parse(&text, path)
     }
 
-    /// The manifest of the paper's scenes that is part of this crate.
+    /// The manifest of the paper's scenes, which is part of this crate.
     pub fn builtin() -> Result<Self, ManifestError> {
         Self::parse(BUILTIN, Path::new("paper.toml (built in)"))
     }
 
-    /// Reads and validates a manifest from text; `path` only serves the messages.
+    /// Reads and validates a manifest from text. `path` is used in error messages only.
     pub fn parse(text: &str, path: &Path) -> Result<Self, ManifestError> {
         let manifest: Self = toml::from_str(text)
             .map_err(|source| ManifestError::Parse { path: path.to_owned(), source: Box::new(source) })?;
@@ -171,7 +171,7 @@ impl SceneManifest {
         Ok(manifest)
     }
 
-    /// The scene of that name, without regard to letter case.
+    /// The scene of that name, ignoring letter case.
     pub fn scene(&self, name: &str) -> Option<&SceneEntry> {
         self.scenes.iter().find(|s| s.name.eq_ignore_ascii_case(name))
     }
@@ -200,7 +200,7 @@ impl SceneEntry {
             return Err("the name is empty".into());
         }
         if self.meshes.is_empty() && self.stand_in.is_none() {
-            return Err("neither a `mesh` nor a `stand_in` is given, so there is nothing to measure".into());
+            return Err("neither a `mesh` nor a `stand_in` is given; give at least one".into());
         }
         let BuildSettings { color_error, normal_error, contour_error } = self.build;
         for (key, value, most) in [
@@ -209,7 +209,7 @@ impl SceneEntry {
             ("contour_error", contour_error, 23.0),
         ] {
             if !(value > 0.0 && value <= most) {
-                return Err(format!("`build.{key}` is {value}, it has to be more than 0 and at most {most}"));
+                return Err(format!("`build.{key}` is {value}, expected more than 0 and at most {most}"));
             }
         }
         for mesh in &self.meshes {
@@ -221,7 +221,7 @@ impl SceneEntry {
         }
         if let Some(stand_in) = &self.stand_in {
             let Some(generator) = generator(&stand_in.generator) else {
-                return Err(format!("`stand_in.generator`: there is no generator \"{}\"", stand_in.generator));
+                return Err(format!("`stand_in.generator`: no generator is called \"{}\"", stand_in.generator));
             };
             if generator.triangles as u64 != stand_in.triangles {
                 return Err(format!(
@@ -236,11 +236,11 @@ impl SceneEntry {
 
     fn check_cameras(&self, cameras: &[CameraSpec]) -> Result<(), String> {
         if cameras.is_empty() && self.unsupported.is_none() {
-            return Err("there are no `cameras`, and the scene is not marked `unsupported`".into());
+            return Err("has no `cameras`, which only a scene marked `unsupported` may lack".into());
         }
         let mut names = HashSet::new();
         match cameras.iter().find(|c| !names.insert(&c.name)) {
-            Some(camera) => Err(format!("two cameras are called \"{}\"", camera.name)),
+            Some(camera) => Err(format!("two cameras have the name \"{}\"", camera.name)),
             None => Ok(()),
         }
     }
@@ -250,10 +250,10 @@ fn check_file(file: &str, sha256: &str) -> Result<(), String> {
     // A manifest must not be able to point outside the directory of scenes.
     let plain = Path::new(file).components().all(|c| matches!(c, Component::Normal(_)));
     if file.is_empty() || !plain || file.contains('\\') {
-        return Err(format!("`file` \"{file}\" has to be a relative path with `/`, without `..`"));
+        return Err(format!("`file` \"{file}\" must be a relative path with `/`, without `..`"));
     }
     if sha256.len() != 64 || !sha256.bytes().all(|b| matches!(b, b'0'..=b'9' | b'a'..=b'f')) {
-        return Err(format!("`sha256` of {file} has to be 64 lower-case hexadecimal digits"));
+        return Err(format!("`sha256` of {file} must be 64 lower-case hexadecimal digits"));
     }
     Ok(())
 }

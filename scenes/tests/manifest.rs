@@ -20,7 +20,7 @@ fn the_built_in_manifest_holds_the_papers_scenes() {
     for scene in manifest.scenes.iter().filter(|s| s.paper && !s.displaced) {
         let stand_in = scene.stand_in.as_ref().unwrap_or_else(|| panic!("{} has no stand-in", scene.name));
         assert!(stand_in.cameras.len() >= 4, "{}", scene.name);
-        // The usual seed of the generator and the manifest's are one and the same.
+        // The manifest uses the generator's default seed.
         assert!(GENERATORS.iter().any(|g| g.name == stand_in.generator && g.seed == stand_in.seed));
     }
     let displaced: Vec<_> = manifest.scenes.iter().filter(|s| s.displaced).map(|s| s.name.as_str()).collect();
@@ -92,7 +92,7 @@ fn bad_manifests_are_refused_with_the_reason() {
         (GOOD.replace("normal_error = 0.01", "normal_error = -1"), "normal_error"),
         (GOOD.replace("name = \"A\"", "name = \"\""), "name is empty"),
         (wrong_count.clone(), "makes 12"),
-        (wrong_count.replace("\"cube\"", "\"teapot\""), "no generator"),
+        (wrong_count.replace("\"cube\"", "\"teapot\""), "no generator is called \"teapot\""),
         (wrong_count.replace("13", "12"), "no `cameras`"),
         (twice, "listed twice"),
         ("version = 1\nscene = 3".into(), "scene"),

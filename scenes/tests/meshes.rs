@@ -1,4 +1,4 @@
-//! The generators keep their promises: counts, extents, determinism, finite values, closed surfaces.
+//! Properties of the generators: counts, extents, determinism, finite values, closed surfaces.
 
 use std::collections::HashMap;
 
@@ -155,7 +155,7 @@ fn extents_are_as_documented() {
         let (l, h) = bounds(&procedural(name).unwrap_or_default());
         for k in 0..3 {
             assert!(l[k] >= low[k] && h[k] <= high[k], "{name}: {l:?} .. {h:?}");
-            // And fills at least three quarters of what it claims.
+            // The mesh fills at least three quarters of the stated extent.
             assert!(h[k] - l[k] > 0.75 * (high[k] - low[k]), "{name}: {l:?} .. {h:?}");
         }
     };

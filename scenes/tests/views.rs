@@ -70,7 +70,7 @@ fn check(name: &str, interior: bool, least_hits: f64) {
         assert!(distances[0] > 0.004 * size, "{label}: blocked at {}", distances[0]);
         let farthest = distances.iter().filter(|d| d.is_finite()).fold(0.0_f64, |a, &b| a.max(b));
         assert!(farthest < camera.far, "{label}: a surface at {farthest} is beyond the far plane");
-        // A view of one flat wall would tell nothing.
+        // A view of one flat wall is useless.
         let median = distances[distances.len() / 2].min(farthest);
         assert!(farthest > 1.3 * distances[0] && median > 0.0, "{label}: {} to {farthest}", distances[0]);
     }

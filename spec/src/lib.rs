@@ -1,13 +1,18 @@
-//! The esvo file format specification, version 1, as data: its numbered rules for programs that cite them.
-//!
-//! The prose is in `spec/v1/README.md`. Nothing here parses anything.
+#![doc = include_str!("../README.md")]
 
 mod rules;
 
 pub use rules::{Level, RULES, Rule, ids};
 
-/// The prose of version 1 of the specification.
+/// The text of version 1 of the specification, in Markdown.
 pub const TEXT_V1: &str = include_str!("../v1/README.md");
+
+/// The layout of version 1 as a Kaitai Struct description.
+pub const KSY_V1: &str = include_str!("../v1/esvo.ksy");
+
+/// The folder with the test vectors of version 1, on the machine that compiled this crate: `valid`, `invalid` and
+/// `streaming`, described in its `README.md`.
+pub const VECTORS_V1: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/v1/vectors");
 
 /// The rule with this id, if there is one.
 pub fn rule(id: &str) -> Option<&'static Rule> {
@@ -18,23 +23,30 @@ pub fn rule(id: &str) -> Option<&'static Rule> {
 mod tests {
     use super::*;
 
-    /// A rule is cited where it belongs and listed in the appendix, word for word.
+    /// The text before and after the heading of the list of rules.
+    fn parts() -> (&'static str, &'static str) {
+        TEXT_V1.split_once("## Appendix C: rules").expect("the list of rules")
+    }
+
     #[test]
-    fn every_rule_stands_in_the_text_and_every_id_of_the_text_is_a_rule() {
-        let (body, appendix) = TEXT_V1.split_once("## Appendix C").expect("the list of rules");
-        for rule in RULES {
-            assert!(body.contains(&format!("**{}**", rule.id)), "{} is not in the text", rule.id);
+    fn the_list_in_the_text_is_that_of_the_rules() {
+        let rows = RULES.iter().map(|rule| {
             let level = match rule.level {
                 Level::Must => "must",
                 Level::Should => "should",
             };
-            let line = format!("| **{}** | {level} | {} |\n", rule.id, rule.text);
-            assert!(appendix.contains(&line), "the list lacks or differs in: {line}");
+            format!("| **{}** | {level} | {} |", rule.id, rule.text)
+        });
+        let listed = parts().1.lines().filter(|line| line.starts_with("| **"));
+        assert_eq!(listed.collect::<Vec<_>>(), rows.collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn every_rule_is_cited_and_every_id_that_is_cited_is_a_rule() {
+        for rule in RULES {
+            assert!(parts().0.contains(&format!("**{}**", rule.id)), "{} is not in the text", rule.id);
         }
-        let listed = appendix.lines().filter(|line| line.starts_with("| **")).count();
-        assert_eq!(listed, RULES.len());
-        let cited = TEXT_V1.split("**").filter(|part| is_id(part));
-        for id in cited {
+        for id in words(TEXT_V1) {
             assert!(rule(id).is_some(), "the text has {id}, the rules do not");
         }
     }
@@ -43,11 +55,19 @@ mod tests {
     fn ids_are_unique_and_well_formed() {
         for (i, rule) in RULES.iter().enumerate() {
             assert!(is_id(rule.id), "{}", rule.id);
-            assert!(RULES[..i].iter().all(|other| other.id != rule.id), "{} stands twice", rule.id);
+            assert!(RULES[..i].iter().all(|other| other.id != rule.id), "{} is there twice", rule.id);
+            assert!(rule.text.ends_with('.'), "{}", rule.id);
         }
     }
 
+    /// What looks like an id.
+    fn words(text: &str) -> impl Iterator<Item = &str> {
+        text.split(|c: char| !c.is_ascii_alphanumeric()).filter(|word| is_id(word))
+    }
+
     fn is_id(s: &str) -> bool {
-        s.len() == 4 && s.starts_with(|c: char| c.is_ascii_uppercase()) && s[1..].bytes().all(|b| b.is_ascii_digit())
+        s.len() == 4
+            && s.starts_with(['H', 'D', 'M', 'O', 'B', 'P', 'C', 'K', 'A'])
+            && s[1..].bytes().all(|b| b.is_ascii_digit())
     }
 }

@@ -106,7 +106,8 @@ impl BuildRun<'_> {
         let matrix = &self.options.matrix;
         let scenes_dir = self.options.scenes_dir.as_deref();
         if entry.stand_in.is_none() && esvo_scenes::find_scene_file(entry, scenes_dir).is_none() {
-            let reason = "its mesh is not here, and there is no stand-in; give its folder by --scenes-dir".into();
+            let reason =
+                "its mesh is not here, and it has no stand-in; give the folder of the mesh by --scenes-dir".into();
             self.report.left_out.push(LeftOut { what: entry.name.clone(), reason });
             return self.save();
         }

@@ -1,4 +1,4 @@
-//! How far an octree is from its triangles: in depth, and as a picture.
+//! The error of an octree against its triangles: in depth ([`depth`]) and in pictures ([`image`]).
 
 pub mod depth;
 pub mod image;

@@ -1,4 +1,4 @@
-//! The measurements.
+//! The measurements of the format.
 
 use std::cell::RefCell;
 use std::collections::BTreeSet;
@@ -19,13 +19,13 @@ use crate::{BenchError, Progress};
 /// Bytes of a page of the page cache.
 const PAGE: u64 = 4096;
 
-/// Least number of runs for a figure.
+/// Minimum number of runs for a figure.
 const RUNS: usize = 5;
 
-/// Level down to which an object is loaded as a viewer would do first.
+/// Deepest level that a viewer would load first.
 const COARSE: u32 = 6;
 
-/// Everything, on the thread that this is called on.
+/// Makes all measurements, on the calling thread.
 pub(super) fn all(
     options: &FormatBenchOptions,
     sources: &[Source],
@@ -61,7 +61,7 @@ pub(super) fn all(
     })
 }
 
-/// Runs it as often as the options say; returns what the last run did.
+/// Runs a function at least [`RUNS`] times and for the seconds of the options. Returns the times and the last result.
 fn time<T>(
     options: &FormatBenchOptions,
     mut run: impl FnMut() -> Result<T, FormatError>,
@@ -92,7 +92,7 @@ fn storage(options: &FormatBenchOptions, source: &Source, progress: &Progress) -
             written.map(|()| file).map_err(|source| FormatError::Io { path: "memory".into(), source })
         })?;
         let reader = StreamReader::open(&file).map_err(BenchError::Format)?;
-        // As a program does that loads blocks.
+        // Read block by block, like a program that loads blocks.
         let blocks = reader.blocks().len() as u32;
         let (read, ()) = time(options, || (0..blocks).try_for_each(|index| reader.read_block(index).map(drop)))?;
         let file_bytes = file.len() as u64;
@@ -118,7 +118,7 @@ fn length(path: &Path) -> Result<u64, BenchError> {
     std::fs::metadata(path).map(|metadata| metadata.len()).map_err(|e| BenchError::io(path, e))
 }
 
-/// A file that remembers what is read of it.
+/// A file that records what is read from it.
 struct Watched {
     file: File,
     reads: RefCell<Vec<(u64, u64)>>,
@@ -135,7 +135,7 @@ impl RangeRead for Watched {
     }
 }
 
-/// A row from its runs and from the reads of one more run.
+/// A row from the times of its runs and the recorded reads of another run.
 fn row(what: String, time: Timed, reads: &[(u64, u64)]) -> AccessRow {
     let pages: BTreeSet<u64> =
         reads.iter().filter(|read| read.1 > 0).flat_map(|(at, n)| at / PAGE..=(at + n - 1) / PAGE).collect();
@@ -152,7 +152,7 @@ fn open_file(path: &Path) -> Result<File, FormatError> {
     File::open(path).map_err(|source| FormatError::Io { path: path.to_owned(), source })
 }
 
-/// Offset and length of everything that is read when the file is opened and this is done with it.
+/// Offset and length of all reads when the file is opened and `run` uses it.
 fn reads(
     path: &Path,
     run: impl Fn(&StreamReader<&Watched>) -> Result<(), FormatError>,
@@ -166,7 +166,7 @@ fn access(options: &FormatBenchOptions, path: &Path) -> Result<LargeFile, BenchE
     let open = || open_file(path).and_then(StreamReader::open);
     let reader = open().map_err(BenchError::Format)?;
     let (objects, blocks) = (reader.objects().len(), reader.blocks().len());
-    // A block that nothing before it is needed for, halfway through the file.
+    // A block in the middle of the file.
     let middle = blocks as u32 / 2;
     let object = objects / 2;
     let coarse = reader.blocks_for(object, &Region::ALL, COARSE);

@@ -1,9 +1,9 @@
-//! What the format costs on one core: storing an octree, validating it, and opening a large file to read one block of
-//! it.
+//! `esvo bench format`: the time that the file format takes on one core to store an octree, to validate it, and to read one
+//! block of a large file.
 //!
-//! Octrees are built from a procedural mesh, so that everybody measures the same; the large file is made of copies of
-//! one of them as objects, in a temporary folder that is removed afterwards. Files are in the page cache when they are
-//! read: what is measured is the program, not the disk.
+//! Octrees are built from a procedural mesh, so that results can be compared. The large file consists of copies of one of
+//! them as objects; it is written to a temporary folder and removed afterwards. Files are in the page cache when they are
+//! read: this measures the program, not the disk.
 
 mod measure;
 mod output;
@@ -26,18 +26,18 @@ pub use tables::{to_markdown, to_text};
 /// Version of the record.
 pub const SCHEMA: u32 = 1;
 
-/// What is measured.
+/// What [`run_format_bench`] measures.
 #[derive(Clone, Debug)]
 pub struct FormatBenchOptions {
     /// Size of the large file in bytes.
     pub large_bytes: u64,
-    /// Levels of the octree with everything; that of descriptors alone has one more.
+    /// Levels of the octree with all attributes; the octree of descriptors alone has one more level.
     pub levels: u32,
     /// Largest descriptor array of a block in slots, as in [`AssembleOptions`](esvo_format::AssembleOptions).
     pub block_slots: u32,
-    /// Least time for each figure in seconds; at least five runs are made in any case.
+    /// Minimum time for each figure in seconds; each figure has at least five runs.
     pub seconds: f64,
-    /// Files to measure instead of octrees of a procedural mesh. The large file is made of the first.
+    /// Files to measure instead of octrees of a procedural mesh. The large file consists of copies of the first.
     pub files: Vec<PathBuf>,
 }
 
@@ -48,7 +48,7 @@ impl Default for FormatBenchOptions {
     }
 }
 
-/// Everything that was measured.
+/// The record of a run.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct FormatReport {
     /// [`SCHEMA`].
@@ -57,7 +57,7 @@ pub struct FormatReport {
     pub machine: Machine,
     /// The octrees.
     pub octrees: Vec<OctreeRow>,
-    /// The first octree, stored in every way.
+    /// The first octree, stored uncompressed and at several Zstandard levels.
     pub storage: Vec<StorageRow>,
     /// Validation of the octrees' files and of the large one.
     pub validation: Vec<ValidationRow>,
@@ -77,13 +77,13 @@ impl FormatReport {
 /// An octree that was measured.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct OctreeRow {
-    /// What rows call it.
+    /// Its name in tables.
     pub name: String,
-    /// Where it comes from: the mesh and the options of the builder, or the file.
+    /// Its source: the mesh and the settings of the builder, or the file.
     pub source: String,
     /// Deepest level.
     pub levels: u32,
-    /// Voxels but the roots.
+    /// Voxels, without roots.
     pub voxels: u64,
     /// Child descriptors.
     pub descriptors: u64,
@@ -95,14 +95,14 @@ pub struct OctreeRow {
     pub image_bytes: u64,
 }
 
-/// The first octree stored in one way.
+/// The first octree at one level of compression.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct StorageRow {
-    /// Zstandard level, or `None` for blocks as they are.
+    /// Zstandard level, or `None` for uncompressed blocks.
     pub zstd: Option<i32>,
     /// Size of the file in bytes.
     pub file_bytes: u64,
-    /// Bytes of the file by voxels.
+    /// Bytes of the file divided by voxels.
     pub bytes_per_voxel: f64,
     /// Writing the file to memory.
     pub write: Timed,
@@ -130,30 +130,30 @@ pub struct LargeFile {
     pub objects: u64,
     /// Blocks.
     pub blocks: u64,
-    /// Ways to get at a part of it.
+    /// Ways to read a part of it.
     pub access: Vec<AccessRow>,
 }
 
-/// One way to get at a part of the large file.
+/// One way to read a part of the large file.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct AccessRow {
     /// What is done.
     pub what: String,
     /// The runs.
     pub time: Timed,
-    /// Bytes that are asked for; `None` if the file is mapped.
+    /// Bytes that the reader requests; `None` if the file is mapped.
     pub bytes: Option<u64>,
-    /// Reads that ask for them; `None` if the file is mapped.
+    /// Number of reads; `None` if the file is mapped.
     pub reads: Option<u64>,
-    /// Different pages of 4096 bytes that these reads touch; of a mapped file the pages that the system has mapped, with
-    /// the neighbours that it maps unasked. `None` where the system does not say.
+    /// Number of different pages of 4096 bytes that the reads touch. For a mapped file: the pages that the system has mapped,
+    /// including neighbours that it maps too; `None` if the system does not say.
     pub pages: Option<u64>,
 }
 
-/// Seconds of every run.
+/// Times of all runs of one measurement.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct Timed {
-    /// In the order of the runs.
+    /// Seconds, in the order of the runs.
     pub seconds: Vec<f64>,
 }
 
@@ -163,27 +163,27 @@ impl Timed {
         self.seconds.iter().copied().fold(f64::INFINITY, f64::min)
     }
 
-    /// The run in the middle in seconds; NaN without runs.
+    /// The median in seconds; NaN without runs.
     pub fn median(&self) -> f64 {
         Spread::of(&self.seconds).map_or(f64::NAN, |spread| spread.median)
     }
 }
 
-/// Measures.
+/// Measures the file format.
 ///
 /// # Errors
-/// FormatBenchOptions out of range; a file that cannot be read or breaks the specification; the system's, when the large file cannot
-/// be written.
+/// Options out of range; a file that cannot be read or breaks the specification; the system's, if the large file cannot be
+/// written.
 pub fn run_format_bench(options: &FormatBenchOptions, progress: &Progress) -> Result<FormatReport, BenchError> {
     let bad = |what: String| Err(BenchError::Format(FormatError::Limit(what)));
     if !(1 << 20..=32 << 30).contains(&options.large_bytes) {
-        return bad(format!("a large file of {} bytes: 1 MiB to 32 GiB", options.large_bytes));
+        return bad(format!("the large file would have {} bytes, expected 1 MiB to 32 GiB", options.large_bytes));
     }
     if !(2..=14).contains(&options.levels) {
-        return bad(format!("{} levels: 2 to 14", options.levels));
+        return bad(format!("the octree would have {} levels, expected 2 to 14", options.levels));
     }
     if !(options.seconds >= 0.0 && options.seconds <= 3600.0) {
-        return bad(format!("{} seconds for each figure: 0 to 3600", options.seconds));
+        return bad(format!("each figure would take {} seconds, expected 0 to 3600", options.seconds));
     }
     let octrees = source::octrees(options, progress)?;
     // Figures are per core.

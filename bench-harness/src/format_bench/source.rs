@@ -12,7 +12,7 @@ use crate::{BenchError, Progress};
 /// The mesh of the octrees: small to make, and with walls, columns and ornaments.
 const MESH: &str = "sibenik";
 
-/// An octree and what the record says of it.
+/// An octree and its row of the record.
 pub(super) struct Source {
     pub(super) octree: Octree,
     pub(super) row: OctreeRow,
@@ -35,13 +35,13 @@ impl Source {
     }
 }
 
-/// The files that are asked for, or octrees of the procedural mesh: with everything, and of descriptors alone, which take
-/// longest to validate.
+/// The octrees in the files of the options. Without files, two octrees of the procedural mesh: one with contours, colours and
+/// normals, and one of descriptors alone, which takes longest to validate.
 pub(super) fn octrees(options: &FormatBenchOptions, progress: &Progress) -> Result<Vec<Source>, BenchError> {
     if !options.files.is_empty() {
         return options.files.iter().map(|path| from_file(path)).collect();
     }
-    let mesh = esvo_scenes::procedural(MESH).ok_or_else(|| BenchError::scene(MESH, "there is no such generator"))?;
+    let mesh = esvo_scenes::procedural(MESH).ok_or_else(|| BenchError::scene(MESH, "no generator has this name"))?;
     let build = |name: &str, extra: u32, all: bool| {
         let levels = options.levels + extra;
         progress.say(format!("building an octree of {levels} levels, {name}"));
@@ -67,7 +67,7 @@ fn from_file(path: &Path) -> Result<Source, BenchError> {
     Ok(Source::new(name.clone(), name, octree))
 }
 
-/// The octree as the objects of one whose image is about so many bytes large; at least one object.
+/// An octree whose objects are copies of the given one, with an image of about `bytes` bytes; at least one object.
 pub(super) fn copies(octree: &Octree, bytes: u64) -> Result<Octree, FormatError> {
     let one = octree.slots().len();
     let count = (bytes / 8 / one as u64).max(1);

@@ -1,4 +1,4 @@
-//! The record as text and as Markdown.
+//! The tables of `esvo bench format`, from a [`FormatReport`].
 
 use super::{FormatReport, Timed};
 use crate::text::{TextTable, short};
@@ -27,12 +27,12 @@ fn header(report: &FormatReport) -> Vec<String> {
     vec![
         format!("{}, one of {} threads, {}", m.cpu, m.threads, m.os),
         format!("commit {}, {}, {} build, {:.0} s", m.commit, m.rustc, m.profile, report.seconds),
-        "Files are in the page cache. MB are 10^6 bytes. Best runs say what the code can do, medians what it did here."
+        "Files are in the page cache. MB are 10^6 bytes. Each figure is that of the best run, followed by the median."
             .into(),
     ]
 }
 
-/// Megabytes per second, at best and in the median.
+/// Megabytes per second of the best run, and their median.
 fn rates(bytes: u64, time: &Timed) -> [String; 2] {
     [time.best(), time.median()].map(|seconds| short(megabytes(bytes) / seconds))
 }
@@ -62,8 +62,11 @@ fn storage(report: &FormatReport) -> TextTable {
     let head = ["stored", "MB", "bytes per voxel", "of raw", "write MB/s", "median", "read MB/s", "median"];
     let mut table = TextTable::new("Storage", 1, &head);
     let (Some(octree), Some(raw)) = (report.octrees.first(), report.storage.first()) else { return table };
-    table.notes.push(format!("Of the octree with {}.", octree.name));
-    table.notes.push("MB/s of what is in memory. Writing is to memory; reading is block by block, checked.".into());
+    table.notes.push(format!("The octree with {}.", octree.name));
+    table.notes.push(
+        "MB/s count bytes of the image in memory. Writing is to memory; reading is block by block, with checksums."
+            .into(),
+    );
     for row in &report.storage {
         let [write, write_median] = rates(octree.image_bytes, &row.write);
         let [read, read_median] = rates(octree.image_bytes, &row.read);
@@ -83,7 +86,7 @@ fn storage(report: &FormatReport) -> TextTable {
 
 fn validation(report: &FormatReport) -> TextTable {
     let mut table = TextTable::new("Validation", 1, &["file", "MB", "seconds", "median", "MB/s", "median"]);
-    table.notes.push("Every rule of the specification, checksums included.".into());
+    table.notes.push("All rules of the specification, including checksums.".into());
     for row in &report.validation {
         let [best, median] = rates(row.file_bytes, &row.time);
         let seconds = [row.time.best(), row.time.median()].map(|s| format!("{s:.3}"));
@@ -104,9 +107,9 @@ fn access(report: &FormatReport) -> TextTable {
         short(large.file_bytes as f64 / 1e3 / large.blocks.max(1) as f64),
         large.objects
     ));
-    table
-        .notes
-        .push("Of the mapped file, pages are those mapped, with neighbours that the system adds unasked.".into());
+    table.notes.push(
+        "Pages of the mapped file: those that the system has mapped, including neighbours that it maps too.".into(),
+    );
     let count = |n: Option<u64>| n.map_or("-".into(), |n| n.to_string());
     for row in &large.access {
         table.rows.push(vec![

@@ -1,4 +1,4 @@
-//! Answers before times: every caster against the reference caster.
+//! Checking answers before timing: every caster against the reference caster.
 
 use std::sync::Arc;
 
@@ -11,20 +11,20 @@ use serde::{Deserialize, Serialize};
 /// How the answers of a caster compare with the reference caster's.
 #[derive(Clone, Copy, PartialEq, Debug, Default, Serialize, Deserialize)]
 pub struct Agreement {
-    /// Pixels that were compared.
+    /// Number of pixels compared.
     pub pixels: u64,
-    /// Pixels that name another voxel, or none where the reference names one, or the other way round.
+    /// Pixels with another voxel than the reference, including pixels that hit in only one of the two.
     pub different_voxel: u64,
-    /// Largest difference of the distance `t` among the others, as a fraction of the far plane's.
+    /// Largest difference of `t` among the other pixels; `t` = 1 is the far plane.
     pub largest_t_difference: f64,
-    /// Pictures that do not have the reference's number of pixels.
+    /// Number of pictures whose number of pixels differs from the reference's.
     pub other_size: u64,
-    /// What may differ.
+    /// The allowed difference.
     pub allowed: Allowed,
 }
 
 impl Agreement {
-    /// What a comparison found.
+    /// The result of a comparison.
     pub fn new(found: Comparison, allowed: Allowed) -> Self {
         Self {
             pixels: found.rays,
@@ -40,7 +40,7 @@ impl Agreement {
         self.different_voxel as f64 / self.pixels.max(1) as f64
     }
 
-    /// Whether something was compared and no more differs than may.
+    /// Whether pixels were compared and the differences are allowed.
     pub fn passed(&self) -> bool {
         self.pixels > 0
             && self.other_size == 0

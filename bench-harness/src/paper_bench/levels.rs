@@ -1,4 +1,4 @@
-//! Which octrees of the next level a run can afford.
+//! Deciding which octrees of the next level are built.
 
 use std::ops::RangeInclusive;
 
@@ -7,30 +7,30 @@ use crate::paper_bench::report::Table1Row;
 use crate::system::clock::Clock;
 use crate::units::GB;
 
-/// Peak memory of a build over the size of its octree. Measured 4.7 for SIBENIK without contours at 12 levels.
+/// Peak memory of a build divided by the size of its octree. Measured: 4.7 for SIBENIK without contours at 12 levels.
 const PEAK: f64 = 5.0;
 /// Growth of time and bytes from one level to the next that is believed.
 const GROWTH: RangeInclusive<f64> = 1.5..=5.0;
-/// Share of a scene's time that building may take.
+/// Part of a scene's time that building may take.
 const BUILD_SHARE: f64 = 0.6;
 
 /// The cubical octree and the one with contours, in this order.
 pub(crate) type Both<T> = [T; 2];
 
-/// What limits a build.
+/// The limits of a build.
 pub(crate) struct Limits<'a> {
     /// The scene's clock.
     pub(crate) clock: &'a Clock,
     /// Bytes that the process may hold.
     pub(crate) memory: f64,
-    /// Bytes that it holds now.
+    /// Bytes that it holds at present.
     pub(crate) held: f64,
-    /// Bytes of that which are given back first if both kinds are built again.
+    /// The part of `held` in bytes that is freed before building if both kinds are built again.
     pub(crate) given_back: f64,
 }
 
-/// Why the next level of each kind in `wanted` is not built; `None`: it is. Expectations come from the rows so far; what
-/// has none yet is always built.
+/// Why the next level of each kind in `wanted` is not built; `None` if it is built. Expected time and memory follow from the
+/// rows so far; a kind without rows is always built.
 pub(crate) fn refusals(builds: &[Table1Row], wanted: Both<bool>, limits: &Limits) -> Both<Option<String>> {
     let expected = |contours: bool, of: fn(&Table1Row) -> f64| {
         let before: Vec<f64> = builds.iter().filter(|b| b.contours == contours).map(of).collect();
@@ -40,7 +40,7 @@ pub(crate) fn refusals(builds: &[Table1Row], wanted: Both<bool>, limits: &Limits
     let seconds: f64 = kinds(wanted).map(|c| expected(c, |b| b.seconds)).sum();
     let budget = (limits.clock.left() * BUILD_SHARE).max(0.0);
     if seconds > 0.0 && seconds > budget {
-        let why = format!("building takes about {seconds:.0} s, and the time limit leaves {budget:.0} s");
+        let why = format!("building would take about {seconds:.0} s, and the time limit leaves {budget:.0} s");
         return wanted.map(|w| w.then(|| why.clone()));
     }
     let too_large = |wanted: Both<bool>, mut held: f64| {
@@ -50,7 +50,7 @@ pub(crate) fn refusals(builds: &[Table1Row], wanted: Both<bool>, limits: &Limits
             let peak = held + bytes * PEAK;
             if bytes > 0.0 && peak > limits.memory {
                 refused[usize::from(contours)] = Some(format!(
-                    "takes about {:.1} GB of memory, and the limit is {:.1}; see --memory",
+                    "would take about {:.1} GB of memory, and the limit is {:.1}; see --memory",
                     peak / GB,
                     limits.memory / GB
                 ));
@@ -63,7 +63,7 @@ pub(crate) fn refusals(builds: &[Table1Row], wanted: Both<bool>, limits: &Limits
     let mut refused = too_large(wanted, (limits.held - limits.given_back).max(0.0));
     let rest = [0, 1].map(|k| wanted[k] && refused[k].is_none());
     if rest != wanted && rest != [false, false] {
-        // The octrees of the level before are kept for casting: what was given back above is not.
+        // Only one kind is built: the octrees of the previous level are kept for casting, so that `given_back` is not freed.
         let again = too_large(rest, limits.held);
         refused = [0, 1].map(|k| refused[k].clone().or_else(|| again[k].clone()));
     }

@@ -1,4 +1,4 @@
-//! What is measured: scenes, levels, resolutions, variants, backends. Read from TOML.
+//! The matrix of `esvo bench`, read from TOML: scenes, levels, resolutions, variants, engines.
 
 use std::path::Path;
 
@@ -12,16 +12,16 @@ use crate::matrix_parts::{LeftOut, SceneLevels, check_scenes, parse_toml, select
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Matrix {
-    /// Name, for the report.
+    /// Name of the matrix, shown in the report.
     pub name: String,
-    /// Viewpoints per scene, at least 1; fewer where the scene's manifest has fewer.
+    /// Viewpoints per scene, at least 1; fewer if the scene's manifest has fewer.
     pub views: usize,
     /// Timed rounds per row, at least 1. In every round each variant of the row casts each view once.
     pub rounds: usize,
-    /// Rounds before those, not recorded.
+    /// Warm-up rounds before the timed ones; they are not recorded.
     pub warm_up: usize,
-    /// The run is planned to end within this many seconds: deeper levels and further rounds are given up for it, and the
-    /// report says so. Absent: no limit.
+    /// Planned length of the run in seconds: deeper levels and further rounds are left out to stay within it, and the report
+    /// lists them. Absent: no limit.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub time_limit_seconds: Option<f64>,
     /// Memory that a run may use, in GB (10^9 bytes). A level that is expected to need more is left out.
@@ -35,7 +35,7 @@ pub struct Matrix {
     /// Rows.
     #[serde(rename = "scene")]
     pub scenes: Vec<SceneLevels>,
-    /// What the paper has and this matrix has not.
+    /// What the paper measures and this matrix leaves out.
     #[serde(default)]
     pub left_out: Vec<LeftOut>,
 }
@@ -50,7 +50,7 @@ pub enum Variant {
     Cubical,
     /// An octree built with contours.
     Contours,
-    /// The same, with beam optimization.
+    /// An octree built with contours, cast with beam optimization.
     Beam,
 }
 
@@ -68,7 +68,7 @@ impl Variant {
         }
     }
 
-    /// The same, where room is scarce.
+    /// Short heading for narrow columns.
     pub fn short_title(self) -> &'static str {
         match self {
             Self::Triangles => "tri",
@@ -80,7 +80,7 @@ impl Variant {
 }
 
 impl Matrix {
-    /// The matrix of a default run: within three minutes on two cores.
+    /// The default matrix, which takes less than three minutes on two cores.
     pub fn default_run() -> Self {
         Self::parse(include_str!("../../matrices/default.toml"), "default.toml").expect("checked by a test")
     }
@@ -93,7 +93,7 @@ impl Matrix {
     /// Reads a matrix from a file.
     ///
     /// # Errors
-    /// The file cannot be read, is no such TOML, or holds values out of range.
+    /// The file cannot be read, is not the TOML of a matrix, or has values out of range.
     pub fn read(path: &Path) -> Result<Self, BenchError> {
         let text = std::fs::read_to_string(path).map_err(|e| BenchError::io(path, e))?;
         Self::parse(&text, &path.display().to_string())
@@ -106,7 +106,7 @@ impl Matrix {
         Ok(matrix)
     }
 
-    /// Keeps these scenes only, in this order. One that the matrix has not takes the levels of its first scene.
+    /// Keeps only these scenes, in this order. A scene that is not in the matrix gets the levels of the matrix's first scene.
     pub fn select_scenes(&mut self, names: &[String]) {
         self.scenes = select_scenes(&self.scenes, names);
         self.left_out.clear();
@@ -115,22 +115,22 @@ impl Matrix {
     /// Checks that every value is in its range.
     ///
     /// # Errors
-    /// The first that is not, in words.
+    /// The first value out of range, in words.
     pub fn validate(&self) -> Result<(), String> {
         if self.views == 0 || self.rounds == 0 {
-            return Err("views and rounds are at least 1".into());
+            return Err("views and rounds must be at least 1".into());
         }
         if !(self.memory_gb > 0.0 && self.memory_gb.is_finite()) {
-            return Err(format!("memory_gb is a positive number, not {}", self.memory_gb));
+            return Err(format!("memory_gb is {}, expected a number above 0", self.memory_gb));
         }
         if self.time_limit_seconds.is_some_and(|s| !(s > 0.0 && s.is_finite())) {
-            return Err("time_limit_seconds is a positive number".into());
+            return Err("time_limit_seconds must be a number above 0; leave it out for no limit".into());
         }
         if self.scenes.is_empty() || self.resolutions.is_empty() || self.variants.is_empty() {
-            return Err("scenes, resolutions and variants each need an entry".into());
+            return Err("scenes, resolutions and variants must each have an entry".into());
         }
         if let Some([w, h]) = self.resolutions.iter().find(|r| r.iter().any(|n| !(1..=16384).contains(n))) {
-            return Err(format!("a resolution is between 1x1 and 16384x16384, not {w}x{h}"));
+            return Err(format!("a resolution must be between 1x1 and 16384x16384, not {w}x{h}"));
         }
         check_scenes(&self.scenes)
     }

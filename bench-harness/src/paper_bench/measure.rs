@@ -1,4 +1,4 @@
-//! The single measurements that a run is made of: a build, an error, a check, a picture, a row of times.
+//! The single measurements of a run: a build, the error of an octree, the check of an engine, a picture.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -61,8 +61,8 @@ pub(crate) fn build(
     Ok((built.octree, row))
 }
 
-/// What the triangles say about the views of a scene. The rays of a view depend on where the root cube lies, which is the
-/// same for all octrees of a mesh: then nothing is cast twice.
+/// The exact hits and pictures of the views of a scene. Rays of a view depend on the position of the root cube, which is the
+/// same for all octrees of a mesh, so that each view is cast only once.
 pub(crate) struct TriangleTruth<'a> {
     mesh: &'a Mesh,
     triangles: &'a TriangleScene,
@@ -92,7 +92,7 @@ impl<'a> TriangleTruth<'a> {
     }
 }
 
-/// How far the hits of a variant are from the triangles, view by view.
+/// The error of a variant against the triangles, view by view.
 pub(crate) fn error(
     octree: &Arc<Octree>,
     views: &[View],
@@ -107,7 +107,7 @@ pub(crate) fn error(
     let mut pictures = Vec::new();
     for view in views {
         caster.cast(view, &mut hits)?;
-        // The rays as the kernels take them: the rounding of the camera is not the octree's error.
+        // The rays of the view, as the casters use them: rounding in the camera is not an error of the octree.
         let rays = CameraRays::of_view(view, octree.octree_to_mesh(0));
         let exact = truth.of(rays);
         errors.push(DepthError::between(&rays, &exact.hits, &hits, voxel_edges(octree, 0)));
@@ -116,7 +116,7 @@ pub(crate) fn error(
     Ok(ErrorRow { variant, levels, size: CHECK_SIZE, views: errors, pictures })
 }
 
-/// The view that shows the most different voxels: not the one into a wall.
+/// The view that shows the largest number of different voxels, so that pictures do not show a wall.
 pub(crate) fn richest_view<'a>(views: &'a [NamedView], octree: &Arc<Octree>) -> Result<&'a NamedView, CastError> {
     let mut caster = CpuCaster::new(None)?;
     caster.load(octree)?;
@@ -151,7 +151,7 @@ pub(crate) fn view(camera: &Camera, octree: &Octree, variant: Variant, [w, h]: [
     View::new(camera, octree.octree_to_mesh(0), octree.objects()[0].root_slot as u32, (w, h), &options)
 }
 
-/// The answers of one engine on one variant. A caster that fails has compared nothing, and so does not pass.
+/// Checks the answers of one engine on one variant. If the caster fails, no pixels are compared and the check fails.
 pub(crate) fn check(
     caster: &mut dyn Caster,
     backend: EngineId,

@@ -1,4 +1,7 @@
-//! `esvo bench`: the paper's two tables, measured on this machine.
+//! `esvo bench`: the paper's Table 1 and Table 2, measured on this machine.
+//!
+//! [`run_paper_bench`] takes a [`Matrix`](matrix::Matrix) and returns a [`PaperReport`](report::PaperReport);
+//! [`tables`] makes the tables from the report, and [`write_paper_record`] writes report, tables and pictures.
 
 pub mod check;
 mod levels;

@@ -1,4 +1,4 @@
-//! What a run holds of a scene: its two octrees at one level, and engines that have loaded both.
+//! The two octrees of a scene at one level, and the two casters of an engine that hold them.
 
 use std::sync::Arc;
 
@@ -8,9 +8,9 @@ use esvo_format::Octree;
 
 use crate::paper_bench::matrix::Variant;
 
-/// Picture size of checks and errors.
+/// Picture size for checks and errors.
 pub const CHECK_SIZE: [u32; 2] = [512, 384];
-/// Size of the pictures that are kept.
+/// Size of the pictures that are written.
 pub const PICTURE_SIZE: [u32; 2] = [1024, 768];
 
 /// Two casters of one engine, so that two octrees can be timed in turn.
@@ -44,7 +44,7 @@ impl OctreePair {
         }
     }
 
-    /// Bytes of the images.
+    /// Bytes of both images.
     pub(crate) fn bytes(&self) -> u64 {
         let octrees = [&self.cubical, &self.contours].into_iter().flatten();
         octrees.map(|octree| size_of_val(octree.slots()) as u64).sum()

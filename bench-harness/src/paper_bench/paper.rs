@@ -1,4 +1,4 @@
-//! The paper's own figures, and where they stand beside ours.
+//! The paper's figures: its Table 1 and Table 2, and what the authors' builder makes of our meshes.
 
 use std::collections::BTreeMap;
 
@@ -9,9 +9,9 @@ use crate::paper_bench::matrix::Variant;
 /// The figures of the paper's two tables.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Paper {
-    /// What they were measured on.
-    pub machine: PaperMachine,
+pub(crate) struct Paper {
+    /// The machine that they were measured on.
+    pub(crate) machine: PaperMachine,
     table1: Table1,
     table2: Table2,
     authors_builder: AuthorsBuilder,
@@ -20,13 +20,13 @@ pub struct Paper {
 /// The paper's machine.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct PaperMachine {
-    /// Cast the rays.
-    pub gpu: String,
-    /// Built the octrees.
-    pub cpu: String,
-    /// Version.
-    pub cuda: String,
+pub(crate) struct PaperMachine {
+    /// The GPU that cast the rays.
+    pub(crate) gpu: String,
+    /// The processor that built the octrees.
+    pub(crate) cpu: String,
+    /// The version of CUDA.
+    pub(crate) cuda: String,
 }
 
 #[derive(Debug, Deserialize)]
@@ -70,36 +70,36 @@ struct AuthorsBuilder {
 }
 
 impl Paper {
-    /// The figures.
-    pub fn figures() -> Self {
+    /// All figures.
+    pub(crate) fn figures() -> Self {
         toml::from_str(include_str!("../../data/paper_tables.toml")).expect("checked by a test")
     }
 
     /// Triangles of the paper's copy of a scene.
-    pub fn triangles(&self, scene: &str) -> Option<u64> {
+    pub(crate) fn triangles(&self, scene: &str) -> Option<u64> {
         Some(self.table1.scenes.get(scene)?.triangles)
     }
 
     /// Table 1: MB and seconds of a scene at a limit on its levels.
-    pub fn build(&self, scene: &str, levels: u32) -> Option<(f64, f64)> {
+    pub(crate) fn build(&self, scene: &str, levels: u32) -> Option<(f64, f64)> {
         let column = self.table1.levels.iter().position(|&l| l == levels)?;
         let row = self.table1.scenes.get(scene)?;
         Some((*row.mb.get(column)?, *row.seconds.get(column)?))
     }
 
     /// Table 1: bytes per voxel of a scene's largest octree, and its levels.
-    pub fn bytes_per_voxel(&self, scene: &str) -> Option<(f64, u32)> {
+    pub(crate) fn bytes_per_voxel(&self, scene: &str) -> Option<(f64, u32)> {
         let row = self.table1.scenes.get(scene)?;
         Some((row.bytes_per_voxel, *self.table1.levels.get(row.mb.len().checked_sub(1)?)?))
     }
 
-    /// Bytes per voxel of what the authors' own builder makes of our copy of a scene, and its levels.
-    pub fn authors_builder(&self, scene: &str) -> Option<(f64, u32)> {
+    /// Bytes per voxel and levels of the octree that the authors' builder makes of our copy of a scene.
+    pub(crate) fn authors_builder(&self, scene: &str) -> Option<(f64, u32)> {
         Some((*self.authors_builder.bytes_per_voxel.get(scene)?, self.authors_builder.levels))
     }
 
     /// Table 2: millions of rays per second.
-    pub fn mrays(&self, scene: &str, [width, height]: [u32; 2], variant: Variant) -> Option<f64> {
+    pub(crate) fn mrays(&self, scene: &str, [width, height]: [u32; 2], variant: Variant) -> Option<f64> {
         let row = self.table2.scenes.get(scene)?;
         let at = self.table2.resolutions.iter().position(|r| *r == format!("{width}x{height}"))?;
         let column = match variant {

@@ -1,4 +1,4 @@
-//! The record of a run: `report.json`. Everything that the tables say is computed from it.
+//! The record of `esvo bench`, `report.json`: plain data. All tables are computed from it.
 
 use esvo_core::DeviceKind;
 use esvo_engines::EngineId;
@@ -26,11 +26,11 @@ pub const SCHEMA: u32 = 1;
 pub struct PaperReport {
     /// [`SCHEMA`].
     pub schema: u32,
-    /// What it ran on.
+    /// The machine and the software.
     pub machine: Machine,
-    /// What was asked for.
+    /// The matrix.
     pub matrix: Matrix,
-    /// What every engine ran on.
+    /// The device of each engine.
     pub devices: Vec<DeviceRecord>,
     /// The scenes, in the order of the matrix.
     pub scenes: Vec<SceneReport>,
@@ -40,7 +40,7 @@ pub struct PaperReport {
     pub seconds: f64,
 }
 
-/// What a run gives.
+/// The result of a run.
 pub struct PaperOutcome {
     /// The record.
     pub report: PaperReport,
@@ -48,7 +48,7 @@ pub struct PaperOutcome {
     pub pictures: Vec<NamedPicture>,
 }
 
-/// What an engine ran on.
+/// The device of an engine.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 pub struct DeviceRecord {
     /// The engine.
@@ -76,7 +76,7 @@ impl DeviceRecord {
 /// Everything about one scene.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct SceneReport {
-    /// As in the manifest, and in the paper's tables if it is one of the paper's.
+    /// Name in the manifest, and in the paper's tables if it is one of the paper's scenes.
     pub name: String,
     /// Which of the scene's two meshes was measured.
     pub mesh: SceneVariant,
@@ -84,13 +84,13 @@ pub struct SceneReport {
     pub triangles: u64,
     /// Whether the file is the one that the manifest names, or which generator made the mesh.
     pub identity: String,
-    /// Credit to print beside pictures and tables.
+    /// Credit to print with pictures and tables.
     pub credit: String,
     /// Whether pictures may be published.
     pub publish: bool,
     /// Viewpoints.
     pub views: Vec<NamedView>,
-    /// What the importer had to say.
+    /// Warnings of the importer.
     pub warnings: Vec<String>,
     /// Seconds to read or generate the mesh.
     pub mesh_seconds: f64,
@@ -98,7 +98,7 @@ pub struct SceneReport {
     pub builds: Vec<Table1Row>,
     /// Distance from the triangles.
     pub errors: Vec<ErrorRow>,
-    /// Answers, checked before anything was timed.
+    /// Checks of the answers, made before timing.
     pub checks: Vec<CheckRow>,
     /// Cells of Table 2.
     pub times: Vec<TimeCell>,
@@ -106,18 +106,18 @@ pub struct SceneReport {
     pub pictures: Vec<String>,
 }
 
-/// One octree that was built.
+/// One octree: a cell of Table 1.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct Table1Row {
-    /// Limit on the levels.
+    /// Deepest level.
     pub levels: u32,
     /// Whether it was built with contours.
     pub contours: bool,
-    /// Settings: deviation of the shape as a level, of the colour in steps of 1/256, of a normal's component.
+    /// Setting: allowed deviation of the shape, as a level.
     pub contour_error: f64,
-    /// See `contour_error`.
+    /// Setting: allowed deviation of a colour channel in steps of 1/256.
     pub color_error: f64,
-    /// See `contour_error`.
+    /// Setting: allowed deviation of a component of the unit normal.
     pub normal_error: f64,
     /// Seconds from the mesh in memory to the octree in memory.
     pub seconds: f64,
@@ -133,7 +133,7 @@ pub struct Table1Row {
     pub far_pointers: u64,
     /// Blocks.
     pub blocks: u64,
-    /// Where the bytes are. They add up to `bytes`.
+    /// Bytes by kind. Their sum is `bytes`.
     pub kinds: Vec<KindBytes>,
 }
 
@@ -149,49 +149,49 @@ impl Table1Row {
     }
 }
 
-/// How far from the triangles the hits of a variant lie.
+/// The error of a variant against the triangles.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct ErrorRow {
     /// What was cast.
     pub variant: Variant,
-    /// Limit on the levels.
+    /// Deepest level.
     pub levels: u32,
-    /// Picture.
+    /// Size of the picture.
     pub size: [u32; 2],
-    /// View by view, in the order of [`SceneReport::views`].
+    /// Depth error of each view, in the order of [`SceneReport::views`].
     pub views: Vec<DepthError>,
-    /// Likewise the difference of the shaded picture from that of the triangles.
+    /// Image error of each view: the shaded picture against that of the triangles.
     #[serde(default)]
     pub pictures: Vec<ImageError>,
 }
 
 impl ErrorRow {
-    /// Mean over the views of something.
+    /// Mean of a value over the views.
     pub fn mean(&self, of: impl Fn(&DepthError) -> f64) -> f64 {
         self.views.iter().map(of).sum::<f64>() / self.views.len().max(1) as f64
     }
 
-    /// Mean FLIP over the views; `None` where no pictures were compared.
+    /// Mean FLIP over the views; `None` if no pictures were compared.
     pub fn flip(&self) -> Option<f64> {
         let sum = self.pictures.iter().map(|p| p.flip).sum::<f64>();
         (!self.pictures.is_empty()).then(|| sum / self.pictures.len() as f64)
     }
 }
 
-/// The answers of one engine on one variant.
+/// The check of one engine on one variant.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct CheckRow {
     /// The engine.
     pub backend: EngineId,
     /// What was cast.
     pub variant: Variant,
-    /// Limit on the levels.
+    /// Deepest level.
     pub levels: u32,
-    /// Picture.
+    /// Size of the picture.
     pub size: [u32; 2],
-    /// Against the reference caster.
+    /// Comparison with the reference caster.
     pub agreement: Agreement,
-    /// What the caster said if it failed.
+    /// The error of the caster, if it failed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub error: Option<String>,
 }
@@ -203,11 +203,11 @@ pub struct TimeCell {
     pub backend: EngineId,
     /// What was cast.
     pub variant: Variant,
-    /// Limit on the levels; 0 for triangles.
+    /// Deepest level; 0 for triangles.
     pub levels: u32,
-    /// Picture.
+    /// Size of the picture.
     pub size: [u32; 2],
-    /// Bytes that the device held for it.
+    /// Bytes of device memory that the octree or the triangles took.
     pub resident_bytes: u64,
     /// Raw times.
     pub samples: Samples,
@@ -221,7 +221,7 @@ impl PaperReport {
         self.failures().next().is_none()
     }
 
-    /// The checks that failed, with the name of their scene.
+    /// The checks that failed, with the names of their scenes.
     pub fn failures(&self) -> impl Iterator<Item = (&str, &CheckRow)> {
         self.scenes
             .iter()
@@ -236,12 +236,12 @@ impl PaperReport {
     /// Reads a record.
     ///
     /// # Errors
-    /// Not such a record, or one of a later version.
+    /// The text is not such a record, or its schema is unknown.
     pub fn from_json(text: &str) -> Result<Self, BenchError> {
         let bad = |what: String| BenchError::Matrix { file: "report".into(), what };
         let report: Self = serde_json::from_str(text).map_err(|e| bad(e.to_string()))?;
         if report.schema != SCHEMA {
-            return Err(bad(format!("schema {} where {SCHEMA} is known", report.schema)));
+            return Err(bad(format!("its schema is {}, and this program reads schema {SCHEMA}", report.schema)));
         }
         Ok(report)
     }

@@ -1,4 +1,4 @@
-//! A run: every scene of a matrix from its mesh to its rows of the tables.
+//! A run of `esvo bench`: every scene of a matrix, from its mesh to its rows of the tables.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -26,14 +26,14 @@ use crate::system::proc::resident_bytes;
 use crate::units::GB;
 use crate::{BenchError, Progress};
 
-/// What a run is told.
+/// What [`run_paper_bench`] measures.
 #[derive(Clone, Debug)]
 pub struct PaperBenchOptions {
-    /// What is measured.
+    /// Scenes, levels, engines and limits.
     pub matrix: Matrix,
-    /// Where real meshes are looked for first.
+    /// The folder that is searched first for real meshes.
     pub scenes_dir: Option<PathBuf>,
-    /// Threads of the CPU caster; `None`: all.
+    /// Threads of the CPU caster; `None`: one per core.
     pub threads: Option<usize>,
 }
 
@@ -43,13 +43,13 @@ impl PaperBenchOptions {
     }
 }
 
-/// Runs a matrix.
+/// Builds, checks and times everything in the matrix.
 ///
-/// Engines without a device, levels beyond the memory or time limit and scenes without a mesh are left out, and the
-/// report says so. Answers that differ are in the report too: see [`PaperReport::passed`].
+/// Engines without a device and levels beyond the memory or time limit are left out, and the report lists them. The report
+/// also says whether the answers of all engines are right: see [`PaperReport::passed`].
 ///
 /// # Errors
-/// A scene that does not exist, or a mesh that is there and cannot be used.
+/// A scene that does not exist, or a mesh that cannot be used.
 pub fn run_paper_bench(options: &PaperBenchOptions, progress: &Progress) -> Result<PaperOutcome, BenchError> {
     options.matrix.validate().map_err(|what| BenchError::Matrix { file: options.matrix.name.clone(), what })?;
     let manifest = SceneManifest::builtin().map_err(|e| BenchError::scene("manifest", e))?;
@@ -96,7 +96,7 @@ fn views(scene: &Scene, octree: &Octree, variant: Variant, size: [u32; 2]) -> Re
 struct PaperRun<'a> {
     options: &'a PaperBenchOptions,
     progress: &'a Progress,
-    /// Those that have a device.
+    /// The engines that have a device.
     backends: Vec<EngineId>,
     left_out: Vec<LeftOut>,
     pictures: Vec<NamedPicture>,
@@ -107,7 +107,7 @@ impl PaperRun<'_> {
         self.left_out.push(LeftOut { what: what.into(), reason: reason.into() });
     }
 
-    /// Opens every engine once to see what it runs on.
+    /// Opens every engine once to find its device.
     fn find_devices(&mut self) -> Vec<DeviceRecord> {
         let mut devices = Vec::new();
         let mut missing: Vec<(&str, String)> = Vec::new();
@@ -121,7 +121,7 @@ impl PaperRun<'_> {
                 Err(error) => missing.push((backend.name(), error.reason.to_string())),
             }
         }
-        // One line: what keeps one GPU engine from running keeps the others too, and each says it in its own words.
+        // One line with the first reason: the GPU engines usually fail for the same reason, each with its own message.
         if let Some((_, why)) = missing.first().cloned() {
             let names: Vec<_> = missing.iter().map(|(name, _)| *name).collect();
             self.leave_out(format!("casters on {}", names.join(" and ")), why);
@@ -156,7 +156,7 @@ impl PaperRun<'_> {
         let wanted_kinds = [false, true]
             .map(|contours| variants.iter().any(|v| *v != Variant::Triangles && (*v != Variant::Cubical) == contours));
         let mut kinds = wanted_kinds;
-        // The deepest level that has every kind: what is cast. Deeper octrees of one kind are built, looked at and dropped.
+        // The deepest level with every kind is cast. Deeper octrees of one kind are built, measured and dropped.
         let mut last: Option<OctreePair> = None;
         for (index, &levels) in wanted.levels.iter().enumerate() {
             let given_back = if kinds == wanted_kinds { last.as_ref().map_or(0, OctreePair::bytes) } else { 0 };
@@ -195,7 +195,7 @@ impl PaperRun<'_> {
         Ok(report)
     }
 
-    /// Says which levels are not built, and why.
+    /// Records which levels are not built, and why.
     fn refuse(&mut self, scene: &str, levels: &[u32], refused: &Both<Option<String>>) {
         let levels: Vec<_> = levels.iter().map(u32::to_string).collect();
         let levels = levels.join(", ");
@@ -230,7 +230,7 @@ impl PaperRun<'_> {
 
     fn pictures(&mut self, scene: &Scene, pair: &OctreePair, report: &mut SceneReport) -> Result<(), BenchError> {
         if !scene.publish {
-            self.leave_out(format!("pictures of {}", scene.name), "its terms do not allow to publish them");
+            self.leave_out(format!("pictures of {}", scene.name), "the terms of the mesh do not allow publishing them");
             return Ok(());
         }
         let Some(any) = pair.contours.as_ref().or(pair.cubical.as_ref()) else { return Ok(()) };
@@ -257,13 +257,13 @@ impl PaperRun<'_> {
         report: &mut SceneReport,
     ) -> Result<(), BenchError> {
         let variants = self.options.matrix.variants.clone();
-        // Opened for one scene at a time: while the next one is built, nothing of this one is held.
+        // Engines are opened for each scene, so that no memory of this scene is held while the next one is built.
         let mut engines = Vec::new();
         for &backend in &self.backends {
             let open = || backend.open(&self.options.open_options()).map_err(BenchError::Open);
             engines.push(EnginePair { backend, cubical: open()?, contours: open()? });
         }
-        // Answers first.
+        // Check the answers first.
         let mut unloaded = Vec::new();
         for engine in &mut engines {
             self.progress.say(format!("{}: checking {}", scene.name, engine.backend.name()));
@@ -292,7 +292,7 @@ impl PaperRun<'_> {
                 ));
             }
         }
-        // Then times: for every picture size all variants and engines in turn.
+        // Then take times, one picture size after the other.
         for (index, &size) in self.options.matrix.resolutions.iter().enumerate() {
             let clock = clock.share(self.options.matrix.resolutions.len() - index);
             let mut row = TimedRow::new(size);

@@ -19,7 +19,7 @@ pub(crate) struct TimedRow {
 }
 
 struct TimedCell {
-    /// Index of the engine; `None`: triangles.
+    /// Index of the engine; `None` for the triangle caster.
     engine: Option<usize>,
     variant: Variant,
     levels: u32,
@@ -46,7 +46,7 @@ impl TimedRow {
         });
     }
 
-    /// Adds an engine, by its index, on a variant that it has loaded.
+    /// Adds an engine, given by its index, for a variant that it has loaded.
     pub(crate) fn add(&mut self, engine: usize, variant: Variant, levels: u32, views: Vec<View>) {
         let samples = Samples::default();
         self.cells.push(TimedCell { engine: Some(engine), variant, levels, rays: Vec::new(), views, samples });

@@ -1,4 +1,4 @@
-//! Casting a mesh whose materials have holes: rays go on through what its alpha cuts out.
+//! Casting a mesh with cut-outs: rays pass through points whose alpha is below the material's cutoff.
 
 use esvo_builder::Mesh;
 use esvo_core::exact::{CameraRays, ExactRay, TriangleHit};
@@ -7,7 +7,7 @@ use glam::DVec3;
 
 use crate::picture_bench::mesh_picture::Looked;
 
-/// Holes that one ray may go through. A ray in the plane of a cut-out triangle could go on for ever.
+/// Maximum number of holes that one ray passes. Without it, a ray in the plane of a cut-out triangle might never end.
 const MOST_HOLES: usize = 256;
 
 /// What the rays of a picture hit first that is no hole, in double precision: as [`TriangleScene::cast_exact`] where no
@@ -24,7 +24,7 @@ pub(crate) fn cast_solid(mesh: &Mesh, triangles: &TriangleScene, rays: &CameraRa
             if hit.is_miss() || !is_hole(mesh, hit.triangle as usize, &ray, hit.t) {
                 break;
             }
-            // On from the next number: whatever else lies at this very depth is taken to be part of the hole.
+            // Continue from the next larger number: other triangles at exactly this depth count as part of the hole.
             ray.t_min = hit.t.next_up();
             *hit = triangles.cast_exact_ray(&ray);
         }
@@ -32,7 +32,7 @@ pub(crate) fn cast_solid(mesh: &Mesh, triangles: &TriangleScene, rays: &CameraRa
     hits
 }
 
-/// Whether the point of a triangle that a ray meets at `t` is cut out.
+/// Whether the point of a triangle that a ray hits at `t` is cut out.
 fn is_hole(mesh: &Mesh, triangle: usize, ray: &ExactRay, t: f64) -> bool {
     let material = &mesh.materials[mesh.triangle_materials[triangle] as usize];
     let Some(cutoff) = material.alpha_cutoff else { return false };

@@ -1,4 +1,4 @@
-//! The picture of a mesh itself, shaded as octrees are: what their pictures are compared with.
+//! The picture of a mesh, shaded like an octree. Pictures of octrees are compared with it.
 
 use esvo_builder::{Material, Mesh, mapped_normal};
 use esvo_core::Picture;
@@ -6,7 +6,7 @@ use esvo_core::exact::{CameraRays, TriangleHit};
 use esvo_core::shading::{Surface, encode_srgb, shade_triangles};
 use glam::{DVec3, Vec2, Vec3, Vec4};
 
-/// Shades what the rays hit, with the mesh's own colours, textures and shading normals.
+/// Shades the hits of rays with the mesh's colours, textures and shading normals.
 pub(crate) fn shade_mesh(mesh: &Mesh, rays: &CameraRays, hits: &[TriangleHit]) -> Picture {
     let per_distance = per_distance(rays);
     shade_triangles(rays, hits, |triangle, point| {
@@ -14,13 +14,13 @@ pub(crate) fn shade_mesh(mesh: &Mesh, rays: &CameraRays, hits: &[TriangleHit]) -
     })
 }
 
-/// Footprint of a pixel at a point, over the distance of the point to the eye: the far end of a ray is everywhere as deep,
-/// so that this is about the same for all of them.
+/// Footprint of a pixel at a point, divided by the distance of the point from the eye. It is about the same for all rays, as
+/// all of them end on the far plane.
 pub(crate) fn per_distance(rays: &CameraRays) -> f64 {
     rays.pixel_size() / rays.ray(rays.width / 2, rays.height / 2).direction.length()
 }
 
-/// A point of a triangle that is looked at.
+/// A point of a triangle that a ray hits.
 pub(crate) struct Looked<'a> {
     mesh: &'a Mesh,
     material: &'a Material,
@@ -29,9 +29,9 @@ pub(crate) struct Looked<'a> {
     indices: [usize; 3],
     /// Weights of its corners at the point.
     weights: [f32; 3],
-    /// Geometric normal, twice the area of the triangle long.
+    /// Geometric normal; its length is twice the area of the triangle.
     flat: DVec3,
-    /// Width of what is averaged, in mesh units.
+    /// Width of the area over which textures are averaged, in mesh units.
     footprint: f32,
 }
 
@@ -65,7 +65,7 @@ impl<'a> Looked<'a> {
         (uv, self.footprint * (texels / self.flat.length() as f32).sqrt())
     }
 
-    /// What the material's texture shows, linear; `None` without one.
+    /// The texture's linear colour and alpha at the point; `None` without a texture.
     fn texel(&self) -> Option<[f32; 4]> {
         let texture = self.material.texture.as_ref().filter(|_| !self.mesh.uvs.is_empty())?;
         let size = texture.mips.first().map_or((1, 1), |mip| (mip.width, mip.height));
@@ -73,8 +73,7 @@ impl<'a> Looked<'a> {
         Some(texture.sample(uv.into(), footprint))
     }
 
-    /// The normal that the material's normal map makes of the interpolated one; `None` where there is no map, or it says
-    /// nothing.
+    /// The interpolated normal changed by the material's normal map; `None` without a map or without tangents.
     fn mapped(&self, normal: DVec3) -> Option<DVec3> {
         let map = self.material.normal_map.as_ref().filter(|_| !self.mesh.uvs.is_empty())?;
         let tangents = self.mesh.corner_tangents(self.triangle, map)?;
@@ -86,7 +85,7 @@ impl<'a> Looked<'a> {
         Some(Vec3::from(mapped).as_dvec3())
     }
 
-    /// How opaque the point is, 0 to 1.
+    /// Opacity of the point, 0 to 1.
     pub(crate) fn alpha(&self) -> f32 {
         self.material.base_color[3] * self.texel().map_or(1.0, |t| t[3])
     }
@@ -111,7 +110,7 @@ impl<'a> Looked<'a> {
     }
 }
 
-/// Weights of the corners at a point of the triangle's plane; `flat` is its normal, twice its area long.
+/// Barycentric weights of the corners at a point of the triangle's plane. `flat` is the normal; its length is twice the area.
 fn barycentric([a, b, c]: [DVec3; 3], flat: DVec3, point: DVec3) -> [f32; 3] {
     let area = flat.length_squared();
     if area == 0.0 {

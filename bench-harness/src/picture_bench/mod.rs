@@ -1,4 +1,5 @@
-//! `esvo bench pictures`: octrees next to the triangles they were built from.
+//! `esvo bench pictures`: pictures of octrees next to pictures of their triangles. Also the exact pictures of meshes that the
+//! other benchmarks compare octrees with.
 
 pub(crate) mod cutout;
 pub(crate) mod mesh_picture;

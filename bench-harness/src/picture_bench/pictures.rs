@@ -1,4 +1,4 @@
-//! `esvo bench pictures`: octrees beside the triangles they were built from, the same view in the same light.
+//! Pictures of octrees next to the triangles that they were built from, with the same view and light.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -23,7 +23,7 @@ use crate::{BenchError, Progress};
 /// Rays along each side of a pixel.
 pub(crate) const RAYS: u32 = 2;
 
-/// What is shown if nothing else is said: title, scene, viewpoint, levels, displaced.
+/// The pictures: title, scene, viewpoint, levels, whether the mesh is displaced.
 const SHOWN: [(&str, &str, &str, u32, bool); 4] = [
     ("SIBENIK-D", "SIBENIK", "nave-east", 10, true),
     ("FLIGHT-HELMET", "FLIGHT-HELMET", "front", 11, false),
@@ -31,23 +31,23 @@ const SHOWN: [(&str, &str, &str, u32, bool); 4] = [
     ("JUNGLE", "JUNGLE", "ground", 11, false),
 ];
 
-/// What is wanted.
+/// What [`run_picture_bench`] makes.
 #[derive(Clone, Debug)]
 pub struct PictureBenchOptions {
-    /// Titles; empty: all.
+    /// Titles of the pictures; empty: all.
     pub scenes: Vec<String>,
-    /// Deepest level, in place of each picture's own.
+    /// Deepest level; `None`: each picture's own.
     pub levels: Option<u32>,
     /// Size of each half.
     pub size: [u32; 2],
-    /// Where real meshes are looked for first.
+    /// The folder that is searched first for real meshes.
     pub scenes_dir: Option<PathBuf>,
 }
 
-/// One picture, its left half the octree, its right half the triangles.
+/// One picture. Its left half shows the octree, its right half the triangles.
 #[derive(Clone, Debug)]
 pub struct PicturePair {
-    /// Scene, and `-D` where it is displaced.
+    /// Name of the scene, with `-D` if it is displaced.
     pub scene: String,
     /// Name of the viewpoint.
     pub view: String,
@@ -59,7 +59,7 @@ pub struct PicturePair {
     pub triangles: u64,
     /// Mean FLIP between the halves.
     pub flip: f64,
-    /// Credit to print beside it.
+    /// Credit to print with the picture.
     pub credit: String,
     /// Whether the mesh is the one that the manifest names.
     pub identity: String,
@@ -67,10 +67,10 @@ pub struct PicturePair {
     pub picture: NamedPicture,
 }
 
-/// Makes the pictures, one after the other, and hands each over when it is done.
+/// Makes the pictures one after the other and passes each to `done`.
 ///
 /// # Errors
-/// A scene that is not among them, whose mesh is not here or cannot be used, or whose terms do not allow pictures.
+/// A scene without a picture, a mesh that cannot be used, a scene whose terms do not allow pictures, an error of `done`.
 pub fn run_picture_bench(
     options: &PictureBenchOptions,
     progress: &Progress,
@@ -79,7 +79,7 @@ pub fn run_picture_bench(
     let mut titles: Vec<_> = SHOWN.iter().map(|s| s.0).collect();
     titles.dedup();
     if let Some(name) = options.scenes.iter().find(|n| !titles.iter().any(|t| t.eq_ignore_ascii_case(n))) {
-        return Err(BenchError::scene(name, format!("there is no picture of it; there are {}", titles.join(", "))));
+        return Err(BenchError::scene(name, format!("has no picture; there are {}", titles.join(", "))));
     }
     let manifest = SceneManifest::builtin().map_err(|e| BenchError::scene("manifest", e))?;
     let mut last: Option<(&str, u32, Shown)> = None;
@@ -102,7 +102,7 @@ pub fn run_picture_bench(
     Ok(())
 }
 
-/// A scene, ready to be shown.
+/// A scene with its octree.
 struct Shown {
     scene: Scene,
     triangles: TriangleScene,
@@ -118,7 +118,7 @@ impl Shown {
         progress: &Progress,
     ) -> Result<Self, BenchError> {
         if !scene.publish {
-            return Err(BenchError::scene(title, "its terms do not allow to publish pictures"));
+            return Err(BenchError::scene(title, "the terms of its mesh do not allow publishing pictures"));
         }
         if displaced {
             progress.say(format!("{title}: displacing"));
@@ -127,7 +127,7 @@ impl Shown {
         }
         let mesh = &scene.mesh;
         progress.say(format!("{title}: building {levels} levels"));
-        // A picture is looked at: textures as fine as the level can show them.
+        // Pictures are for looking at: build textures as fine as the level can show.
         let settings = BuildSettings { levels, texture_test: TextureTest::Texels, ..scene.settings };
         let built = esvo_builder::build(mesh, &settings, &|_| ()).map_err(|e| BenchError::scene(title, e))?;
         progress.say(format!("{title}: sorting triangles"));
@@ -163,7 +163,7 @@ impl Shown {
             flip: error.flip,
             credit: self.scene.credit.clone(),
             identity: self.scene.identity.clone(),
-            picture: NamedPicture { name, picture: beside(&left, &right) },
+            picture: NamedPicture { name, picture: side_by_side(&left, &right) },
         })
     }
 
@@ -179,7 +179,7 @@ impl Shown {
     }
 }
 
-/// The picture with the rays of each pixel averaged in linear light.
+/// The picture reduced to one pixel for each square of rays, averaged in linear light.
 fn smaller(picture: &Picture) -> Picture {
     let decoded: [f32; 256] = std::array::from_fn(|i| decode_srgb(i as f32 / 255.0));
     Picture::from_fn((picture.width / RAYS, picture.height / RAYS), |x, y| {
@@ -192,8 +192,8 @@ fn smaller(picture: &Picture) -> Picture {
     })
 }
 
-/// Two pictures of one height, a white line between them.
-fn beside(left: &Picture, right: &Picture) -> Picture {
+/// Two pictures of equal height side by side, with a white line between them.
+fn side_by_side(left: &Picture, right: &Picture) -> Picture {
     const LINE: u32 = 4;
     let (width, height) = (left.width + LINE + right.width, left.height.min(right.height));
     Picture::from_fn((width, height), |x, y| {
@@ -213,7 +213,7 @@ mod tests {
     #[test]
     fn halves_keep_their_pixels_and_rays_are_averaged_in_linear_light() {
         let plain = |v: u8| Picture { width: 4, height: 2, rgb8: vec![v; 24] };
-        let pair = beside(&plain(10), &plain(200));
+        let pair = side_by_side(&plain(10), &plain(200));
         assert_eq!((pair.width, pair.height), (12, 2));
         assert_eq!([pair.pixel(3, 1), pair.pixel(5, 0), pair.pixel(8, 1)], [[10; 3], [255; 3], [200; 3]]);
         let mut mixed = plain(0);

@@ -18,7 +18,7 @@ pub fn write_picture_table(pairs: &[PicturePair], machine: &Machine, folder: &Pa
     Ok(path)
 }
 
-/// The table of pictures that were made, as Markdown.
+/// The table of the pictures, as Markdown.
 pub fn to_markdown(pairs: &[PicturePair], machine: &Machine) -> String {
     let head = ["picture", "scene", "viewpoint", "levels", "million voxels", "triangles", "FLIP"];
     let mut table = TextTable::new("Pictures", 3, &head);
@@ -27,8 +27,8 @@ pub fn to_markdown(pairs: &[PicturePair], machine: &Machine) -> String {
             "On the left the octree, on the right the triangles: the same view in the same light, {} rays a pixel.",
             RAYS * RAYS
         ),
-        "Built with the scene's settings and textures down to the texel (`--texture-test texels`). Triangles after \
-         displacement, where the scene is displaced (-D). FLIP: the mean over the picture, 0 to 1."
+        "Built with the scene's settings and `--texture-test texels`. Triangles are counted after displacement in displaced \
+         scenes (-D). FLIP: visible difference of the halves, mean over the picture, 0 to 1."
             .into(),
     ];
     let mut credits: Vec<[&str; 3]> = Vec::new();

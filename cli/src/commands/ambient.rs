@@ -14,12 +14,12 @@ use crate::files::{check_extension, check_not_input, check_output, name_file, op
 use crate::values::engine;
 use crate::words::count;
 
-/// Compute ambient occlusion: how much light from all around reaches each voxel.
+/// Compute ambient occlusion: how much light from all sides reaches each voxel.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-From each leaf voxel rays go to all sides of its surface, by preference straight up. The share of them that meets nothing
-is stored with the voxel, and pictures are darker where it is small. The octree must have normals. The cpu engine casts
-many rays at once; GPU engines cast them one by one here, which takes long.
+From each leaf voxel, rays are cast into the half space above its surface, more of them near the normal (cosine-weighted).
+The share of rays that hit nothing is stored with the voxel; `esvo render` darkens voxels by it. The octree must have
+normals. Use the cpu engine, which casts many rays at once: GPU engines take long, as this command gives them few at a time.
 
 Examples:
   esvo ambient sibenik.esvo -o sibenik-ao.esvo
@@ -33,16 +33,16 @@ pub(crate) struct AmbientArguments {
     /// Rays per leaf voxel
     #[arg(long, value_name = "N", default_value_t = 256, value_parser = clap::value_parser!(u32).range(1..=65536))]
     pub(crate) rays: u32,
-    /// How far away something can be to be in the way, in parts of the scene's extent
+    /// Longest distance at which something occludes, as a fraction of the scene's extent
     #[arg(long, value_name = "X", default_value_t = 0.05)]
     pub(crate) radius: f64,
-    /// Look to the other side of the surface: for meshes whose normals point inwards
+    /// Cast rays from the back of surfaces: for meshes whose normals point inwards
     #[arg(long)]
     pub(crate) flip_normals: bool,
-    /// Rays ignore contours: voxels are cubes
+    /// Ignore contours: treat voxels as cubes
     #[arg(long)]
     pub(crate) no_contours: bool,
-    /// The engine
+    /// The engine that casts the rays
     #[arg(short, long, value_parser = engine(), default_value_t = EngineId::Cpu)]
     pub(crate) backend: EngineId,
 }

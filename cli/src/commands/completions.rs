@@ -2,11 +2,10 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, CommandFactory};
+use clap::{Args, Command};
 use clap_complete::Shell;
 use esvo_bench::output::write_text;
 
-use crate::args::Arguments;
 use crate::fail::{Failure, complain, print};
 use crate::files::check_output;
 
@@ -29,9 +28,9 @@ pub(crate) struct CompletionsArguments {
     output: Option<PathBuf>,
 }
 
-/// Prints the script or writes it to a file.
-pub(crate) fn run_completions(arguments: &CompletionsArguments) -> Result<(), Failure> {
-    let script = completion_script(arguments.shell)?;
+/// Prints the script or writes it to a file. `esvo` is the definition of the command line.
+pub(crate) fn run_completions(arguments: &CompletionsArguments, esvo: Command) -> Result<(), Failure> {
+    let script = completion_script(arguments.shell, esvo)?;
     let Some(output) = &arguments.output else { return print(&script) };
     check_output(output)?;
     write_text(output, &script)?;
@@ -39,8 +38,8 @@ pub(crate) fn run_completions(arguments: &CompletionsArguments) -> Result<(), Fa
     Ok(())
 }
 
-fn completion_script(shell: Shell) -> Result<String, Failure> {
+fn completion_script(shell: Shell, mut esvo: Command) -> Result<String, Failure> {
     let mut script = Vec::new();
-    clap_complete::generate(shell, &mut Arguments::command(), "esvo", &mut script);
+    clap_complete::generate(shell, &mut esvo, "esvo", &mut script);
     Ok(String::from_utf8(script)?)
 }

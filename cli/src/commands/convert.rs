@@ -9,18 +9,18 @@ use crate::fail::{Failure, print};
 use crate::files::{check_output, extension, name_file, open};
 use crate::words::size;
 
-/// A kind of file, told by the extension.
+/// A kind of file, given by the extension.
 #[derive(Clone, Copy, PartialEq)]
 enum Kind {
     Esvo,
     Oct,
 }
 
-/// Convert between .esvo and the paper authors' .oct, or rewrite an .esvo.
+/// Convert between .esvo and the .oct files of the paper's authors, or rewrite an .esvo.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-What a file is, its extension says. Contours, and colours and normals in blocks, are carried over bit for bit; what the other
-kind of file cannot hold is listed.
+The extension tells the kind of a file. Contours, block-compressed colours and normals are copied bit for bit. Data that the
+other kind of file cannot store is listed.
 
 Examples:
   esvo convert sibenik.oct -o sibenik.esvo
@@ -32,7 +32,7 @@ pub(crate) struct ConvertArguments {
     /// The file to write: .esvo or .oct
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: PathBuf,
-    /// Compress the blocks of an .esvo with Zstandard, at this level, 1 to 22
+    /// Compress the blocks of an .esvo with Zstandard at this level, 1 to 22 [without a number: 3]
     #[arg(long, value_name = "LEVEL", num_args = 0..=1, default_missing_value = "3", value_parser = clap::value_parser!(i32).range(1..=22))]
     pub(crate) compress: Option<i32>,
 }
@@ -76,8 +76,8 @@ fn kind(path: &Path) -> Result<Kind, Failure> {
         "esvo" => Ok(Kind::Esvo),
         "oct" => Ok(Kind::Oct),
         "obj" | "gltf" | "glb" | "ply" | "stl" => {
-            Err(format!("{name}: is a mesh; octrees are made of meshes by esvo build").into())
+            Err(format!("{name}: is a mesh; esvo build makes octrees from meshes").into())
         }
-        _ => Err(format!("{name}: what kind of file this is, its name must say: .esvo or .oct").into()),
+        _ => Err(format!("{name}: has an unknown extension; expected .esvo or .oct").into()),
     }
 }

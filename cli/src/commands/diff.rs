@@ -10,23 +10,23 @@ use crate::fail::{Failure, print};
 use crate::files::open;
 use crate::words::count;
 
-/// Compare what two files hold, however it is laid out.
+/// Compare the octrees of two files, whatever their layout.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Objects, transforms, topology, contours, colours and normals are compared; blocks, pointers, compression, metadata and
-unknown sections are not. Exit code 0: the same octree. 1: not, and the first differences are listed.
+Compares objects, transforms, topology, contours, colours and normals. Ignores blocks, pointers, compression, metadata and
+unknown sections. Exit code 0 if the octrees are the same; 1 if they differ, with a list of the first differences.
 
 Example:
   esvo diff before.esvo after.esvo")]
 pub(crate) struct DiffArguments {
-    /// A file
+    /// The first file
     pub(crate) first: PathBuf,
-    /// Another
+    /// The second file
     pub(crate) second: PathBuf,
-    /// List at most so many differences
+    /// List at most this many differences
     #[arg(long, value_name = "N", default_value_t = 20)]
     pub(crate) limit: usize,
-    /// As JSON
+    /// Print JSON
     #[arg(long)]
     pub(crate) json: bool,
 }

@@ -9,27 +9,27 @@ use esvo_format::{FormatError, Octree, dump};
 use crate::fail::{Failure, print};
 use crate::files::{name_file, wrong_kind};
 
-/// Show what lies where in a file: its tables, a block slot by slot, or a voxel.
+/// Show the layout of a file: its tables, the slots of a block, or a voxel.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
   esvo dump sibenik.esvo                     the object and block tables
-  esvo dump sibenik.esvo --block 0           every slot of a block and what it is
-  esvo dump sibenik.esvo --path 0/3/7        the voxels of the descriptor at child slots 0, 3, 7 from the root
-  esvo dump sibenik.esvo --path / --json     those of the root, as JSON")]
+  esvo dump sibenik.esvo --block 0           all slots of block 0 with their meaning
+  esvo dump sibenik.esvo --path 0/3/7        the child at slots 0, 3, 7 from the root
+  esvo dump sibenik.esvo --path / --json     the root, as JSON")]
 pub(crate) struct DumpArguments {
     /// The file
     pub(crate) file: PathBuf,
-    /// A block, by its index in the block table
+    /// Show this block, given by its index in the block table
     #[arg(long, value_name = "N", conflicts_with = "path")]
     pub(crate) block: Option<usize>,
-    /// A descriptor or a leaf voxel, by child slots from the root
+    /// Show a descriptor or a leaf voxel, given by its child slots from the root: 0/3/7
     #[arg(long, value_name = "SLOTS")]
     pub(crate) path: Option<String>,
-    /// The object that the path begins in
+    /// The object in which the path starts
     #[arg(long, value_name = "N", default_value_t = 0, requires = "path")]
     pub(crate) object: usize,
-    /// As JSON
+    /// Print JSON
     #[arg(long)]
     pub(crate) json: bool,
 }
@@ -37,7 +37,7 @@ pub(crate) struct DumpArguments {
 pub(crate) fn run_dump(arguments: &DumpArguments) -> Result<(), Failure> {
     let named =
         |error: FormatError| wrong_kind(&arguments.file, &error).unwrap_or_else(|| name_file(&arguments.file, error));
-    // Not asked to be sound: a damaged file is looked at to find the damage.
+    // Soundness is not checked: a dump serves to find the damage in a file.
     let octree = Octree::open(&arguments.file).map_err(named)?;
     if let Some(block) = arguments.block {
         return show(&dump::block(&octree, block).map_err(named)?, arguments.json);

@@ -12,13 +12,13 @@ use crate::fail::{Failure, print};
 use crate::files::open;
 use crate::words::{count, size};
 
-/// Say what a file contains.
+/// Show the contents of a file: levels, voxels, bytes by kind.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  esvo info sibenik.esvo --json")]
 pub(crate) struct InfoArguments {
     /// The file
     pub(crate) file: PathBuf,
-    /// As JSON
+    /// Print JSON
     #[arg(long)]
     pub(crate) json: bool,
 }
@@ -81,7 +81,7 @@ fn as_json(octree: &Octree, stats: &Stats) -> Value {
     let objects: Vec<_> = (octree.objects().iter())
         .map(|o| json!({ "levels": o.levels, "octree_to_mesh": o.octree_to_mesh.to_vec() }))
         .collect();
-    // What is not JSON, though it should be, is shown as it is.
+    // Metadata that is not valid JSON is shown as text.
     let meta = serde_json::from_str(octree.meta()).unwrap_or_else(|_| Value::from(octree.meta()));
     json!({ "objects": objects, "needs": octree.needs(), "stats": stats, "meta": meta })
 }

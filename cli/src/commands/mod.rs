@@ -1,4 +1,4 @@
-//! The commands, each with what it does. [`crate::args`] lists them.
+//! The commands: options and code of each. [`crate::args`] lists them.
 
 pub(crate) mod ambient;
 pub(crate) mod bench;

@@ -17,13 +17,13 @@ use crate::fail::{Failure, complain, print};
 use crate::files::{check_extension, check_not_input, check_output, name_file, open};
 use crate::values::{engine, parse_numbers, parse_size};
 
-/// Iterations that `--view-mode iterations` shows as white: about what grazing rays take at 12 levels.
+/// Iterations that `--view-mode iterations` shows as white: about the number that grazing rays take at 12 levels.
 const MOST_ITERATIONS: u32 = 100;
 
 /// Render a picture of an octree.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Without a camera the whole object is looked at from outside. Cameras are in the units of the mesh.
+Without a camera, the picture shows the whole object from outside. Cameras are in the units of the mesh.
 
 Examples:
   esvo render sibenik.esvo -o nave.png --scene sibenik --view 2
@@ -35,13 +35,13 @@ pub(crate) struct RenderArguments {
     /// The PNG to write
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: PathBuf,
-    /// The engine
+    /// The engine that casts the rays
     #[arg(short, long, value_parser = engine(), default_value_t = EngineId::Cpu)]
     pub(crate) backend: EngineId,
-    /// Eye and viewing direction: ex,ey,ez,fx,fy,fz and if wanted the field of view in degrees
+    /// Eye and viewing direction: ex,ey,ez,fx,fy,fz, optionally followed by the field of view in degrees
     #[arg(long, value_name = "NUMBERS", allow_hyphen_values = true, conflicts_with = "scene")]
     pub(crate) camera: Option<String>,
-    /// Which way is up
+    /// The direction that is up in the picture
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, default_value = "0,1,0")]
     pub(crate) up: String,
     /// Field of view over the shorter side in degrees [default: 60]
@@ -50,25 +50,25 @@ pub(crate) struct RenderArguments {
     /// Take the camera from the manifest of this scene
     #[arg(long, value_name = "NAME")]
     pub(crate) scene: Option<String>,
-    /// Which of its cameras, from 1
+    /// Number of the camera in the manifest, from 1
     #[arg(long, value_name = "K", default_value_t = 1, requires = "scene")]
     pub(crate) view: usize,
     /// Take the cameras of the scene's procedural stand-in even if the real mesh is found
     #[arg(long, requires = "scene")]
     pub(crate) stand_in: bool,
-    /// Where real meshes are looked for first, to tell whose cameras to take
+    /// Folder that is searched first for the real mesh; its cameras are taken if it is found
     #[arg(long, value_name = "FOLDER", requires = "scene")]
     pub(crate) scenes_dir: Option<PathBuf>,
     /// Size of the picture
     #[arg(long, value_name = "WxH", default_value = "1024x768", value_parser = parse_size)]
     pub(crate) size: [u32; 2],
-    /// Ignore contours: voxels are cubes
+    /// Ignore contours: draw voxels as cubes
     #[arg(long)]
     pub(crate) no_contours: bool,
     /// Use the beam optimization
     #[arg(long)]
     pub(crate) beam: bool,
-    /// Rays end at voxels this many pixels large; 0: at leaves only
+    /// Rays end at voxels of this size in pixels; 0: at leaves only
     #[arg(long, value_name = "PIXELS", default_value_t = 1.0)]
     pub(crate) max_voxel_pixels: f32,
     /// What to show
@@ -76,14 +76,14 @@ pub(crate) struct RenderArguments {
     pub(crate) view_mode: ViewMode,
 }
 
-/// What a picture shows, as it is typed.
+/// What a picture shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum ViewMode {
-    /// The voxels' own colours and normals in the light of a lamp at the camera
+    /// Colours and normals of the voxels, lit by a lamp at the camera
     Shaded,
-    /// Iterations of every ray: black, violet, red, yellow, and white from 100
+    /// Iterations of each ray: black, violet, red, yellow; white from 100
     Iterations,
-    /// The voxels' normals as colours
+    /// Normals of the voxels as colours
     Normals,
     /// Near is white, far is black
     Depth,
@@ -94,7 +94,9 @@ pub(crate) fn run_render(arguments: &RenderArguments) -> Result<(), Failure> {
     check_extension(&arguments.output, "png", "pictures are written as PNG")?;
     check_not_input(&arguments.output, &arguments.file)?;
     if !(arguments.max_voxel_pixels >= 0.0 && arguments.max_voxel_pixels.is_finite()) {
-        return Err(format!("--max-voxel-pixels {}: zero or a positive number", arguments.max_voxel_pixels).into());
+        return Err(
+            format!("--max-voxel-pixels {}: expected 0 or a positive number", arguments.max_voxel_pixels).into()
+        );
     }
     let octree = Arc::new(open(&arguments.file)?);
     let camera = camera(arguments, &octree)?;
@@ -128,7 +130,7 @@ pub(crate) fn run_render(arguments: &RenderArguments) -> Result<(), Failure> {
         let (low, high) = viewpoint::bounds(&octree);
         let place = [low, high].map(|p| octree.octree_to_mesh(0).transform_point3(p));
         let what = format!(
-            "no ray hits anything: the object lies between {:.4} and {:.4}, the camera at {:.4} looks along {:.4}",
+            "no ray hits anything: the object lies between {:.4} and {:.4}; the camera is at {:.4} and looks along {:.4}",
             place[0],
             place[1],
             DVec3::from(camera.eye),
@@ -150,28 +152,32 @@ pub(crate) fn run_render(arguments: &RenderArguments) -> Result<(), Failure> {
 fn camera(arguments: &RenderArguments, octree: &Octree) -> Result<Camera, Failure> {
     let up: [f64; 3] = parse_numbers(&arguments.up)
         .and_then(|n| n.try_into().ok())
-        .ok_or_else(|| format!("--up {}: three numbers, as 0,1,0", arguments.up))?;
+        .ok_or_else(|| format!("--up {}: expected three numbers, e.g. 0,1,0", arguments.up))?;
     if up == [0.0; 3] {
-        return Err(format!("--up {}: no direction; give one, as 0,1,0", arguments.up).into());
+        return Err(format!("--up {}: is not a direction; expected one, e.g. 0,1,0", arguments.up).into());
     }
     let wide = |option: String, degrees: f64| -> Result<f64, Failure> {
         let fits = degrees > 0.0 && degrees < 180.0;
-        if fits { Ok(degrees) } else { Err(format!("{option}: the field of view is between 0 and 180 degrees").into()) }
+        if fits {
+            Ok(degrees)
+        } else {
+            Err(format!("{option}: the field of view must be between 0 and 180 degrees").into())
+        }
     };
     let fov = arguments.fov.map(|degrees| wide(format!("--fov {degrees}"), degrees)).transpose()?;
     if let Some(text) = &arguments.camera {
         let n = parse_numbers(text).filter(|n| n.len() == 6 || n.len() == 7).ok_or_else(|| {
             format!(
-                "--camera {text}: six numbers, eye and direction, or seven with the field of view: ex,ey,ez,fx,fy,fz,60"
+                "--camera {text}: expected six numbers, eye and direction, or seven with the field of view: ex,ey,ez,fx,fy,fz,60"
             )
         })?;
         let (eye, forward) = ([n[0], n[1], n[2]], [n[3], n[4], n[5]]);
         let own = n.get(6).map(|degrees| wide(format!("--camera {text}"), *degrees)).transpose()?;
         let Some(direction) = DVec3::from(forward).try_normalize() else {
-            return Err(format!("--camera {text}: the direction, its fourth to sixth number, is zero").into());
+            return Err(format!("--camera {text}: the direction (fourth to sixth number) is zero").into());
         };
         if DVec3::from(up).normalize_or_zero().cross(direction).length() < 1e-9 {
-            let what = "is the direction that the camera looks in, or its opposite; give another, as --up 0,0,1";
+            let what = "is parallel to the viewing direction; give another direction, e.g. --up 0,0,1";
             return Err(format!("--up {}: {what}", arguments.up).into());
         }
         let (near, far) = viewpoint::planes(octree, eye);
@@ -191,7 +197,8 @@ fn camera(arguments: &RenderArguments, octree: &Octree) -> Result<Camera, Failur
     let view =
         views.get(index).ok_or_else(|| format!("--view {}: {name} has views 1 to {}", arguments.view, views.len()))?;
     if variant == SceneVariant::StandIn && !arguments.stand_in {
-        let what = "its mesh is not here, so this is a viewpoint of its stand-in; --scenes-dir says where the mesh is";
+        let what =
+            "its mesh was not found, so this is a viewpoint of its stand-in; give the mesh's folder by --scenes-dir";
         complain("warning", &format!("--scene {name}: {what}"));
     }
     let mut camera = view.camera;

@@ -1,4 +1,4 @@
-//! Judges viewpoints: for every camera of a scene, how many rays hit, how far away, and (optionally) a picture.
+//! Evaluates viewpoints: for each camera of a scene the share of rays that hit, their distances, and optionally a picture.
 //!
 //! `cargo run --release -p esvo-scenes --example probe -- SCENE [--stand-in] [--scenes-dir DIR] [--manifest FILE]
 //! [--pictures DIR]`. Real meshes are read with a small OBJ and PLY reader (positions only).

@@ -15,9 +15,9 @@ const BLOCKS: usize = 11;
 const PITCH: f64 = 64.0;
 /// Width of a street between pavements.
 const STREET: f64 = 13.0;
-/// What is kept back for the ground.
+/// Triangles reserved for the ground.
 const GROUND: usize = 60_000;
-/// No plain building, with everything on its roof, takes more.
+/// Upper bound on the triangles of a plain building with its roof.
 const PLAIN_BUILDING: usize = 150;
 /// Height of a storey.
 const STOREY: f64 = 3.4;
@@ -66,7 +66,7 @@ pub fn city(seed: u64) -> Mesh {
         cars: [[0.5, 0.05, 0.04], [0.06, 0.10, 0.35], [0.6, 0.6, 0.6], [0.04, 0.04, 0.05]]
             .map(|rgb| s.add_material("car", rgb)),
     };
-    // Detail is handed out until the budget is spent, so the order of the blocks must not favour one side of the city.
+    // Blocks get details until the budget of triangles is used up. A random order of the blocks favours no side of the city.
     let mut blocks: Vec<(usize, usize)> = (0..BLOCKS * BLOCKS).map(|k| (k % BLOCKS, k / BLOCKS)).collect();
     rng.shuffle(&mut blocks);
     let centre = |(i, j)| dvec2(i as f64 - (BLOCKS / 2) as f64, j as f64 - (BLOCKS / 2) as f64) * PITCH;
@@ -88,7 +88,7 @@ pub fn city(seed: u64) -> Mesh {
 
 /// A raised pavement with one to four buildings, or a small park.
 ///
-/// `budget` is the number of triangles in the whole mesh that its details must not take it beyond.
+/// `budget` is the number of triangles that the whole mesh may have after its details are added.
 fn block(s: &mut Shapes, rng: &mut Rng, p: &Palette, centre: DVec2, budget: usize) {
     let half = (PITCH - STREET) / 2.0;
     s.paint(p.pavement);
@@ -130,7 +130,7 @@ fn building(s: &mut Shapes, rng: &mut Rng, p: &Palette, middle: DVec2, size: DVe
     let windows = 2 * (columns(size.x) + columns(size.y)) * storeys * 28;
     let ribbons = 4 * storeys * 20;
     let left = budget.saturating_sub(s.count());
-    // Big buildings with a window in every cell would eat the budget of ten small ones.
+    // A large building with a window in every cell would need the triangles of ten small ones.
     let facade = if windows + 400 <= left && windows < 6_000 && rng.chance(0.8) {
         Facade::Windows
     } else if ribbons + 400 <= left {
@@ -251,7 +251,7 @@ fn roof(s: &mut Shapes, rng: &mut Rng, p: &Palette, wall: u32, h: DVec2, storeys
     }
 }
 
-/// Lamp posts, trees and parked cars along the block's curb, and the dashes of the street beside it.
+/// Lamp posts, trees and parked cars along the block's curb, and the dashes of the street next to it.
 fn furniture(s: &mut Shapes, rng: &mut Rng, p: &Palette, centre: DVec2) {
     let half = (PITCH - STREET) / 2.0;
     for k in 0..4 {

@@ -14,7 +14,7 @@ pub const FAIRY_TRIANGLES: usize = 174_000;
 
 /// Half the side of the ground.
 const GROUND: f64 = 6.0;
-/// What is kept back for the ground itself.
+/// Triangles reserved for the ground.
 const RESERVE: usize = 45_000;
 
 struct Palette {

@@ -10,8 +10,8 @@ use super::shape::Shapes;
 const STRANDS: usize = 6_000;
 /// Rings of three vertices along a strand. With its two tips a strand has `6 * RINGS` triangles.
 const RINGS: usize = 80;
-/// No vertex is farther from the origin. The paper's authors set their near plane to a thousandth and their far plane
-/// to three times the half extent of a scene; this is the half extent that their hairball cameras imply.
+/// Maximum distance of a vertex from the origin. The paper's authors set their near plane to a thousandth and their far plane
+/// to three times the half extent of a scene; their hairball cameras imply this half extent.
 const BALL_RADIUS: f64 = 4.6141;
 /// Half the thickness of a hair.
 const HAIR_RADIUS: f64 = 0.0105;
@@ -73,7 +73,7 @@ fn strand(rng: &mut Rng, points: &mut Vec<DVec3>) {
             height = height.clamp(lowest, highest);
             climb = -climb;
         }
-        // Heading straight on along the sphere; near the centre an angle is capped so that hairs do not kink.
+        // Move straight ahead along the sphere. Near the centre the angle is limited, so that hairs do not kink.
         ahead = (ahead + side * bend).normalize();
         let angle = (step / height).min(0.35);
         let (s, c) = sin_cos(angle);

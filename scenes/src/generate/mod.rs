@@ -1,4 +1,4 @@
-//! Procedural meshes: stand-ins for the paper's scenes, and small ones for tests.
+//! Procedural meshes: stand-ins for the paper's scenes, and small meshes for tests.
 //!
 //! Every mesh is a function of its seed alone, with the same bits on every platform.
 
@@ -27,11 +27,11 @@ pub use small::{
 pub struct Generator {
     /// The name that [`procedural`] and manifests use.
     pub name: &'static str,
-    /// Exact number of triangles, whatever the seed.
+    /// Exact number of triangles, for every seed.
     pub triangles: usize,
     /// The seed that [`procedural`] uses.
     pub seed: u64,
-    /// Makes the mesh. Generators without anything random ignore the seed.
+    /// Makes the mesh. Generators without random parts ignore the seed.
     pub make: fn(seed: u64) -> Mesh,
 }
 

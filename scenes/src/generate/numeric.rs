@@ -8,7 +8,7 @@ use std::f64::consts::{FRAC_2_PI, PI};
 
 use glam::DVec3;
 
-/// SplitMix64: a 64-bit counter put through a mixing function. Small, fast, and any seed is as good as another.
+/// SplitMix64: a 64-bit counter passed through a mixing function. Small and fast; all seeds are equally good.
 #[derive(Clone, Debug)]
 pub(crate) struct Rng(u64);
 
@@ -66,7 +66,7 @@ impl Rng {
 
 /// Sine and cosine, within 1e-15 for arguments of moderate size (|x| < 1e5).
 pub(crate) fn sin_cos(x: f64) -> (f64, f64) {
-    // The nearest multiple of a quarter turn is taken off in two parts, so that the remainder keeps its low bits.
+    // Subtract the nearest multiple of a quarter turn in two parts, so that the remainder keeps its low bits.
     const QUARTER_HIGH: f64 = 1.570_796_326_734_125_6;
     const QUARTER_LOW: f64 = 6.077_100_506_506_192e-11;
     let quarters = (x * FRAC_2_PI).round();

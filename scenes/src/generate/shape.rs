@@ -1,15 +1,15 @@
-//! Building blocks the generators share: boxes, patches, tubes, surfaces of revolution.
+//! Shapes that the generators share: boxes, patches, tubes, surfaces of revolution.
 
 use esvo_builder::mesh::{Material, Mesh};
 use glam::{DAffine3, DVec2, DVec3, dvec3};
 
 use super::numeric::{tangents, turn};
 
-/// Collects triangles into a [`Mesh`]. The material and the frame are state: they hold for everything added after.
+/// Collects triangles into a [`Mesh`]. The current material and frame apply to everything that is added later.
 pub(crate) struct Shapes {
     mesh: Mesh,
     material: u32,
-    /// Placement of what is added next: rotation, uniform scale and translation only, as normals go through it too.
+    /// Placement of the shapes that are added next. Only rotation, uniform scale and translation, as it transforms normals too.
     pub(crate) frame: DAffine3,
 }
 
@@ -40,7 +40,7 @@ impl Shapes {
         self.mesh.materials.len() as u32 - 1
     }
 
-    /// Uses this material for what is added next.
+    /// Uses this material for the shapes that are added next.
     pub(crate) fn paint(&mut self, material: u32) {
         self.material = material;
     }
@@ -109,13 +109,13 @@ impl Shapes {
 
     /// The inside of a box, seen from within: six quads that face inwards.
     pub(crate) fn room(&mut self, min: DVec3, max: DVec3) {
-        // Swapping two axes of a box turns it inside out; here each face simply takes its corners the other way round.
+        // Each face takes its corners in reverse order, which turns the box inside out.
         let before = self.count();
         self.cuboid(min, max);
         for t in before..self.count() {
             self.mesh.triangles[t].swap(1, 2);
             for v in self.mesh.triangles[t] {
-                // Both triangles of a face share corners: set the sign from the geometry instead of flipping twice.
+                // Both triangles of a face share corners: the sign follows from the geometry, so that none is flipped twice.
                 let p = DVec3::from_array(self.mesh.positions[v as usize]);
                 let n = DVec3::from_array(self.mesh.normals[v as usize].map(f64::from));
                 let centre = self.frame.transform_point3((min + max) * 0.5);
@@ -254,8 +254,8 @@ impl Shapes {
     /// A patch that brings the whole mesh to exactly `total` triangles: a square grid of cells with two triangles each,
     /// some of which have a fifth vertex in the middle and four triangles.
     ///
-    /// `paint(i, j)` gives the material of a cell. The number of triangles still missing has to be even and at least 18;
-    /// the generators keep to that by their budgets, whatever the seed.
+    /// `paint(i, j)` gives the material of a cell. The number of missing triangles must be even and at least 18; the budgets of
+    /// the generators ensure this for every seed.
     pub(crate) fn fill_grid(
         &mut self,
         total: usize,
@@ -281,7 +281,7 @@ impl Shapes {
                 let cell = j * n + i;
                 let a = first + j as u32 * row + i as u32;
                 let corners = [a, a + 1, a + row + 1, a + row];
-                // Cells with a middle vertex are spread evenly (as in drawing a line on a raster).
+                // Cells with a middle vertex are spread evenly, like the steps of a line on a raster.
                 if (cell + 1) * split / (n * n) > cell * split / (n * n) {
                     let (p, normal) = surface((i as f64 + 0.5) / n as f64, (j as f64 + 0.5) / n as f64);
                     let middle = self.vertex(p, normal);

@@ -60,7 +60,7 @@ pub fn sibenik(seed: u64) -> Mesh {
     }
     vault(&mut s, stone, pale);
     for end in [-1.0, 1.0] {
-        // End walls from floor to above the vault; beyond the vault they lie in the shell and nobody sees them.
+        // End walls from the floor to above the vault. Above the vault they lie inside the shell and are not visible.
         s.paint(stone);
         let x = LENGTH * end;
         let wall = plane(dvec3(x, 0.0, -WIDTH * end), dvec3(0.0, 0.0, 2.0 * WIDTH * end), DVec3::Y * 15.5);
@@ -210,7 +210,7 @@ fn clerestory(s: &mut Shapes, side: f64, stone: u32, pale: u32, glass: u32) {
 }
 
 /// One bay of wall with a round-headed window in a sloping niche. The wall is at `z`, the church on the side of zero.
-#[allow(clippy::too_many_arguments)]
+#[allow(clippy::too_many_arguments, reason = "measures of one window")]
 fn niche(
     s: &mut Shapes,
     x: f64,
@@ -400,7 +400,7 @@ fn pews(s: &mut Shapes, rng: &mut Rng, wood: u32) {
     s.paint(wood);
     for row in 0..14 {
         for side in [-1.0_f64, 1.0] {
-            // Nobody puts benches down to the millimetre.
+            // Benches are slightly displaced.
             let x = -13.5 + row as f64 * 1.5 + rng.range(-0.03, 0.03);
             let (z0, z1) = (0.9 * side, 3.3 * side);
             let (low, high) = (z0.min(z1), z0.max(z1));

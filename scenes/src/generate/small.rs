@@ -63,7 +63,7 @@ pub fn bumpy_sphere_on_plane() -> Mesh {
 /// Triangles of [`slivers`].
 pub const SLIVERS_TRIANGLES: usize = 64 + 3 * 16 + 32 + 32 + 64;
 
-/// What builders and casters trip over, 240 triangles within -1..1: a fan of 64 needles (1 long, 1e-3 down to 1e-9
+/// Difficult triangles for builders and casters, 240 of them within -1..1: a fan of 64 needles (1 long, 1e-3 down to 1e-9
 /// wide); 16 triangles each with two equal corners, with three equal corners and with corners on one line; 32 coplanar
 /// overlapping triangles in the plane z = 0.5; 16 pairs of the same triangle wound both ways; 64 specks of edge 1e-7.
 pub fn slivers() -> Mesh {

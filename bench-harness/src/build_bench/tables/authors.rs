@@ -1,4 +1,4 @@
-//! The builds that the paper authors' builder was given too, and their errors.
+//! Comparison with the paper authors' builder: builds of the same scenes, and their errors.
 
 use esvo_scenes::SceneVariant;
 
@@ -9,7 +9,7 @@ use crate::build_bench::record::BuildReport;
 use crate::error::depth::Summary;
 use crate::text::{TextTable, short};
 
-/// Builds that the authors' builder was given too.
+/// The builds that the authors' builder was measured on too.
 pub(super) fn beside_authors(report: &BuildReport, authors: &Authors) -> TextTable {
     let head = [
         "scene",
@@ -25,12 +25,12 @@ pub(super) fn beside_authors(report: &BuildReport, authors: &Authors) -> TextTab
         "bytes",
         "time",
     ];
-    let mut table = TextTable::new("Beside the authors' builder", 2, &head);
+    let mut table = TextTable::new("Compared with the authors' builder", 2, &head);
     table.notes = vec![
-        "Authors: ESVO 1.4 with the same mesh and settings on two threads of the same kind of machine, measured apart: not \
-         in the same run, nor on the same day. In brackets: the same while other programs ran."
+        "Authors: ESVO 1.4 with the same mesh and settings on two threads of the same kind of machine, measured in a separate \
+         run on another day. In brackets: seconds while other programs ran."
             .into(),
-        "Bytes and time: theirs over ours; above 1 is better for us. Counts in millions.".into(),
+        "Bytes and time: theirs divided by ours, so that ours is better above 1. Counts are in millions.".into(),
     ];
     for (scene, row) in rows(report).filter(|(_, r)| r.contours == Contours::On) {
         let Some(theirs) = authors.build(&scene.name, row.levels) else { continue };
@@ -76,11 +76,11 @@ pub(super) fn beside_authors(report: &BuildReport, authors: &Authors) -> TextTab
 /// Errors of those builds.
 pub(super) fn errors_beside_authors(report: &BuildReport, authors: &Authors) -> TextTable {
     let head = ["scene", "octree", "levels", "rays end at", "unit", "median", "90th", "99th", "hit/miss differ"];
-    let mut table = TextTable::new("Error beside the authors' octrees", 2, &head);
+    let mut table = TextTable::new("Error compared with the authors' octrees", 2, &head);
     table.notes = vec![format!(
-        "Distance along the ray to the triangles where both are hit. Ours: {} rays over all viewpoints together. Authors: two \
-         of their cameras of 512x384, measured apart; least to most of the two. Theirs at leaves are in voxels, not said which: ours are given in edges of \
-         the finest voxels and in edges of the voxel that each ray hit.",
+        "Distance along the ray to the triangles, for rays that hit both. Ours: {} rays over all viewpoints. Authors: lowest to \
+         highest value of two of their cameras at 512x384, measured separately. Their unit at leaves is voxels of unknown size: \
+         ours are given in edges of the finest voxels and in edges of the voxel that each ray hit.",
         report.matrix.rays
     )];
     let range = |[a, b]: [f64; 2], decimals: usize| {

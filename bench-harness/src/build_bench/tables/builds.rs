@@ -1,4 +1,4 @@
-//! Every build: seconds, memory, counts, bytes.
+//! All builds: seconds, memory, counts, bytes.
 
 use super::{millions, rows};
 use crate::build_bench::record::BuildReport;
@@ -6,7 +6,7 @@ use crate::build_summary::BuildSeconds;
 use crate::text::{TextTable, short};
 use crate::units::MIB;
 
-/// Every build.
+/// One row for each octree.
 pub(super) fn builds(report: &BuildReport) -> TextTable {
     let head = [
         "scene",
@@ -29,16 +29,16 @@ pub(super) fn builds(report: &BuildReport) -> TextTable {
     ];
     let mut table = TextTable::new("Builds", 2, &head);
     table.notes = vec![
-        "Seconds from the mesh in memory to the octree in its file, median ± half the distance of the quartiles, and how they \
-         divide into preparing the mesh, voxelizing, and placing and writing blocks; import apart."
+        "Seconds: from the mesh in memory to the octree in its file, median ± half the distance between the quartiles. Prepare, \
+         voxelize and write (placing and writing blocks) are parts of them; import is not."
             .into(),
-        "Triangles in millions, after displacement (SIBENIK-D, displaced in cells of two finest voxels): displacing counts as \
-         import."
+        "Triangles: in millions, after displacement. SIBENIK-D is displaced in cells of two finest voxels, and displacing \
+         counts as import."
             .into(),
-        "Peak MiB: most memory that the process ever held, and had held when the mesh was read. Descriptors, \
-         leaf voxels and contours in millions."
+        "Peak MiB: most memory that the process ever held. Of import: most memory up to the end of the import. Descriptors, \
+         leaf voxels and contours are in millions."
             .into(),
-        "MiB (2^20 bytes): the image, what a caster needs in memory; bytes per voxel, all voxels counted.".into(),
+        "MiB (2^20 bytes): the image, which a caster needs in memory. Bytes per voxel count all voxels.".into(),
     ];
     for (scene, row) in rows(report) {
         let seconds = row.spread(|s| s.seconds.build);

@@ -1,4 +1,4 @@
-//! How far the octrees are from their triangles.
+//! The error of all octrees against their triangles.
 
 use super::rows;
 use crate::build_bench::record::BuildReport;
@@ -24,12 +24,12 @@ pub(super) fn errors(report: &BuildReport) -> TextTable {
     let mut table = TextTable::new("Error against the triangles", 2, &head);
     table.notes = vec![
         format!(
-            "Distance along the ray between octree and triangles where both are hit, in finest voxels and in footprints of a \
-             pixel; about {} rays a scene, all its viewpoints together.",
+            "Distance along the ray between octree and triangles, for rays that hit both, in edges of the finest voxel and in \
+             footprints of a pixel; about {} rays per scene, over all its viewpoints.",
             report.matrix.rays
         ),
-        "Holes: rays that meet a triangle but no voxel; hit/miss: those and the opposite. Cut-outs of the mesh are holes in \
-         it."
+        "Holes: rays that hit a triangle but no voxel. Hit/miss: holes and rays that hit a voxel but no triangle. Rays pass \
+         through cut-outs of the mesh."
         .into(),
     ];
     for (scene, row) in rows(report) {

@@ -87,11 +87,6 @@ pub(super) fn millions(count: u64) -> String {
     short(count as f64 / 1e6)
 }
 
-/// A cell of a table; `-` without a value.
-pub(super) fn cell(value: Option<String>) -> String {
-    value.unwrap_or_else(|| "-".into())
-}
-
 /// Theirs over ours, as `1.50 x`.
 pub(super) fn ratio(theirs: f64, ours: f64) -> String {
     format!("{} x", short(theirs / ours))

@@ -1,12 +1,12 @@
-//! What contours save.
+//! The levels and bytes that contours save.
 
-use super::{cell, ratio};
+use super::ratio;
 use crate::build_bench::plan::Contours;
 use crate::build_bench::record::{BuildReport, BuildRow, Measure, SavedLevels, SceneBuilds};
-use crate::text::{TextTable, short};
+use crate::text::{TextTable, or_dash, short};
 use crate::units::MIB;
 
-/// How many levels contours save.
+/// For each octree with contours, the cubical octree with the same error.
 pub(super) fn saved(report: &BuildReport) -> TextTable {
     let head = [
         "scene",
@@ -23,12 +23,12 @@ pub(super) fn saved(report: &BuildReport) -> TextTable {
     ];
     let mut table = TextTable::new("What contours save", 2, &head);
     table.notes = vec![
-        "The cubical octree that is as near to the triangles as the one with contours: its level by the errors that were \
-         measured, interpolated in the logarithm of the error between two levels, and its bytes likewise. (>) beyond the \
-         deepest cubical octree, (<) above the coarsest: their trend goes on."
+        "Cubical levels and MiB: those of the cubical octree with the same error as the octree with contours. They are \
+         interpolated between the measured levels, linearly in the logarithms of error and bytes, and extrapolated beyond the \
+         deepest (>) and the coarsest (<) cubical octree."
             .into(),
-        "Median error in finest voxels of the octree with contours, rays ending at leaves; bytes: cubical over contours. \
-         Levels saved at an equal median error, and at an equal 90th and 99th percentile of it."
+        "Median error: in edges of the finest voxel of the octree with contours, with rays that end at leaves. Bytes: cubical \
+         divided by contours. Levels saved: at equal median error, and at equal 90th and 99th percentile of the error."
             .into(),
     ];
     for scene in &report.scenes {
@@ -42,21 +42,21 @@ pub(super) fn saved(report: &BuildReport) -> TextTable {
                 scene.name.clone(),
                 scene.mesh.title().into(),
                 levels.to_string(),
-                cell(voxels.map(|v| format!("{v:.3}"))),
+                or_dash(voxels.map(|v| format!("{v:.3}"))),
                 mib(median.bytes),
                 format!("{:.1}{}", median.cubical_levels, beyond(scene, median)),
                 mib(median.cubical_bytes),
                 ratio(median.cubical_bytes, median.bytes),
                 spared(median),
-                cell(of(Measure::P90).map(spared)),
-                cell(of(Measure::P99).map(spared)),
+                or_dash(of(Measure::P90).map(spared)),
+                or_dash(of(Measure::P99).map(spared)),
             ]);
         }
     }
     table
 }
 
-/// Marks what lies outside the levels of the cubical octrees.
+/// Marks levels outside those of the cubical octrees.
 fn beyond(scene: &SceneBuilds, saved: &SavedLevels) -> &'static str {
     let coarser = |r: &BuildRow| r.contours == Contours::Off && f64::from(r.levels) <= saved.cubical_levels;
     match saved.extrapolated {

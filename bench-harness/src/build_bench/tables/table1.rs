@@ -1,10 +1,10 @@
-//! The paper's Table 1: limit on octree levels against memory and time.
+//! The paper's Table 1: octree levels against memory and time.
 
-use super::{cell, millions};
+use super::millions;
 use crate::build_bench::plan::{BuildMatrix, Contours};
 use crate::build_bench::record::{BuildReport, BuildRow, Limit};
 use crate::paper_bench::paper::Paper;
-use crate::text::{TextTable, short};
+use crate::text::{TextTable, or_dash, short};
 
 /// The levels of the paper's Table 1.
 const TABLE1_LEVELS: [u32; 7] = [10, 11, 12, 13, 14, 15, 16];
@@ -17,11 +17,11 @@ pub(super) fn table1(report: &BuildReport, paper: &Paper) -> TextTable {
     let mut table = TextTable { head, left: 3, ..TextTable::new(title, 3, &[]) };
     table.notes = vec![
         "MiB (2^20 bytes), seconds, millions of voxels (leaves and others), bytes per voxel.".into(),
-        "> 8 GB, > 20 min and the like: not built, as the growth of the last two levels says that the file, or the build, would \
-         exceed that limit; the list of what was left out has what was expected. -: not asked for."
+        "> 8 GB, > 20 min and the like: not built, because the growth of the last two levels predicts that the file or the build \
+         exceeds that limit; the list \"Left out\" has the prediction. -: not in the matrix."
             .into(),
         format!(
-            "Paper: built on {}, with contours; its meshes are not quite ours. Its MB are taken for MiB.",
+            "Paper: built on {}, with contours. Its meshes differ slightly from ours, and its MB are read as MiB.",
             paper.machine.cpu
         ),
     ];
@@ -41,7 +41,7 @@ pub(super) fn table1(report: &BuildReport, paper: &Paper) -> TextTable {
                 let octree = format!("{}, {}", contours.title(), scene.mesh.title());
                 let mut row = vec![scene.name.clone(), octree, name.into()];
                 let stopped = |l| scene.stopped(contours, l).map(|s| limit_cell(s.limit, &report.matrix));
-                row.extend(TABLE1_LEVELS.map(|l| cell(scene.row(contours, l).map(figure).or_else(|| stopped(l)))));
+                row.extend(TABLE1_LEVELS.map(|l| or_dash(scene.row(contours, l).map(figure).or_else(|| stopped(l)))));
                 table.rows.push(row);
             }
         }
@@ -49,7 +49,7 @@ pub(super) fn table1(report: &BuildReport, paper: &Paper) -> TextTable {
             for (index, name) in ["MiB", "seconds"].into_iter().enumerate() {
                 let mut row = vec![scene.name.clone(), "contours, paper".into(), name.into()];
                 let figure = |l| paper.build(&scene.name, l).map(|both| short(<[f64; 2]>::from(both)[index]));
-                row.extend(TABLE1_LEVELS.map(|l| cell(figure(l))));
+                row.extend(TABLE1_LEVELS.map(|l| or_dash(figure(l))));
                 table.rows.push(row);
             }
         }

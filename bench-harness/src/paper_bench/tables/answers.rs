@@ -1,8 +1,7 @@
-//! How right the answers are: their distance from the triangles, and their agreement with the reference caster.
+//! The tables of errors against the triangles, and of checks against the reference caster.
 
-use super::cell;
 use crate::paper_bench::report::PaperReport;
-use crate::text::{TextTable, short};
+use crate::text::{TextTable, or_dash, short};
 
 /// Distance of the hits from the triangles.
 pub(super) fn errors(report: &PaperReport) -> TextTable {
@@ -10,12 +9,12 @@ pub(super) fn errors(report: &PaperReport) -> TextTable {
         ["scene", "cast", "levels", "median px", "90th", "99th", "median voxels", "holes", "hit/miss differ", "FLIP"];
     let mut table = TextTable::new("Error against the triangles", 2, &head);
     table.notes = vec![
-        "Difference of depth along the ray where both hit, in pixels (the footprint of a pixel at the hit), at 512x384, rays \
-         ending at voxels of one pixel: mean over the views of the median and the percentiles."
+        "Difference of depth along the ray where both hit, in pixels (the footprint of a pixel at the hit), at 512x384, \
+         with rays that end at voxels of one pixel: median and percentiles, averaged over the views."
             .into(),
-        "Median in edges of the finest voxel; holes: rays that meet a triangle but no voxel; hit/miss: those and the opposite."
+        "Median voxels: in edges of the finest voxel. Holes: rays that hit a triangle but no voxel. Hit/miss: holes and rays that hit a voxel but no triangle."
             .into(),
-        "FLIP: how different the shaded picture looks from that of the triangles, 0 to 1, mean over pixels and views.".into(),
+        "FLIP: visible difference of the shaded picture from that of the triangles, 0 to 1, averaged over pixels and views.".into(),
     ];
     for scene in &report.scenes {
         for e in &scene.errors {
@@ -29,7 +28,7 @@ pub(super) fn errors(report: &PaperReport) -> TextTable {
                 short(e.mean(|v| v.voxels.median)),
                 format!("{:.4}%", 100.0 * e.mean(|v| v.only_exact as f64 / v.rays.max(1) as f64)),
                 format!("{:.4}%", 100.0 * e.mean(|v| v.disagreement)),
-                cell(e.flip().map(|f| format!("{f:.3}"))),
+                or_dash(e.flip().map(|f| format!("{f:.3}"))),
             ]);
         }
     }

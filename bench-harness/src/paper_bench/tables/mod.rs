@@ -1,4 +1,4 @@
-//! The paper's two tables, and what stands beside them, from a [`PaperReport`].
+//! The tables of `esvo bench`, from a [`PaperReport`]: the paper's Table 1 and Table 2, errors and checks.
 
 mod answers;
 mod table1;
@@ -61,7 +61,7 @@ fn header(report: &PaperReport) -> Vec<String> {
     lines.extend(report.failures().map(|(scene, check)| {
         let a = &check.agreement;
         format!(
-            "FAILED: {scene}, {}, {}: {} of {} pixels show another voxel than the reference caster's",
+            "FAILED: {scene}, {}, {}: {} of {} pixels show another voxel than the reference caster",
             check.backend.name(),
             check.variant.title(),
             a.different_voxel,
@@ -69,8 +69,4 @@ fn header(report: &PaperReport) -> Vec<String> {
         )
     }));
     lines
-}
-
-pub(super) fn cell(value: Option<String>) -> String {
-    value.unwrap_or_else(|| "-".into())
 }

@@ -1,11 +1,10 @@
-//! Table 1: memory and time of building, and where the bytes are.
+//! Table 1: memory and time of building. Also the table of bytes by kind.
 
 use esvo_scenes::SceneVariant;
 
-use super::cell;
 use crate::paper_bench::paper::Paper;
 use crate::paper_bench::report::{PaperReport, Table1Row};
-use crate::text::{TextTable, short};
+use crate::text::{TextTable, or_dash, short};
 
 /// Table 1: MiB, seconds and bytes per voxel.
 pub(super) fn table1(report: &PaperReport, paper: &Paper) -> TextTable {
@@ -18,12 +17,12 @@ pub(super) fn table1(report: &PaperReport, paper: &Paper) -> TextTable {
     let mut table =
         TextTable { head, left: 2, ..TextTable::new("Table 1: memory and time of building, by levels", 2, &[]) };
     table.notes = vec![
-        "MiB (2^20 bytes) and seconds; bytes per voxel of the largest octree of the row, all voxels counted.".into(),
+        "MiB (2^20 bytes) and seconds; bytes per voxel of the largest octree of the row, counting all voxels.".into(),
         format!(
-            "Paper: built on {}; its meshes, and the levels of its largest octrees, differ from ours. Its MB are taken for MiB.",
+            "Paper: built on {}; its meshes and the levels of its largest octrees differ from ours. Its MB are read as MiB.",
             paper.machine.cpu
         ),
-        "Authors: what ESVO 1.4, the paper authors' own builder, makes of our copy of the mesh with contours.".into(),
+        "Authors: our copy of the mesh, built with contours by ESVO 1.4, the paper authors' own builder.".into(),
     ];
     for scene in report.scenes.iter().filter(|s| !s.builds.is_empty()) {
         for contours in [true, false] {
@@ -33,16 +32,16 @@ pub(super) fn table1(report: &PaperReport, paper: &Paper) -> TextTable {
             let mut row =
                 vec![scene.name.clone(), format!("{kind}, {}", scene.mesh.title()), scene.triangles.to_string()];
             row.extend(levels.iter().map(|&l| {
-                cell(scene.build(contours, l).map(|b| format!("{} MiB {} s", short(b.mib()), short(b.seconds))))
+                or_dash(scene.build(contours, l).map(|b| format!("{} MiB {} s", short(b.mib()), short(b.seconds))))
             }));
             row.push(format!("{:.2}", largest.bytes_per_voxel()));
             table.rows.push(row);
         }
         if let Some((bytes, largest)) = paper.bytes_per_voxel(&scene.name) {
-            let triangles = cell(paper.triangles(&scene.name).map(|t| t.to_string()));
+            let triangles = or_dash(paper.triangles(&scene.name).map(|t| t.to_string()));
             let mut row = vec![String::new(), "contours, paper".to_string(), triangles];
             row.extend(levels.iter().map(|&l| {
-                cell(paper.build(&scene.name, l).map(|(mb, s)| format!("{} MiB {} s", short(mb), short(s))))
+                or_dash(paper.build(&scene.name, l).map(|(mb, s)| format!("{} MiB {} s", short(mb), short(s))))
             }));
             row.push(format!("{bytes:.2} at {largest}"));
             table.rows.push(row);
@@ -57,10 +56,10 @@ pub(super) fn table1(report: &PaperReport, paper: &Paper) -> TextTable {
     table
 }
 
-/// Where the bytes of every octree are.
+/// Bytes per voxel by kind, for every octree.
 pub(super) fn bytes_by_kind(report: &PaperReport) -> TextTable {
     let builds = || report.scenes.iter().flat_map(|s| s.builds.iter().map(move |b| (s, b)));
-    // What would be 0.00 in every row is added up in one column.
+    // Kinds that would show 0.00 in every row are added up in one column.
     let per_voxel = |build: &Table1Row, bytes: u64| bytes as f64 / build.voxels.max(1) as f64;
     let mut kinds: Vec<&str> = Vec::new();
     for (build, kind) in builds().flat_map(|(_, b)| b.kinds.iter().map(move |k| (b, k))) {
@@ -72,7 +71,7 @@ pub(super) fn bytes_by_kind(report: &PaperReport) -> TextTable {
     head.extend(kinds.iter().map(|k| k.to_string()));
     head.extend(["rest".into(), "all".into()]);
     let mut table = TextTable { head, ..TextTable::new("Bytes per voxel by kind", 2, &[]) };
-    table.notes = vec!["Bytes of each kind over all voxels of the octree.".into()];
+    table.notes = vec!["Bytes of each kind divided by the number of all voxels of the octree.".into()];
     for (scene, build) in builds() {
         let kind = if build.contours { "contours" } else { "cubical" };
         let mut row = vec![

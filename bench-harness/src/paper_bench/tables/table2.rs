@@ -2,11 +2,10 @@
 
 use esvo_core::DeviceKind;
 
-use super::cell;
 use crate::paper_bench::matrix::Variant;
 use crate::paper_bench::paper::Paper;
 use crate::paper_bench::report::{DeviceRecord, PaperReport, SceneReport};
-use crate::text::{TextTable, short};
+use crate::text::{TextTable, or_dash, short};
 
 /// Table 2 for one device: millions of rays per second.
 pub(super) fn table2(report: &PaperReport, paper: &Paper, device: &DeviceRecord) -> TextTable {
@@ -15,27 +14,27 @@ pub(super) fn table2(report: &PaperReport, paper: &Paper, device: &DeviceRecord)
     };
     let failed = |v: Variant| report.scenes.iter().any(|s| s.check(device.backend, v).is_some());
     let variants: Vec<Variant> = Variant::ALL.into_iter().filter(|&v| cells(v) || failed(v)).collect();
-    // A software driver's times must not be read as a GPU's: the paper's are not put beside them.
-    let beside = !device.is_software();
+    // The times of a software driver are not those of a GPU, so the paper's are not shown next to them.
+    let with_paper = !device.is_software();
     let mut head: Vec<String> = ["scene", "mesh", "picture"].map(Into::into).into();
     head.extend(variants.iter().map(|v| v.title().to_string()));
-    if beside {
+    if with_paper {
         head.extend(variants.iter().map(|v| format!("paper {}", v.short_title())));
     }
     let title = format!("Table 2, {}: primary rays, millions per second", device.backend.name());
     let mut table = TextTable { head, left: 3, ..TextTable::new(title, 3, &[]) };
     table.notes = vec![
         device_title(device),
-        "Median over the rounds, ± half the distance of the quartiles; octrees at the deepest level of their row in the last line.".into(),
+        "Median over the rounds, ± half the distance between the quartiles. The last line of each scene names the level that was cast.".into(),
         "Depth error against the triangles in pixels, at 512x384: median / 99th percentile.".into(),
     ];
-    table.notes.push(match (beside, device.kind) {
+    table.notes.push(match (with_paper, device.kind) {
         (true, DeviceKind::Gpu) => format!("Paper: {}, CUDA {}.", paper.machine.gpu, paper.machine.cuda),
         (true, _) => format!(
-            "Paper: {}, CUDA {}, a GPU; this device is not: compare columns, not devices.",
+            "Paper: {}, CUDA {}, a GPU. This device is not a GPU: compare columns, not devices.",
             paper.machine.gpu, paper.machine.cuda
         ),
-        _ => "A software driver shares the processor's cores; its times say nothing about a GPU's, and the paper's are not put beside them.".into(),
+        _ => "This driver runs on the processor: its times say nothing about a GPU, so the paper's times are not shown here.".into(),
     });
     for scene in &report.scenes {
         let mut any = false;
@@ -48,8 +47,8 @@ pub(super) fn table2(report: &PaperReport, paper: &Paper, device: &DeviceRecord)
             let mut row = vec![first, scene.mesh.title().into(), format!("{}x{}", size[0], size[1])];
             any = true;
             row.extend(own);
-            if beside {
-                row.extend(variants.iter().map(|&v| cell(paper.mrays(&scene.name, size, v).map(short))));
+            if with_paper {
+                row.extend(variants.iter().map(|&v| or_dash(paper.mrays(&scene.name, size, v).map(short))));
             }
             table.rows.push(row);
         }
@@ -75,7 +74,7 @@ fn time_cell(scene: &SceneReport, device: &DeviceRecord, variant: Variant, size:
         return "FAILED".into();
     }
     let spread = scene.time(device.backend, variant, size).and_then(|t| t.mrays);
-    cell(spread.map(|s| format!("{} ±{:.0}%", short(s.median), s.percent())))
+    or_dash(spread.map(|s| format!("{} ±{:.0}%", short(s.median), s.percent())))
 }
 
 pub(super) fn device_title(device: &DeviceRecord) -> String {

@@ -10,40 +10,40 @@ use esvo_bench::output::check_writable;
 use crate::commands::bench::selection::Selection;
 use crate::fail::{Failure, complain, print};
 
-/// Measure building: seconds, memory, bytes, and error against the triangles.
+/// Measure building: seconds, memory, bytes and error against the triangles.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Each octree is built by a process of its own and cast against the triangles of its mesh. Tables stand beside the paper's and
-its authors' builder's figures. A scene's levels end where the next one, by the growth of the last two, would exceed a limit.
-The record and the tables are written whenever an octree is done: a run that is stopped leaves what it has. Exit code 1 if a
-build failed. Octrees are built in the temporary folder ($TMPDIR) and removed.
+Each octree is built in a process of its own and compared with the triangles of its mesh. Tables show the figures of the paper
+and of its authors' builder too. A deeper level is left out if the growth of the last two levels predicts that it exceeds a
+limit. Record and tables are written after every octree, so that a run which is stopped leaves its results. Octrees are built
+in the temporary folder ($TMPDIR) and removed. Exit code 1 if a build failed.
 
 Examples:
-  esvo bench build                                     what the authors' builder was measured on
-  esvo bench build --full                              the paper's Table 1, levels 10 to 16: an hour and more
+  esvo bench build                                     the scenes that the authors' builder was measured on
+  esvo bench build --full                              the paper's Table 1, levels 10 to 16; takes more than an hour
   esvo bench build --scenes sibenik --levels 9,10 --contours on")]
 pub(crate) struct BenchBuildArguments {
-    /// The paper's Table 1: every scene, levels 10 to 16, as far as the limits allow
+    /// Measure the paper's Table 1: all scenes, levels 10 to 16, as far as the limits allow
     #[arg(long, conflicts_with = "matrix")]
     pub(crate) full: bool,
     #[command(flatten)]
     pub(crate) selection: Selection,
-    /// With contours, without, or both
+    /// Build octrees with contours, without, or both
     #[arg(long, value_enum)]
     pub(crate) contours: Option<Which>,
     /// How often each octree is built
     #[arg(long, value_name = "N")]
     pub(crate) repeats: Option<usize>,
-    /// Rays that errors are measured with, over all viewpoints of a scene
+    /// Number of rays that measure errors, over all viewpoints of a scene
     #[arg(long, value_name = "N")]
     pub(crate) rays: Option<u64>,
-    /// Disk that a file may take, in GB (10^9 bytes)
+    /// Limit on the size of a file in GB (10^9 bytes)
     #[arg(long, value_name = "GB")]
     pub(crate) disk: Option<f64>,
-    /// Seconds that one build may take
+    /// Limit on the time of one build in seconds
     #[arg(long, value_name = "SECONDS")]
     pub(crate) build_limit: Option<f64>,
-    /// Folder for the record and the tables, named after the matrix
+    /// Folder for the record and the tables; the files are named after the matrix
     #[arg(long, value_name = "FOLDER", default_value = "results/build")]
     pub(crate) out: PathBuf,
 }
@@ -55,7 +55,7 @@ pub(crate) enum Which {
     Both,
     /// With contours
     On,
-    /// Cubes only
+    /// Without contours: cubes only
     Off,
 }
 

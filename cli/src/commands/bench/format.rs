@@ -9,30 +9,30 @@ use esvo_bench::output::check_writable;
 
 use crate::fail::{Failure, complain, print};
 
-/// Measure the file format: storing, validating, opening a large file to read one block of it.
+/// Measure the file format: storing, validating, reading one block of a large file.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Builds octrees of a procedural mesh, or takes files; stores them in every way, validates them, and makes a large file of copies
-of the first in the temporary folder ($TMPDIR), which is removed afterwards. All on one core. Prints tables and writes
-report.json and tables.md to results/<machine>/<date>-format/.
+Builds octrees of a procedural mesh, or reads the given files; stores them uncompressed and compressed, validates them, and
+writes a large file of copies of the first to the temporary folder ($TMPDIR), which is removed afterwards. Uses one core.
+Prints tables and writes report.json and tables.md to results/<machine>/<date>-format/.
 
 Examples:
-  esvo bench format                          a file of 1000 MB; a minute and a half, and 1.2 GB of memory
+  esvo bench format                          a file of 1000 MB; takes 90 seconds and 1.2 GB of memory
   esvo bench format --size 100 --seconds 1
   esvo bench format sibenik.esvo --json")]
 pub(crate) struct BenchFormatArguments {
-    /// Octrees to measure instead of those of a procedural mesh; the large file is made of the first
+    /// Octrees to measure instead of those of a procedural mesh; the large file consists of copies of the first
     pub(crate) files: Vec<PathBuf>,
     /// Size of the large file in MB (10^6 bytes), 2 to 32000
     #[arg(long, value_name = "MB", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(2..=32_000))]
     pub(crate) size: u64,
-    /// Levels of the procedural octree, 2 to 14; that of descriptors alone has one more
+    /// Levels of the procedural octree, 2 to 14; the octree of descriptors alone has one more
     #[arg(long, value_name = "N", default_value_t = 9, value_parser = clap::value_parser!(u32).range(2..=14))]
     pub(crate) levels: u32,
-    /// Seconds for each figure, at least; five runs are made in any case
+    /// Minimum time for each figure in seconds; each figure has at least five runs
     #[arg(long, value_name = "SECONDS", default_value_t = 2.0)]
     pub(crate) seconds: f64,
-    /// Where the folder MACHINE/DATE-format/ is made
+    /// Folder in which the folder MACHINE/DATE-format/ is made
     #[arg(long, value_name = "FOLDER", default_value = "results")]
     pub(crate) out: PathBuf,
     /// Name of the machine's folder [default: made from the processor's]

@@ -9,28 +9,28 @@ use esvo_bench::output::write_text;
 
 use crate::fail::{Failure, complain, print};
 
-/// Try every mesh file below some folders, and say which gave an octree and which an error.
+/// Build all mesh files below some folders, and list which give an octree and which an error.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Each file (.obj, .gltf, .glb, .ply, .stl) is built by a process of its own, within a limit of time and of memory, and the octree
-is validated. Exit code 1 if a file made the program crash, hang, run out of memory or say anything but one line of error.
+Each file (.obj, .gltf, .glb, .ply, .stl) is built in a process of its own with limits on time and memory, and the octree is
+validated. Exit code 1 if a file makes the program crash, hang, exceed its memory or print anything but one line of error.
 
 Example:
   esvo bench import glTF-validator/test /usr/share/assimp/models -o import-robustness.md")]
 pub(crate) struct BenchImportArguments {
-    /// Folders, searched with all folders in them
+    /// Folders that are searched, including all folders below them
     #[arg(required = true, value_name = "FOLDER")]
     pub(crate) folders: Vec<PathBuf>,
-    /// Write the table there, as Markdown, instead of printing it
+    /// Write the table to this Markdown file instead of printing it
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: Option<PathBuf>,
     /// Levels of the octrees
     #[arg(short, long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=23))]
     pub(crate) levels: u32,
-    /// Seconds that one file may take
+    /// Limit on the time of one file in seconds
     #[arg(long, value_name = "SECONDS", default_value_t = 60.0)]
     pub(crate) time_limit: f64,
-    /// Memory that one process may hold, in GB (10^9 bytes)
+    /// Limit on the memory of one process in GB (10^9 bytes)
     #[arg(long, value_name = "GB", default_value_t = 2.0)]
     pub(crate) memory: f64,
 }
@@ -38,7 +38,7 @@ pub(crate) struct BenchImportArguments {
 pub(crate) fn run_bench_import(arguments: &BenchImportArguments) -> Result<(), Failure> {
     for (name, value) in [("--time-limit", arguments.time_limit), ("--memory", arguments.memory)] {
         if !(value > 0.0 && value.is_finite()) {
-            return Err(format!("{name} {value}: must be above zero").into());
+            return Err(format!("{name} {value}: expected a number above 0").into());
         }
     }
     if let Some(output) = &arguments.output {
@@ -64,8 +64,8 @@ pub(crate) fn run_bench_import(arguments: &BenchImportArguments) -> Result<(), F
         }
         None => print(&text)?,
     }
-    for row in report.broken() {
-        complain("broken", &format!("{}: {:?}", row.file, row.outcome));
+    for (file, what) in report.broken() {
+        complain("broken", &format!("{file}: {what}"));
     }
     match report.broken().count() {
         0 => Ok(()),

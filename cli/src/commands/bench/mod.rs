@@ -20,23 +20,23 @@ use tables::TablesArguments;
 #[derive(Debug, Args)]
 #[command(args_conflicts_with_subcommands = true)]
 #[command(after_help = "\
-Builds octrees of the paper's scenes (real meshes where they are found, procedural stand-ins otherwise), checks the answers
-of every engine against the reference caster, times them, prints the tables and writes report.json, tables.md and pictures
-to results/<machine>/<date>/. Exit code 1 if an engine's answers are wrong.
+Builds octrees of the paper's scenes (real meshes if they are found, otherwise procedural stand-ins), checks the answers of
+every engine against the reference caster, times the engines, prints the tables and writes report.json, tables.md and
+pictures to results/<machine>/<date>/. Exit code 1 if the answers of an engine are wrong.
 
 Examples:
   esvo bench                                    within three minutes on two cores
   esvo bench --full --memory 16                 the paper's whole matrix
   esvo bench --scenes sibenik --levels 9,10,11 --backends cpu")]
 pub(crate) struct BenchArguments {
-    /// What else can be measured; without one of these, the paper's tables
+    /// Another benchmark; without one, the paper's tables are measured
     #[command(subcommand)]
     pub(crate) command: Option<BenchCommand>,
     #[command(flatten)]
     tables: TablesArguments,
 }
 
-/// What else can be measured.
+/// The other benchmarks.
 #[derive(Debug, Subcommand)]
 pub(crate) enum BenchCommand {
     Build(BenchBuildArguments),

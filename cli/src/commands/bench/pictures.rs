@@ -11,12 +11,12 @@ use esvo_bench::{BenchError, Progress};
 use crate::fail::{Failure, print};
 use crate::values::parse_size;
 
-/// Make pictures of octrees beside the triangles they were built from.
+/// Make pictures of octrees next to the triangles they were built from.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-The left half is the octree, the right half the triangles, with four rays for each pixel and the same light: SIBENIK-D
-(displacement), FLIGHT-HELMET (normal maps), JUNGLE (cut-outs). FLIP says how different the halves look, 0 to 1. The table is written to pictures.md beside
-the pictures.
+The left half shows the octree, the right half the triangles, in the same light with four rays per pixel: SIBENIK-D
+(displacement), FLIGHT-HELMET (normal maps), JUNGLE (cut-outs). FLIP measures how different the halves look, 0 to 1. The table
+of the pictures is written to pictures.md in the same folder.
 
 Example:
   esvo bench pictures --scenes jungle --levels 10 --out pictures")]
@@ -30,17 +30,17 @@ pub(crate) struct BenchPicturesArguments {
     /// Size of each half
     #[arg(long, value_name = "WxH", default_value = "640x480", value_parser = parse_size)]
     pub(crate) size: [u32; 2],
-    /// Where real meshes are looked for first; then $ESVO_SCENES, then ../shared/scenes
+    /// Folder that is searched first for real meshes; then $ESVO_SCENES, then ../shared/scenes
     #[arg(long, value_name = "FOLDER")]
     pub(crate) scenes_dir: Option<PathBuf>,
-    /// Folder for the pictures and pictures.md, their table
+    /// Folder for the pictures and their table, pictures.md
     #[arg(long, value_name = "FOLDER", default_value = "results/pictures")]
     pub(crate) out: PathBuf,
 }
 
 pub(crate) fn run_bench_pictures(arguments: &BenchPicturesArguments) -> Result<(), Failure> {
     if arguments.size.iter().any(|&n| n > 8192) {
-        return Err("--size: at most 8192x8192, as four rays are cast for each pixel".into());
+        return Err("--size: must be at most 8192x8192, as four rays are cast for each pixel".into());
     }
     check_writable(&arguments.out)?;
     let machine = Machine::detect();
@@ -54,11 +54,11 @@ pub(crate) fn run_bench_pictures(arguments: &BenchPicturesArguments) -> Result<(
     let mut lines = String::new();
     let mut pairs = Vec::new();
     let made = run_picture_bench(&options, &progress, |pair| {
-        // Only now: what cannot be made leaves no folder behind.
+        // The folder is made with the first picture: a run without pictures leaves no folder.
         std::fs::create_dir_all(&arguments.out).map_err(|e| BenchError::io(&arguments.out, e))?;
         let path = pair.picture.write(&arguments.out)?;
         lines += &format!(
-            "{}: {} from {}, {} levels, {:.1} M voxels beside {} triangles, FLIP {:.3}. {}\n",
+            "{}: {} from {}, {} levels, {:.1} M voxels, {} triangles, FLIP {:.3}. {}\n",
             path.display(),
             pair.scene,
             pair.view,
@@ -69,7 +69,7 @@ pub(crate) fn run_bench_pictures(arguments: &BenchPicturesArguments) -> Result<(
             pair.credit
         );
         pairs.push(pair);
-        // After each picture, so that the table tells what is there if the run is stopped.
+        // The table is written after each picture, so that it is complete if the run is stopped.
         write_picture_table(&pairs, &machine, &arguments.out).map(drop)
     });
     progress.finish();

@@ -1,4 +1,4 @@
-//! What `esvo bench` and `esvo bench build` have in common: which part of a matrix is measured, and where it goes.
+//! Options that `esvo bench` and `esvo bench build` share: the matrix, and changes to it.
 
 use std::path::PathBuf;
 
@@ -19,13 +19,13 @@ pub(crate) struct Selection {
     /// These levels for every scene
     #[arg(long, value_name = "N,...", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=23))]
     levels: Vec<u32>,
-    /// Memory that the run, or one build of bench build, may take, in GB (10^9 bytes); levels that need more are left out
+    /// Memory limit of the run (of each build in `bench build`) in GB (10^9 bytes); levels that need more are left out
     #[arg(long, value_name = "GB")]
     memory: Option<f64>,
-    /// Seconds that the run is planned to take; 0: no limit
+    /// Planned length of the run in seconds; deeper levels are left out to stay within it; 0: no limit
     #[arg(long, value_name = "SECONDS")]
     time_limit: Option<f64>,
-    /// Where real meshes are looked for first; then $ESVO_SCENES, then ../shared/scenes
+    /// Folder that is searched first for real meshes; then $ESVO_SCENES, then ../shared/scenes
     #[arg(long, value_name = "FOLDER")]
     pub(crate) scenes_dir: Option<PathBuf>,
     /// Print the record as JSON instead of the tables
@@ -34,15 +34,15 @@ pub(crate) struct Selection {
 }
 
 impl Selection {
-    /// Refuses a folder of scenes that is none.
+    /// Rejects --scenes-dir unless it is a directory.
     pub(crate) fn check(&self) -> Result<(), Failure> {
         match self.scenes_dir.as_ref().filter(|f| !f.is_dir()) {
-            Some(folder) => Err(format!("--scenes-dir {}: there is no such folder", folder.display()).into()),
+            Some(folder) => Err(format!("--scenes-dir {}: is not a folder", folder.display()).into()),
             None => Ok(()),
         }
     }
 
-    /// Puts levels and limits, where they are given, in place of those of a matrix.
+    /// Replaces levels and limits of a matrix by those that are given.
     pub(crate) fn apply(&self, scenes: &mut [SceneLevels], memory_gb: &mut f64, time_limit: &mut Option<f64>) {
         if !self.levels.is_empty() {
             let mut levels = self.levels.clone();

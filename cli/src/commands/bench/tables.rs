@@ -15,12 +15,12 @@ use crate::values::{engine, parse_size};
 /// What `esvo bench` measures, and where its record goes.
 #[derive(Debug, Args)]
 pub(crate) struct TablesArguments {
-    /// The paper's whole matrix: every scene, resolution and viewpoint, levels up to what the memory allows
+    /// Measure the paper's whole matrix: all scenes, resolutions and viewpoints, levels as deep as memory allows
     #[arg(long, conflicts_with = "matrix")]
     pub(crate) full: bool,
     #[command(flatten)]
     pub(crate) selection: Selection,
-    /// Only these engines
+    /// Measure only these engines
     #[arg(long, value_parser = engine(), value_delimiter = ',')]
     pub(crate) backends: Vec<EngineId>,
     /// These picture sizes
@@ -35,7 +35,7 @@ pub(crate) struct TablesArguments {
     /// Threads of the CPU caster
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
     pub(crate) threads: Option<u16>,
-    /// Where the folder MACHINE/DATE/ is made
+    /// Folder in which the folder MACHINE/DATE/ is made
     #[arg(long, value_name = "FOLDER", default_value = "results")]
     pub(crate) out: PathBuf,
     /// Name of the machine's folder [default: made from the processor's]
@@ -64,7 +64,7 @@ pub(crate) fn run_bench_tables(arguments: &TablesArguments) -> Result<(), Failur
     } else {
         format!("{}\nWritten to {}\n", tables::to_text(report), folder.display())
     };
-    // A closed pipe must not hide wrong answers.
+    // Report wrong answers even if standard output is closed.
     let printed = print(&text);
     if selection.json {
         complain("written", &folder.display().to_string());

@@ -1,4 +1,4 @@
-//! Displacement as `esvo build` offers it.
+//! The displacement options of `esvo build`.
 
 use std::path::{Path, PathBuf};
 
@@ -12,18 +12,18 @@ use crate::values::{Amplitude, parse_amplitude, parse_height_map};
 /// Options of displacement.
 #[derive(Debug, Args)]
 pub(crate) struct Displacement {
-    /// Displace surfaces by the height maps of their materials (map_bump and disp of .mtl): AMPLITUDE is what white stands
-    /// for, in mesh units, where the material says a factor of 1 [without a number: 1/500 of the mesh's largest extent]
+    /// Displace surfaces by the height maps of their materials (map_bump and disp of .mtl). AMPLITUDE is the displacement of
+    /// white in mesh units, multiplied by the material's factor [without a number: 1/500 of the mesh's largest extent]
     #[arg(long, value_name = "AMPLITUDE", num_args = 0..=1, default_missing_value = "auto", allow_negative_numbers = true, value_parser = parse_amplitude)]
     pub(crate) displace: Option<Amplitude>,
-    /// Give a material a height map, or another one; implies --displace
+    /// Set or replace the height map of a material; implies --displace
     #[arg(long, value_name = "MATERIAL=FILE", value_parser = parse_height_map)]
     pub(crate) height_map: Vec<(String, PathBuf)>,
 }
 
 impl Displacement {
-    /// The mesh as it is to be built to `levels`: displaced if that was asked for, or if the scene `always` is. In cells of
-    /// two of the finest voxels. `source` is what errors call the mesh.
+    /// Displaces the mesh for an octree of `levels`, in cells of two finest voxels, if an option asks for it or `always` is set;
+    /// otherwise returns it unchanged. Errors call the mesh `source`.
     pub(crate) fn apply(&self, mut mesh: Mesh, source: &str, levels: u32, always: bool) -> Result<Mesh, Failure> {
         if self.displace.is_none() && self.height_map.is_empty() && !always {
             return Ok(mesh);

@@ -23,8 +23,8 @@ use crate::words::{count, size};
 /// Build an octree from a mesh (.obj, .gltf, .glb, .ply, .stl).
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Errors bound how far a voxel may be from what it stands for; where all three hold, it is not divided further. The defaults
-are those of the paper's authors: 16 steps of 256, 0.01, and the diagonal of a voxel at level 15.
+A voxel is divided until its shape, colour and normal are within the three allowed errors (--contour-error, --color-error,
+--normal-error), or to the deepest level. The defaults are those of the paper's authors.
 
 Examples:
   esvo build conference.obj -o conference.esvo --levels 12 --paper conference
@@ -38,28 +38,28 @@ pub(crate) struct BuildArguments {
     /// The file to write
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: PathBuf,
-    /// Deepest level, 1 to 23: voxels are at least 2^-N of the root cube
+    /// Deepest level, 1 to 23: the finest voxels have 2^-N of the edge of the root cube
     #[arg(short, long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=23))]
     pub(crate) levels: u32,
-    /// No contours: all geometry goes down to the deepest level, as cubes
+    /// Build without contours: divide all geometry down to the deepest level
     #[arg(long)]
     pub(crate) no_contours: bool,
-    /// Allowed deviation of the shape: the diagonal of a voxel of this level [default: 15]
+    /// Allowed error of the shape: the diagonal of a voxel at this level [default: 15]
     #[arg(long, value_name = "LEVEL")]
     pub(crate) contour_error: Option<f64>,
-    /// Allowed deviation of a colour channel in steps of 1/256 [default: 16]
+    /// Allowed error of a colour channel in steps of 1/256 [default: 16]
     #[arg(long, value_name = "STEPS")]
     pub(crate) color_error: Option<f64>,
-    /// Allowed deviation of a component of the unit normal [default: 0.01]
+    /// Allowed error of a component of the unit normal [default: 0.01]
     #[arg(long, value_name = "X")]
     pub(crate) normal_error: Option<f64>,
-    /// What the two are compared with: one sample for each triangle's part of a voxel, as the authors do, or every texel
+    /// What colours and normals are compared with: one sample for each triangle in a voxel, as the authors do, or all texels
     #[arg(long, value_name = "TEST")]
     pub(crate) texture_test: Option<TextureTest>,
-    /// Start from settings that go together
+    /// Use a preset of the errors above; options given next to it take precedence
     #[arg(long, value_name = "NAME", conflicts_with = "paper")]
     pub(crate) preset: Option<Preset>,
-    /// Start from the paper's settings for one of its scenes
+    /// Use the paper's settings for one of its scenes; options given next to it take precedence
     #[arg(long, value_name = "SCENE")]
     pub(crate) paper: Option<String>,
     /// Store no colours
@@ -70,43 +70,43 @@ pub(crate) struct BuildArguments {
     pub(crate) no_normals: bool,
     #[command(flatten)]
     pub(crate) displacement: Displacement,
-    /// Keep what is finished in OUTPUT.part and go on from there if an earlier build of the same was interrupted
+    /// Keep finished parts in OUTPUT.part, and continue from there if an earlier build of the same octree was interrupted
     #[arg(long)]
     pub(crate) resume: bool,
-    /// Memory that may be used, in GB (10^9 bytes); where it is short fewer threads work
+    /// Memory limit in GB (10^9 bytes); with little memory, fewer threads work at once
     #[arg(long, value_name = "GB", value_parser = parse_gigabytes)]
     pub(crate) memory_limit: Option<f64>,
-    /// Store blocks compressed with Zstandard at this level
+    /// Compress blocks with Zstandard at this level, 1 to 22 [without a number: 3]
     #[arg(long, value_name = "LEVEL", num_args = 0..=1, default_missing_value = "3", value_parser = clap::value_parser!(i32).range(1..=22))]
     pub(crate) compress: Option<i32>,
-    /// Store colours and normals as they are, 4 bytes each, instead of compressed in blocks
+    /// Store colours and normals uncompressed, 4 bytes each
     #[arg(long)]
     pub(crate) plain_attributes: bool,
-    /// Build this scene of the manifest with the paper's settings: its real mesh, or its procedural stand-in; SIBENIK-D is
-    /// displaced
+    /// Build this scene of the manifest with the paper's settings: its real mesh if it is found, otherwise its procedural
+    /// stand-in; SIBENIK-D is displaced
     #[arg(long, value_name = "NAME")]
     pub(crate) scene: Option<String>,
-    /// Build the scene's procedural stand-in even if the real mesh is found
+    /// Build the scene's procedural stand-in, even if the real mesh is found
     #[arg(long, requires = "scene")]
     pub(crate) stand_in: bool,
-    /// Where real meshes are looked for first; then $ESVO_SCENES, then ../shared/scenes
+    /// Folder that is searched first for real meshes; then $ESVO_SCENES, then ../shared/scenes
     #[arg(long, value_name = "FOLDER", requires = "scene")]
     pub(crate) scenes_dir: Option<PathBuf>,
-    /// Print what it took and what came out as JSON
+    /// Print time, memory and the result as JSON
     #[arg(long)]
     pub(crate) json: bool,
 }
 
-/// The names of [`esvo_builder::Preset`].
+/// The presets of [`esvo_builder::Preset`]. Help lists shape (level), colour (steps) and normal error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Preset {
-    /// For a first look: 12, 32 steps, 0.1
+    /// Quick and coarse: contour error 12, colour error 32, normal error 0.1
     Fast,
-    /// The authors' defaults: 15, 16 steps, 0.01
+    /// The authors' defaults: 15, 16, 0.01
     Balanced,
-    /// Few bytes at a fair shape: 13, 64 steps, 0.25
+    /// Small files: 13, 64, 0.25
     Small,
-    /// Every texel that the deepest level can show: 16, 8 steps, 0.01, --texture-test texels
+    /// Textures as fine as the deepest level can show: 16, 8, 0.01, --texture-test texels
     Fine,
 }
 
@@ -121,12 +121,12 @@ impl From<Preset> for esvo_builder::Preset {
     }
 }
 
-/// The names of [`esvo_builder::TextureTest`].
+/// The tests of [`esvo_builder::TextureTest`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum TextureTest {
-    /// One colour and normal for each triangle's part of a voxel
+    /// One colour and normal for each triangle in a voxel
     Samples,
-    /// Every texel
+    /// All texels
     Texels,
 }
 
@@ -146,9 +146,11 @@ pub(crate) fn run_build(arguments: &BuildArguments) -> Result<(), Failure> {
     settings.check()?;
     check_output(&arguments.output)?;
     match extension(&arguments.output).as_str() {
-        "oct" => {
-            check_extension(&arguments.output, "esvo", "builds are written as .esvo; esvo convert makes .oct of them")?
-        }
+        "oct" => check_extension(
+            &arguments.output,
+            "esvo",
+            "octrees are built as .esvo; esvo convert makes .oct files from them",
+        )?,
         _ => check_extension(&arguments.output, "esvo", "octrees are written as .esvo")?,
     }
     if let Some(mesh) = &arguments.mesh {
@@ -212,7 +214,7 @@ pub(crate) fn run_build(arguments: &BuildArguments) -> Result<(), Failure> {
     ))
 }
 
-/// The mesh, and what to call it.
+/// The mesh and its name.
 fn mesh(
     arguments: &BuildArguments,
     scene: Option<&SceneEntry>,
@@ -223,18 +225,18 @@ fn mesh(
         let mesh = load_mesh(path).map_err(|e| explain(path, &e))?;
         return Ok((mesh, path.file_name().unwrap_or_default().to_string_lossy().into_owned()));
     }
-    // The command line wants one of the two.
+    // clap requires one of the two.
     let entry = scene.ok_or("neither a mesh nor a scene is given")?;
     progress.say(format!("reading {}", entry.name));
     let (mesh, source) = scene::mesh(entry, arguments.scenes_dir.as_deref(), arguments.stand_in)?;
     Ok((mesh, source))
 }
 
-/// What went wrong with a mesh, and what to do where the importer cannot know it.
+/// The error of the importer; it also says what to do if the file is an octree already.
 fn explain(path: &Path, error: &ImportError) -> String {
     match error {
         ImportError::UnknownKind { .. } if matches!(extension(path).as_str(), "esvo" | "oct") => {
-            format!("{}: is an octree already; octrees are built of meshes", path.display())
+            format!("{}: is an octree already; octrees are built from meshes", path.display())
         }
         _ => error.to_string(),
     }

@@ -34,7 +34,11 @@ pub(super) fn contours(add: &mut Add<'_>) {
     );
     let mut block = smallest(4);
     block.pool_gap = 7;
-    add("contour_pool_empty", "an empty contour pool that is not right behind the attachment directory", one(1, block));
+    add(
+        "contour_pool_empty",
+        "an empty contour pool that is not directly after the attachment directory",
+        one(1, block),
+    );
 }
 
 /// The pairs of these slots and of a group.
@@ -72,7 +76,7 @@ pub(super) fn attributes(add: &mut Add<'_>) {
     add("colors", "colour blocks", one(3, with(&[1])));
     add("normals", "normal blocks", one(3, with(&[2])));
     add("colors_and_normals", "colour blocks and normal blocks", one(3, with(&[1, 2])));
-    add("normals_and_colors", "the same in the other order", one(3, with(&[2, 1])));
+    add("normals_and_colors", "normal blocks and colour blocks, in this order", one(3, with(&[2, 1])));
     let mut block = with(&[]);
     block.attachment(3, vec![200, 100, 50, 0, 0, 0, 0, 0]);
     add("constant_color", "one colour for every voxel of the block", one(3, block));
@@ -239,12 +243,16 @@ pub(super) fn values(add: &mut Add<'_>) {
     let bytes = plain_noise(&block, 7);
     block.attachment(6, bytes).attachment(3, vec![9, 8, 7, 0, 0, 0, 0, 0]);
     with_noise(&mut block, 4, &all);
-    add("plain_normals_constant_color", "plain normals beside a constant colour and ambient occlusion", one(3, block));
+    add(
+        "plain_normals_constant_color",
+        "plain normals together with a constant colour and ambient occlusion",
+        one(3, block),
+    );
     let mut block = branching(8);
     with_noise(&mut block, 2, &all);
     let bytes = plain_noise(&block, 8);
     block.attachment(5, bytes);
-    add("plain_colors_normal_blocks", "plain colours beside normal blocks", one(3, block));
+    add("plain_colors_normal_blocks", "plain colours together with normal blocks", one(3, block));
     let mut block = smallest(5);
     let bytes = plain(&block, &[(2, 1 << 5, &[0x1234_5678])], &[0]);
     block.attachment(5, bytes.clone()).attachment(6, bytes).attachment(4, noise(24, &[1], 8, 5));
@@ -260,9 +268,9 @@ pub(super) fn values(add: &mut Add<'_>) {
     let bytes = corners(&block, &masks, 2);
     block.attachment(7, bytes);
     with_noise(&mut block, 4, &all);
-    add("corners_some", "corners of some voxels, of the voxel above, and none", one(3, block));
+    add("corners_some", "corners of some voxels, of the parent voxel, and none", one(3, block));
     let mut block = smallest(4);
     let bytes = [0, 0, 0, 0, whole, 8, 0, 0].into_iter().chain([0x00ff_ffff, 0x1234_5678].repeat(27));
     block.attachment(7, bytes.flat_map(u32::to_le_bytes).collect());
-    add("corners_without_values", "corners that all count for nothing", one(1, block));
+    add("corners_without_values", "corners whose values all have alpha 0", one(1, block));
 }

@@ -34,10 +34,14 @@ pub(crate) fn extra(tag: &[u8; 4], flags: u32, bytes: &[u8]) -> Extra {
 
 pub(super) fn container(add: &mut Add<'_>) {
     let with = |extras: Vec<Extra>| Plan { extra: extras, ..one(1, smallest(4)) };
-    add("unknown_section", "a section that no version knows", with(vec![extra(b"note", 0, b"to be passed over")]));
+    add(
+        "unknown_section",
+        "a section with a tag that is not registered",
+        with(vec![extra(b"note", 0, b"to be passed over")]),
+    );
     add(
         "unknown_sections",
-        "several: one of no bytes, one with checksums of its own, one with a tag that is no text",
+        "several: one of no bytes, one with checksums of its own, one with a tag that is not ASCII",
         with(vec![extra(b"none", 0, b""), extra(b"crcs", 2, &[0xff; 33]), extra(&[0x00, 0x80, 0xff, 0x0a], 0, &[1])]),
     );
     add("meta", "metadata", with(vec![extra(b"META", 0, br#"{"title":"A voxel","license":"CC0-1.0"}"#)]));
@@ -50,14 +54,14 @@ pub(super) fn container(add: &mut Add<'_>) {
     add("minor_version", "a later minor version", Plan { minor: 7, ..one(1, smallest(4)) });
     add(
         "optional_features",
-        "optional feature bits that nobody knows",
+        "unknown optional feature bits",
         Plan { optional_features: 1 << 40 | 5, ..one(1, smallest(4)) },
     );
     add("not_required", "the sections are not flagged as required", Plan { flags: 0, ..one(1, smallest(4)) });
     let mut plan = one(3, branching(8));
     plan.order = Order::DataFirst;
     plan.extra = vec![extra(b"META", 0, b"{}"), extra(b"note", 0, b"odd")];
-    add("sections_reversed", "block data first, tables behind it, the directory last", plan);
+    add("sections_reversed", "block data first, then the tables, the directory last", plan);
 }
 
 /// What JSON allows and metadata may have.
@@ -161,10 +165,14 @@ pub(crate) fn entropy_coded() -> (Block, Vec<u8>, Vec<u8>) {
 pub(super) fn frames(add: &mut Add<'_>) {
     let (block, plain, checksum) = entropy_coded();
     add("compressed_entropy", "a frame with entropy coding", one(ENTROPY_LEVELS, block.framed(plain)));
-    add("compressed_checksum", "the same with a checksum in the frame", one(ENTROPY_LEVELS, block.framed(checksum)));
+    add(
+        "compressed_checksum",
+        "a frame with entropy coding and a content checksum",
+        one(ENTROPY_LEVELS, block.framed(checksum)),
+    );
     let block = branching(8);
     let frame = zstd_frame(&block.image(0, &[0]), false);
-    add("compressed_without_size", "a frame that does not say how long its content is", one(3, block.framed(frame)));
+    add("compressed_without_size", "a frame without content size", one(3, block.framed(frame)));
     let mut plan = one(3, branching(8));
     plan.blocks[0].codec = Codec::Zstd;
     plan.spare = (8192, 8);

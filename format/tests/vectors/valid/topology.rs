@@ -51,10 +51,10 @@ pub(super) fn topology(add: &mut Add<'_>) {
     gaps.node(2, 0b0100_1010, 0b0000_1000).near(2, 12);
     gaps.node(12, 0b1001_0001, 0b0001_0000).near(12, 36).leaves(13, 0b1111_0000);
     gaps.leaves(36, 0b0000_0001).leaves(37, 0b1000_0100);
-    add("gaps", "unused slots before, between and behind groups", one(3, gaps));
+    add("gaps", "unused slots before, between and after groups", one(3, gaps));
     add(
         "far_pointer",
-        "a far pointer right behind its group",
+        "a far pointer directly after its group",
         one(2, {
             let mut block = Block::new(8);
             block.node(2, 1, 0).far(2, 3, 4).leaves(4, 0xaa);
@@ -63,7 +63,7 @@ pub(super) fn topology(add: &mut Add<'_>) {
     );
     add(
         "far_pointers_apart",
-        "far pointers in front of and behind what they lead to, away from their groups",
+        "far pointers before and after what they lead to, away from their groups",
         one(3, {
             let mut block = Block::new(24);
             block.node(2, 0x11, 0).far(2, 9, 4);
@@ -73,7 +73,7 @@ pub(super) fn topology(add: &mut Add<'_>) {
         }),
     );
     add("levels_23", "a voxel at the deepest level, by child pointers", one(23, chain(0..23, false)));
-    add("levels_23_far", "the same, every step a far pointer", one(23, chain(0..23, true)));
+    add("levels_23_far", "a voxel at the deepest level, every step by a far pointer", one(23, chain(0..23, true)));
 }
 
 /// One non-leaf voxel in each level of `levels` but the last, a leaf beside it where the level is even.
@@ -135,7 +135,7 @@ pub(super) fn pages(add: &mut Add<'_>) {
         }
         add(
             &format!("page_end_group_{}", NAMES[n - 1]),
-            "a group at the end of a page, its child behind the next page header",
+            "siblings at the end of a page, a child of the last one after the next page header",
             one(4, block),
         );
     }
@@ -146,12 +146,12 @@ pub(super) fn pages(add: &mut Add<'_>) {
     let mut block = Block::new(1030);
     block.node(2, 1, 0).near(2, 1020);
     block.node(1020, 1, 0).far(1020, 1025, 1028).leaves(1028, 1);
-    add("page_start_far_pointer", "a far pointer right behind a page header", one(3, block));
+    add("page_start_far_pointer", "a far pointer directly after a page header", one(3, block));
     let mut block = Block::new(2050);
     block.node(2, 1, 0).near(2, 2048 - 2).leaves(2046, 1);
     add("page_three", "an array that reaches into a third page by its header and one slot", one(2, block));
     add("array_ends_with_page", "the info section starts a page", one(1, smallest(1024)));
-    add("array_ends_behind_page_header", "the last slot of the array is a page header", one(1, smallest(1025)));
+    add("array_ends_after_page_header", "the last slot of the array is a page header", one(1, smallest(1025)));
     let mut block = smallest(1022);
     block.contour(2, 1 << 5, &[0x1234_5678]);
     block.attachment(3, vec![9, 8, 7, 0, 0, 0, 0, 0]).attachment(0x8001, b"lies in the second page".to_vec());
@@ -185,6 +185,6 @@ pub(super) fn blocks(add: &mut Add<'_>) {
     middle.link(16, 17, 2);
     let mut bottom = chain(16..23, false);
     (bottom.parent, bottom.cube) = (1, chain_cube(15));
-    let about = "a voxel at the deepest level in a block below a block below the root's";
+    let about = "a voxel at the deepest level, in the third of three blocks below each other";
     add("levels_23_blocks", about, Plan::new(23, vec![top, middle, bottom]));
 }
