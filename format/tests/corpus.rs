@@ -3,6 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+#[allow(unreachable_pub, reason = "the fuzz targets use it as a crate")]
 #[path = "../../fuzz/src/lib.rs"]
 mod fuzz;
 

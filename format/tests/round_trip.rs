@@ -5,7 +5,7 @@ mod common;
 use std::time::{Duration, Instant};
 
 use common::{Colors, Shape, bytes_of, compare};
-use esvo_format::{AssembleOptions, MAX_NEAR_POINTER, Octree, Tree, assemble};
+use esvo_format::{AssembleOptions, Contour, MAX_NEAR_POINTER, Octree, Tree, Voxel, assemble, pack};
 use glam::DMat4;
 use proptest::prelude::*;
 
@@ -208,5 +208,25 @@ fn malformed_trees_and_options_are_refused() {
         (64, 1 << 15, "near_limit is 32768"),
     ] {
         refused(what, &good, &AssembleOptions { block_slots, near_limit });
+    }
+}
+
+#[test]
+fn a_block_whose_contours_are_out_of_reach_is_refused() {
+    fn grow(tree: &mut Tree, levels: u32) {
+        let voxel = Voxel { contour: Some(Contour(1)), leaf: levels == 1, ..Voxel::default() };
+        let node = tree.open(&[Some(voxel); 8]);
+        if levels > 1 {
+            (0..8).for_each(|_| grow(tree, levels - 1));
+        }
+        tree.close(node);
+    }
+    // 2.4 million descriptors fit into a block, 19 million contours do not.
+    for (levels, fits) in [(7, true), (8, false)] {
+        let mut tree = Tree::default();
+        grow(&mut tree, levels);
+        let packed = pack(&tree, None, &AssembleOptions::default());
+        assert_eq!(packed.is_ok(), fits, "{levels} levels");
+        assert!(packed.err().is_none_or(|error| error.to_string().contains("words away")));
     }
 }

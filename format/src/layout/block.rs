@@ -4,7 +4,7 @@ use crate::file::{ATTACHMENT_BYTES, FIRST_SLOT, INFO_BYTES, InfoSection, PAGE_SL
 use crate::layout::attachments::{Attached, Content, Described, place};
 use crate::layout::place::{Children, Placed, Placer};
 use crate::layout::plan::Plan;
-use crate::{ChildDescriptor, FormatError, Tree};
+use crate::{ChildDescriptor, FormatError, MAX_CONTOUR_POINTER, Tree};
 
 /// Byte offsets of the parts of a block from its start.
 pub(crate) struct Parts {
@@ -40,6 +40,7 @@ impl Layout {
         let contours = info + INFO_BYTES + ATTACHMENT_BYTES * contents.len() as u64;
         let (attachments, total_bytes) = place(contents, contours + u64::from(contour_count) * 4);
         let parts = Parts { info, contours, total_bytes };
+        check_contour_pointers(tree, &placed, contours / 4, contour_count)?;
         Ok(Self { placed, array_slots, contour_count, far_pointers, attachments, parts })
     }
 
@@ -98,4 +99,25 @@ impl Layout {
         }
         bytemuck::cast_slice_mut::<u32, u8>(words)[..bytes.len()].copy_from_slice(&bytes);
     }
+}
+
+/// Checks that every descriptor reaches its contours. `pool` is the first word of the contour pool in the block.
+fn check_contour_pointers(tree: &Tree, placed: &[Placed], pool: u64, contours: u32) -> Result<(), FormatError> {
+    let limit = u64::from(MAX_CONTOUR_POINTER);
+    if pool + u64::from(contours) <= limit {
+        return Ok(()); // No distance in the block is larger.
+    }
+    let mut contour = pool;
+    for placed in placed {
+        let count = tree.nodes[placed.node].contours.count_ones();
+        let distance = contour - u64::from(placed.slot) * 2;
+        if count > 0 && distance > limit {
+            return Err(FormatError::Limit(format!(
+                "the contours of slot {} of the block are {distance} words away, expected at most {limit}: split it",
+                placed.slot
+            )));
+        }
+        contour += u64::from(count);
+    }
+    Ok(())
 }

@@ -69,8 +69,8 @@ pub struct PackedBlock {
 /// and scale. `None`: the tree has the root of the octree, and the block becomes the root block.
 ///
 /// # Errors
-/// A tree that is not well-formed, deeper than 23 levels, or too large for a block (more than 2^22 slots of descriptors
-/// or 4 GiB); options out of range.
+/// A tree that is not well-formed, deeper than 23 levels, or too large for a block (more than 2^22 slots of descriptors or
+/// 4 GiB, or contours out of reach of the contour pointers); options out of range.
 pub fn pack(tree: &Tree, cube: Option<([u32; 3], u32)>, options: &AssembleOptions) -> Result<PackedBlock, FormatError> {
     options.check()?;
     tree.check()?;

@@ -22,7 +22,7 @@ fn reference(color: [u8; 3], below: u32, shifts: [u32; 3]) -> u32 {
 }
 
 /// Encodes colours.
-pub fn colors(colors: &Colors) -> ColorBlock {
+pub(crate) fn colors(colors: &Colors) -> ColorBlock {
     let used: Vec<[u8; 3]> = colors.iter().flatten().copied().collect();
     let Some(&first) = used.first() else { return ColorBlock::default() };
     let apart = |a: [u8; 3], b: [u8; 3]| (0..3).map(|k| u32::from(a[k].abs_diff(b[k])).pow(2)).sum::<u32>();
@@ -88,7 +88,7 @@ fn nearest(block: &NormalBlock, n: Vec3) -> (u32, u32, Vec3) {
 }
 
 /// Encodes normals.
-pub fn normals(normals: &Normals) -> NormalBlock {
+pub(crate) fn normals(normals: &Normals) -> NormalBlock {
     let used: Vec<Vec3> = normals.iter().flatten().copied().collect();
     if used.is_empty() {
         return NormalBlock::default();

@@ -4,12 +4,12 @@ use esvo_format::Octree;
 use glam::Vec3;
 
 /// The colours of a block.
-pub type Colors = [Option<[u8; 3]>; 16];
+pub(crate) type Colors = [Option<[u8; 3]>; 16];
 /// The unit normals of a block.
-pub type Normals = [Option<Vec3>; 16];
+pub(crate) type Normals = [Option<Vec3>; 16];
 
 /// SplitMix64: random numbers that are the same on every machine.
-pub struct Random(pub u64);
+pub(crate) struct Random(pub(crate) u64);
 
 impl Random {
     fn bits(&mut self) -> u64 {
@@ -73,7 +73,7 @@ fn blocks<T>(random: &mut Random, count: usize, mut block: impl FnMut(&mut Rando
 }
 
 /// Kinds of colour blocks, `count` of each.
-pub fn color_sets(count: usize) -> Vec<(&'static str, Vec<Colors>)> {
+pub(crate) fn color_sets(count: usize) -> Vec<(&'static str, Vec<Colors>)> {
     let bytes = |c: Vec3| c.to_array().map(|c| (c.clamp(0.0, 1.0) * 255.0 + 0.5) as u8);
     let random = &mut Random(1);
     let mut set = |name, texels: &mut dyn FnMut(&mut Random) -> [Vec3; 16]| {
@@ -102,7 +102,7 @@ pub fn color_sets(count: usize) -> Vec<(&'static str, Vec<Colors>)> {
 }
 
 /// Kinds of normal blocks, `count` of each.
-pub fn normal_sets(count: usize) -> Vec<(&'static str, Vec<Normals>)> {
+pub(crate) fn normal_sets(count: usize) -> Vec<(&'static str, Vec<Normals>)> {
     let random = &mut Random(2);
     let mut set = |name, texels: &mut dyn FnMut(&mut Random) -> [Vec3; 16]| (name, blocks(random, count, texels));
     vec![
@@ -134,7 +134,7 @@ pub fn normal_sets(count: usize) -> Vec<(&'static str, Vec<Normals>)> {
 }
 
 /// The blocks of the colours and normals of an octree.
-pub fn of_octree(octree: &Octree) -> (Vec<Colors>, Vec<Normals>) {
+pub(crate) fn of_octree(octree: &Octree) -> (Vec<Colors>, Vec<Normals>) {
     let mut slots: Vec<u32> = octree.objects().iter().filter_map(|o| u32::try_from(o.root_slot).ok()).collect();
     let mut at = 0;
     while let Some(&slot) = slots.get(at) {

@@ -12,11 +12,11 @@ use super::blocks::{Colors, Normals};
 
 /// Errors of all used texels of a set of blocks.
 #[derive(Clone, Copy, Debug)]
-pub struct Errors {
+pub(crate) struct Errors {
     /// Root mean square.
-    pub rms: f64,
+    pub(crate) rms: f64,
     /// The 99th percentile.
-    pub p99: f64,
+    pub(crate) p99: f64,
 }
 
 impl Errors {
@@ -27,13 +27,13 @@ impl Errors {
     }
 
     /// Whether the root mean square is not above that of the others, up to rounding errors.
-    pub fn as_good_as(self, other: Self) -> bool {
+    pub(crate) fn as_good_as(self, other: Self) -> bool {
         self.rms <= other.rms * (1.0 + 1e-9)
     }
 }
 
 /// Colour errors in units of 1/255: the root mean square over the three channels.
-pub fn color_errors(blocks: &[Colors], encode: impl Fn(&Colors) -> ColorBlock) -> Errors {
+pub(crate) fn color_errors(blocks: &[Colors], encode: impl Fn(&Colors) -> ColorBlock) -> Errors {
     let of = |colors: &Colors| {
         let block = encode(colors);
         let error = |(i, color): (usize, &Option<[u8; 3]>)| {
@@ -47,7 +47,7 @@ pub fn color_errors(blocks: &[Colors], encode: impl Fn(&Colors) -> ColorBlock) -
 }
 
 /// Angles between normals in degrees.
-pub fn normal_errors(blocks: &[Normals], encode: impl Fn(&Normals) -> NormalBlock) -> Errors {
+pub(crate) fn normal_errors(blocks: &[Normals], encode: impl Fn(&Normals) -> NormalBlock) -> Errors {
     let of = |normals: &Normals| {
         let block = encode(normals);
         let error = |(i, normal): (usize, &Option<Vec3>)| {
@@ -61,14 +61,14 @@ pub fn normal_errors(blocks: &[Normals], encode: impl Fn(&Normals) -> NormalBloc
 }
 
 /// A broken encoder for the negative control: indices in order along the line of the palette instead of 0, 2, 3, 1.
-pub fn with_colors_in_a_wrong_order(colors: &Colors) -> ColorBlock {
+pub(crate) fn with_colors_in_a_wrong_order(colors: &Colors) -> ColorBlock {
     let block = ColorBlock::encode(colors);
     let index = |i: usize| [0, 3, 1, 2][(block.indices >> (2 * i) & 3) as usize] << (2 * i);
     ColorBlock { indices: (0..16).map(index).sum(), ..block }
 }
 
 /// A broken encoder for the negative control: the indices of the two axes are exchanged.
-pub fn with_axes_exchanged(normals: &Normals) -> NormalBlock {
+pub(crate) fn with_axes_exchanged(normals: &Normals) -> NormalBlock {
     let block = NormalBlock::encode(normals);
     NormalBlock { u_indices: block.v_indices, v_indices: block.u_indices, ..block }
 }
@@ -96,7 +96,7 @@ fn row(table: &mut String, name: &str, blocks: usize, [ours, theirs]: [Errors; 2
 ///
 /// # Panics
 /// If our encoder is less accurate, or if the comparison does not detect a broken encoder.
-pub fn colors(name: &str, blocks: &[Colors], table: Option<&mut String>) {
+pub(crate) fn colors(name: &str, blocks: &[Colors], table: Option<&mut String>) {
     let [ours, theirs] = [color_errors(blocks, ColorBlock::encode), color_errors(blocks, authors::colors)];
     assert!(ours.as_good_as(theirs), "{name}: {ours:?} instead of {theirs:?}");
     let broken = color_errors(blocks, with_colors_in_a_wrong_order);
@@ -110,7 +110,7 @@ pub fn colors(name: &str, blocks: &[Colors], table: Option<&mut String>) {
 ///
 /// # Panics
 /// If our encoder is less accurate, or if the comparison does not detect a broken encoder.
-pub fn normals(name: &str, blocks: &[Normals], table: Option<&mut String>) {
+pub(crate) fn normals(name: &str, blocks: &[Normals], table: Option<&mut String>) {
     let [ours, theirs] = [normal_errors(blocks, NormalBlock::encode), normal_errors(blocks, authors::normals)];
     assert!(ours.as_good_as(theirs), "{name}: {ours:?} instead of {theirs:?}");
     let flat = |block: &Normals| block.iter().flatten().all(|n| Some(n) == block.iter().flatten().next());
