@@ -1,33 +1,33 @@
-//! Metadata: which JSON the section META may hold (spec section 2.3, rules M001 and M002).
+//! Metadata: checks the JSON in section META (spec section 2.3, rules M001 and M002).
 
 use std::collections::HashSet;
 
-/// Depth to which arrays and objects may be nested; the outermost object has depth 1.
+/// Largest depth of nested arrays and objects. The outermost object has depth 1.
 const MAX_DEPTH: usize = 64;
 
 /// Members whose values should be strings (M002).
 const REGISTERED: [&str; 6] = ["title", "author", "license", "source", "generator", "created"];
 
-/// What is wrong: bytes from the start of the metadata, description.
+/// A fault: offset in bytes from the start of the metadata, description.
 pub(crate) type Fault = (usize, String);
 
 /// Metadata that keeps M001.
 pub(crate) struct Metadata<'a> {
     /// The whole text.
     pub(crate) text: &'a str,
-    /// Registered members whose values are no strings (M002), with their places in bytes.
+    /// Registered members whose values are not strings (M002), with the offsets of their names in bytes.
     pub(crate) not_strings: Vec<(usize, &'static str)>,
 }
 
-/// Checks that `bytes` are one JSON object as the specification lays down. Takes linear time and no recursion.
+/// Checks that `bytes` are one JSON object as the specification requires. Linear time, no recursion.
 ///
 /// # Errors
 /// The first fault.
 pub(crate) fn parse(bytes: &[u8]) -> Result<Metadata<'_>, Fault> {
-    let text = std::str::from_utf8(bytes).map_err(|e| (e.valid_up_to(), "bytes that are not UTF-8".to_owned()))?;
+    let text = std::str::from_utf8(bytes).map_err(|e| (e.valid_up_to(), "it is not UTF-8".to_owned()))?;
     let mut json = Json { text, at: 0 };
     if text.starts_with('\u{feff}') {
-        return json.fail("a byte order mark");
+        return json.fail("it starts with a byte order mark");
     }
     json.space();
     if json.peek() != Some(b'{') {
@@ -35,12 +35,12 @@ pub(crate) fn parse(bytes: &[u8]) -> Result<Metadata<'_>, Fault> {
     }
     let not_strings = json.values()?;
     if json.at != text.len() {
-        return json.fail("something after the object");
+        return json.fail("there is text after the object");
     }
     Ok(Metadata { text, not_strings })
 }
 
-/// A JSON text and how far it has been read.
+/// A JSON text, and the offset up to which it has been read.
 struct Json<'a> {
     text: &'a str,
     at: usize,
@@ -55,7 +55,7 @@ impl Json<'_> {
         self.text.as_bytes().get(self.at).copied()
     }
 
-    /// Takes the next byte if it is this one.
+    /// Reads the next byte if it is `byte`.
     fn take(&mut self, byte: u8) -> bool {
         let there = self.peek() == Some(byte);
         self.at += usize::from(there);
@@ -68,9 +68,10 @@ impl Json<'_> {
         }
     }
 
-    /// Reads one value with everything in it and the space after it. Returns registered members that are no strings.
+    /// Reads one value, including nested values and the space after it. Returns the registered members that are not
+    /// strings.
     fn values(&mut self) -> Result<Vec<(usize, &'static str)>, Fault> {
-        // Arrays and objects that have been entered; of objects, the names so far.
+        // The open arrays and objects; for objects, the names so far.
         let mut open: Vec<Option<HashSet<String>>> = Vec::new();
         let mut not_strings = Vec::new();
         let mut text = String::new();
@@ -79,7 +80,7 @@ impl Json<'_> {
             match self.peek() {
                 Some(bracket @ (b'{' | b'[')) => {
                     if open.len() == MAX_DEPTH {
-                        return self.fail("arrays and objects nested more than 64 deep");
+                        return self.fail("arrays and objects are nested more than 64 deep");
                     }
                     self.at += 1;
                     self.space();
@@ -143,7 +144,7 @@ impl Json<'_> {
         Ok(())
     }
 
-    /// Reads a string into `out`, escapes replaced.
+    /// Reads a string into `out`, with escapes replaced.
     fn string(&mut self, out: &mut String) -> Result<(), Fault> {
         out.clear();
         if !self.take(b'"') {
@@ -160,13 +161,13 @@ impl Json<'_> {
                     return Ok(());
                 }
                 Some(b'\\') => out.push(self.escape()?),
-                Some(_) => return self.fail("a control character in a string"),
-                None => return self.fail("a string without end"),
+                Some(_) => return self.fail("a string contains a control character"),
+                None => return self.fail("a string has no end"),
             }
         }
     }
 
-    /// Reads an escape, which begins here.
+    /// Reads an escape that starts at the current offset.
     fn escape(&mut self) -> Result<char, Fault> {
         let start = self.at;
         let kind = self.text.as_bytes().get(start + 1).copied();
@@ -188,9 +189,9 @@ impl Json<'_> {
                     0xdc00..0xe000 => 0x10000 + ((first - 0xd800) << 10) + (low - 0xdc00),
                     _ => first,
                 };
-                char::from_u32(code).ok_or((start, "half of a surrogate pair".to_owned()))?
+                char::from_u32(code).ok_or((start, "a string contains half of a surrogate pair".to_owned()))?
             }
-            _ => return Err((start, "an unknown escape".into())),
+            _ => return Err((start, "a string contains an unknown escape".into())),
         })
     }
 
@@ -221,7 +222,7 @@ impl Json<'_> {
         // Rounds to nearest, ties to even.
         match self.text[start..self.at].parse::<f64>() {
             Ok(value) if value.is_finite() => Ok(()),
-            _ => Err((start, "a number that binary64 cannot hold".into())),
+            _ => Err((start, "a number is out of the range of binary64".into())),
         }
     }
 
@@ -249,7 +250,7 @@ impl Json<'_> {
 mod tests {
     use super::*;
 
-    /// The strictest JSON parser at hand agrees but where the specification is stricter.
+    /// Whether serde_json accepts the text. It must agree except where the specification is stricter.
     fn by_serde(text: &str) -> bool {
         serde_json::from_str::<serde_json::Map<String, serde_json::Value>>(text).is_ok()
     }

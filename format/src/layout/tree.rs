@@ -352,7 +352,12 @@ impl Tree {
                 && (!node.detached || node.subtree == 1 && node.nonleaf() != 0);
             detached += usize::from(node.detached);
             if !fits || !masks || node.first_voxel != voxels || node.first_contour as usize != contours {
-                return Err(FormatError::Limit(format!("node {index} of the tree is not well-formed: {node:?}")));
+                let TreeNode { valid, leaf, contours: mask, subtree, first_voxel, first_contour, .. } = *node;
+                return Err(FormatError::Limit(format!(
+                    "node {index} of the tree is not well-formed: valid mask {valid:08b}, leaf mask {leaf:08b}, contour \
+                     mask {mask:08b}, {subtree} nodes, first voxel {first_voxel} (expected {voxels}), first contour \
+                     {first_contour} (expected {contours})"
+                )));
             }
             voxels += node.valid.count_ones();
             contours += node.contours.count_ones() as usize;
