@@ -51,8 +51,21 @@ pub(crate) fn vectors() -> Vec<Vector> {
     container::frames(&mut add);
     // What the library writes.
     for (name, octree) in samples() {
-        let name = format!("written_{name}");
-        list.push(written(name, "written by the library: an octree of three levels", &octree));
+        let about = match name {
+            "single_voxel" => "written by the library: one leaf voxel",
+            "contours" => "written by the library: three levels, contours",
+            "far_pointers" => "written by the library: three levels, a far pointer for every descriptor with children",
+            "blocks" => "written by the library: three levels in three blocks, contours and colours",
+            "colors" => "written by the library: three levels, colour blocks",
+            "constant_color" => "written by the library: three levels, a constant colour",
+            "normals" => "written by the library: three levels, normal blocks",
+            "ambient" => "written by the library: three levels, ambient occlusion",
+            "plain" => "written by the library: three levels, contours, plain colours with alpha, plain normals",
+            "corners" => "written by the library: three levels in several blocks, corners",
+            "everything" => "written by the library: three levels, contours, colours, normals, metadata",
+            other => panic!("{other}: what is it for?"),
+        };
+        list.push(written(format!("written_{name}"), about, &octree));
     }
     for seed in 0..6 {
         list.push(random(seed));

@@ -160,7 +160,7 @@ pub(super) fn edges(add: &mut Add<'_>) {
         // Raw normals: u and v, or their negatives with the sign bit.
         let (u, v) = (0x0fab << 14, 0x0123);
         let opposite = 1 << 31 | (0u32.wrapping_sub(u | v) & 0x1fff_ffff);
-        words.extend([0xff00_0000 | k * 0x20_1008, if k % 2 == 0 { u | v } else { opposite }]);
+        words.extend([0xff00_0000 | (k * 0x20_1008), if k % 2 == 0 { u | v } else { opposite }]);
     }
     block.attachment(7, words.iter().flat_map(|word| word.to_le_bytes()).collect());
     add("corners_opposite", "normals at corners that cancel out in the centre of the voxel", one(1, block));
