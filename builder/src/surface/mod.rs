@@ -1,24 +1,25 @@
 //! The mesh as the recursion reads it: corners in the root cube, normals, kinds of edges, and appearance.
 
-pub mod attributes;
+pub(crate) mod attributes;
 mod color_map;
 mod edges;
 mod look;
-pub mod range;
+mod range;
 mod shading;
-pub mod voxel;
+mod srgb;
+pub(crate) mod voxel;
 
 use glam::{DMat4, DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::{BuildError, BuildSettings, Mesh, TextureTest};
-pub use edges::Edges;
+pub(crate) use edges::Edges;
 use look::Look;
-pub use shading::Sample;
+pub(crate) use shading::Sample;
 use shading::Shading;
 
 /// A mesh prepared for building.
-pub struct Surface<'a> {
+pub(crate) struct Surface<'a> {
     /// Corners in octree space: the root cube is `[0, 1]³`.
     pub corners: Vec<[DVec3; 3]>,
     /// Unit geometric normals.
@@ -38,7 +39,7 @@ pub struct Surface<'a> {
 
 impl<'a> Surface<'a> {
     /// Checks the mesh and moves it into the root cube: centred, with its largest extent filling the cube.
-    pub fn new(mesh: &'a Mesh, settings: &BuildSettings) -> Result<Self, BuildError> {
+    pub(crate) fn new(mesh: &'a Mesh, settings: &BuildSettings) -> Result<Self, BuildError> {
         mesh.validate().map_err(|e| BuildError::Mesh(e.to_string()))?;
         let octree_to_mesh = place(mesh)?;
         let scale = 1.0 / octree_to_mesh.x_axis.x;
@@ -71,7 +72,7 @@ impl<'a> Surface<'a> {
     }
 
     /// Number of triangles.
-    pub fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.corners.len()
     }
 }
