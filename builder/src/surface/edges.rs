@@ -20,8 +20,8 @@ impl Edges {
         self.0 & 0b111 != 0
     }
 
-    /// Whether the surface ends or bends there, or meets further surface: all but the edges where just one other triangle
-    /// goes on in the same plane.
+    /// Whether the surface ends or bends at the edge, or more than two triangles meet there. False only if exactly one other
+    /// triangle continues in the same plane.
     pub(crate) fn is_crease(self, edge: usize) -> bool {
         self.0 >> (edge + 3) & 1 != 0
     }

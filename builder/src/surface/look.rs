@@ -14,24 +14,27 @@ use crate::{Material, Mesh, NormalMap, Texture, TextureTest};
 pub(crate) struct Look {
     /// Linear RGB, which multiplies everything else.
     pub base: Vec3,
-    /// sRGB-encoded `base`, where there is nothing else to the colour.
+    /// `base` encoded as sRGB, if the colour depends on nothing else.
     pub plain: Option<[u8; 3]>,
+    /// The colour texture.
     pub texture: Option<Arc<ColorMap>>,
-    /// Bounds of the texture's colours, where they are asked for.
+    /// Bounds of the texture's colours, if the test for refinement looks at texels.
     pub color_range: Option<Arc<RangeMap<3>>>,
+    /// The normal map.
     pub normal_map: Option<NormalMap>,
-    /// Bounds of the normal map's channels, likewise.
+    /// Bounds of the normal map's channels, if the test for refinement looks at texels.
     pub normal_range: Option<Arc<RangeMap<3>>>,
+    /// Which parts are holes.
     pub cutout: Cutout,
 }
 
-/// Where a material is cut out.
+/// Which parts of a material are holes.
 pub(crate) enum Cutout {
-    /// Nowhere.
+    /// None.
     Solid,
-    /// All of it: nothing is left.
+    /// All of it.
     Gone,
-    /// Where the texture's alpha says so.
+    /// The parts that the texture's alpha cuts out.
     Map(Arc<AlphaMap>),
 }
 

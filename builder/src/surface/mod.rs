@@ -50,7 +50,7 @@ impl<'a> Surface<'a> {
             .filter(|(_, corners)| has_area(corners))
             .collect();
         if with_area.is_empty() {
-            return Err(BuildError::Mesh("no triangle has any area".into()));
+            return Err(BuildError::Mesh("none of its triangles has an area; a mesh needs at least one".into()));
         }
         let (source, corners): (Vec<u32>, Vec<[DVec3; 3]>) = with_area.into_iter().unzip();
         let normals: Vec<Vec3> =
@@ -88,7 +88,7 @@ fn place(mesh: &Mesh) -> Result<DMat4, BuildError> {
     let extent = (hi - lo).max_element();
     if !(extent > 0.0 && extent.is_finite()) || (lo.abs().max(hi.abs()).max_element() / extent) > 1e12 {
         return Err(BuildError::Mesh(format!(
-            "its extent is {extent:e} around {}: too small or too large",
+            "its largest extent is {extent:e} around {}; it must be finite, above 0 and at least 1e-12 of its coordinates",
             (lo + hi) * 0.5
         )));
     }
