@@ -7,7 +7,7 @@ use glam::{Vec2, Vec3A};
 use super::srgb::linear_of_srgb;
 use crate::{MipLevel, Texture};
 
-/// A colour texture, with a short way for those that are opaque: there alpha weights nothing.
+/// A colour texture, with a faster path for opaque textures: all their texels have the same weight.
 pub(crate) struct ColorMap {
     pub texture: Arc<Texture>,
     opaque: bool,

@@ -3,7 +3,6 @@
 //! The intersection of a triangle and a cube is a convex polygon. Each of its corners is a corner of the triangle, or the
 //! intersection of an edge of the triangle with a face of the cube, or of an edge of the cube with the triangle. All of these
 //! are fractions of integers, and all of them are tested.
-//! fractions of integers; all of them are looked at.
 
 use num_bigint::BigInt;
 
