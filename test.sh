@@ -1,7 +1,15 @@
 #!/usr/bin/env bash
 # Runs every check of the repository. Installs what the tests need where it can, says what is missing where it cannot.
+#
+#   ./test.sh          everything that a change must pass
+#   ./test.sh quick    format, clippy and tests only
 set -euo pipefail
 cd "$(dirname "$0")"
+
+case "${1:-all}" in
+    all | quick) mode=${1:-all} ;;
+    *) echo "usage: ./test.sh [quick]" >&2; exit 2 ;;
+esac
 
 step() { printf '\n== %s\n' "$*"; }
 
@@ -67,17 +75,9 @@ else
     cargo test --workspace --all-targets --locked
 fi
 
-if command -v node >/dev/null 2>&1 && command -v npm >/dev/null 2>&1 && command -v python3 >/dev/null 2>&1; then
-    step "second reader, in Python, on every test vector"
-    bash spec/v1/python/check.sh
-fi
-
-step "fuzzing, ten seconds each target"
-if cargo +nightly --version >/dev/null 2>&1 && cargo fuzz --version >/dev/null 2>&1; then
-    fuzz/run.sh "${ESVO_FUZZ_SECONDS:-10}"
-else
-    echo "no nightly compiler or no cargo-fuzz: left out; the tests above ran the committed inputs through every target."
-    echo "To fuzz, rustup toolchain install nightly && cargo install cargo-fuzz"
+if [ "$mode" = quick ]; then
+    step "quick checks passed"
+    exit 0
 fi
 
 step "documentation tests"
@@ -85,5 +85,61 @@ cargo test --workspace --doc --locked
 
 step "documentation"
 RUSTDOCFLAGS='-D warnings' cargo doc --workspace --no-deps --locked
+
+step "each feature alone"
+cargo check -q --locked -p esvo --no-default-features
+cargo check -q --locked -p esvo --no-default-features --features wgpu
+cargo check -q --locked -p esvo --no-default-features --features ash
+cargo check -q --locked -p esvo-format --no-default-features
+cargo check -q --locked -p esvo-core --no-default-features --all-targets
+
+step "other compilers and processors"
+# The oldest compiler that Cargo.toml promises, and a processor without AVX, where they are installed.
+oldest=$(sed -n 's/^rust-version = "\(.*\)"/\1/p' Cargo.toml)
+if command -v rustup >/dev/null 2>&1 && rustup toolchain list | grep -q "^$oldest"; then
+    cargo "+$oldest" check -q --locked --workspace --target-dir target/oldest
+else
+    echo "skipped: no Rust $oldest here (rustup toolchain install $oldest)"
+fi
+if command -v rustup >/dev/null 2>&1 && rustup target list --installed | grep -q aarch64-unknown-linux-gnu; then
+    cargo check -q --locked --target aarch64-unknown-linux-gnu -p esvo-cpu -p esvo-format --no-default-features
+else
+    echo "skipped: no target aarch64-unknown-linux-gnu here (rustup target add aarch64-unknown-linux-gnu)"
+fi
+
+step "second reader, in Python, on every test vector"
+if command -v python3 >/dev/null 2>&1; then
+    bash spec/v1/python/check.sh
+else
+    echo "skipped: no python3 here"
+fi
+
+step "packages"
+# Builds every crate from what would be published, with nothing around it.
+cargo package --workspace --locked --allow-dirty --exclude esvo-examples
+
+step "licences and advisories of the dependencies"
+if ! cargo deny --version >/dev/null 2>&1 && [ "${CI:-}" = true ]; then
+    cargo install --locked --quiet cargo-deny || echo "cargo-deny cannot be installed here"
+fi
+if cargo deny --version >/dev/null 2>&1; then
+    cargo deny --locked --log-level error check licenses bans sources
+    # The advisory database is fetched from the network. Without it nothing is known, which is not a failure.
+    if ! cargo deny --locked fetch db >/dev/null 2>&1; then
+        echo "skipped: the advisory database cannot be fetched here"
+    else
+        cargo deny --locked --offline check advisories
+    fi
+else
+    echo "skipped: no cargo-deny here (cargo install --locked cargo-deny)"
+fi
+
+step "fuzzing, ten seconds each target"
+if cargo +nightly --version >/dev/null 2>&1 && cargo fuzz --version >/dev/null 2>&1; then
+    fuzz/run.sh "${ESVO_FUZZ_SECONDS:-10}"
+else
+    echo "skipped: no nightly compiler or no cargo-fuzz. The tests above ran the committed inputs through every target."
+    echo "To fuzz: rustup toolchain install nightly && cargo install cargo-fuzz"
+fi
 
 step "all passed"

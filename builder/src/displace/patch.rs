@@ -1,4 +1,4 @@
-//! One triangle, diced, and the displacements that it demands.
+//! One triangle, diced, and the displacements that it asks for.
 
 use glam::DVec3;
 

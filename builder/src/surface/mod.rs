@@ -1,25 +1,24 @@
 //! The mesh as the recursion reads it: corners in the root cube, normals, kinds of edges, and appearance.
 
-pub(crate) mod attributes;
+pub mod attributes;
 mod color_map;
 mod edges;
 mod look;
-mod range;
+pub mod range;
 mod shading;
-mod srgb;
-pub(crate) mod voxel;
+pub mod voxel;
 
 use glam::{DMat4, DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::{BuildError, BuildSettings, Mesh, TextureTest};
-pub(crate) use edges::Edges;
+pub use edges::Edges;
 use look::Look;
-pub(crate) use shading::Sample;
+pub use shading::Sample;
 use shading::Shading;
 
 /// A mesh prepared for building.
-pub(crate) struct Surface<'a> {
+pub struct Surface<'a> {
     /// Corners in octree space: the root cube is `[0, 1]³`.
     pub corners: Vec<[DVec3; 3]>,
     /// Unit geometric normals.
@@ -39,7 +38,7 @@ pub(crate) struct Surface<'a> {
 
 impl<'a> Surface<'a> {
     /// Checks the mesh and moves it into the root cube: centred, with its largest extent filling the cube.
-    pub(crate) fn new(mesh: &'a Mesh, settings: &BuildSettings) -> Result<Self, BuildError> {
+    pub fn new(mesh: &'a Mesh, settings: &BuildSettings) -> Result<Self, BuildError> {
         mesh.validate().map_err(|e| BuildError::Mesh(e.to_string()))?;
         let octree_to_mesh = place(mesh)?;
         let scale = 1.0 / octree_to_mesh.x_axis.x;
@@ -50,7 +49,7 @@ impl<'a> Surface<'a> {
             .filter(|(_, corners)| has_area(corners))
             .collect();
         if with_area.is_empty() {
-            return Err(BuildError::Mesh("none of its triangles has an area; a mesh needs at least one".into()));
+            return Err(BuildError::Mesh("no triangle has any area".into()));
         }
         let (source, corners): (Vec<u32>, Vec<[DVec3; 3]>) = with_area.into_iter().unzip();
         let normals: Vec<Vec3> =
@@ -72,7 +71,7 @@ impl<'a> Surface<'a> {
     }
 
     /// Number of triangles.
-    pub(crate) fn len(&self) -> usize {
+    pub fn len(&self) -> usize {
         self.corners.len()
     }
 }
@@ -88,7 +87,7 @@ fn place(mesh: &Mesh) -> Result<DMat4, BuildError> {
     let extent = (hi - lo).max_element();
     if !(extent > 0.0 && extent.is_finite()) || (lo.abs().max(hi.abs()).max_element() / extent) > 1e12 {
         return Err(BuildError::Mesh(format!(
-            "its largest extent is {extent:e} around {}; it must be finite, above 0 and at least 1e-12 of its coordinates",
+            "its extent is {extent:e} around {}: too small or too large",
             (lo + hi) * 0.5
         )));
     }
