@@ -1,4 +1,4 @@
-//! The caster: buffers, pipelines, passes.
+//! The caster: octree and picture buffers, passes.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -17,9 +17,10 @@ use crate::pipeline::{BufferSet, Pipeline};
 
 /// Octree data is copied in pieces of this many bytes.
 const STAGING_BYTES: u64 = 64 << 20;
+
 /// Casts by the kernel as SPIR-V through Vulkan.
 pub struct AshCaster {
-    // Fields are dropped in this order; each holds the device, so that it goes last.
+    // Fields are dropped in this order. Each holds the device, so the device is destroyed last.
     frame: Option<FrameBuffers>,
     loaded: Option<Loaded>,
     options: GpuOptions,
@@ -36,14 +37,14 @@ struct Loaded {
     placement: Placement,
 }
 
-/// What depends on the size of the picture.
+/// Buffers whose size depends on the picture.
 struct FrameBuffers {
     coarse_set: BufferSet,
     main_set: BufferSet,
     view: Buffer,
     coarse: Buffer,
     out: Buffer,
-    /// Made when hits are first read.
+    /// `None` until hits are read for the first time.
     staging: Option<Buffer>,
 }
 
@@ -51,12 +52,12 @@ impl AshCaster {
     /// Opens a device.
     ///
     /// # Errors
-    /// [`CastError::Device`] without a Vulkan library, without a device, or without one of the wanted name.
+    /// [`CastError::Device`]: there is no Vulkan library, no device, or none of the wanted name.
     pub fn new(options: &GpuOptions) -> Result<Self, CastError> {
         Ok(Self { frame: None, loaded: None, options: options.clone(), gpu: Arc::new(Gpu::open(options)?) })
     }
 
-    /// Compiles what a frame needs and makes its buffers. Returns the bands.
+    /// Compiles the kernels of a frame and makes its buffers. Returns the bands.
     fn prepare(&mut self, view: &View, pass: Pass) -> Result<Bands, CastError> {
         let loaded = self.loaded.as_mut().ok_or(CastError::NotLoaded)?;
         let limits = &self.gpu.adapter.limits;
@@ -83,8 +84,8 @@ impl AshCaster {
         Ok(bands)
     }
 
-    /// Casts the rows of one band and waits; the coarse pass goes before the first. With `Pass::Cast`, the hits are in
-    /// the staging buffer then.
+    /// Casts one band of rows and waits; the first band starts with the coarse pass. With `Pass::Cast`, the hits are in
+    /// the staging buffer afterwards.
     fn band(&mut self, view: &View, pass: Pass, (first_row, rows): (u32, u32)) -> Result<(), CastError> {
         let (Some(loaded), Some(frame)) = (&self.loaded, &mut self.frame) else { return Err(CastError::NotLoaded) };
         let band = kernel::band_view(view, loaded.map.to_resident(view.root), first_row);
@@ -135,7 +136,7 @@ impl AshCaster {
     }
 }
 
-/// Lets what follows, in `stage`, see what shaders have written before.
+/// Makes earlier writes of shaders visible to later commands, in `stage`.
 fn wait_for_writes(
     device: &ash::Device,
     commands: vk::CommandBuffer,
@@ -166,7 +167,8 @@ impl Caster for AshCaster {
     }
 
     fn load_checked(&mut self, octree: &Arc<Octree>, roots: Roots) -> Result<(), CastError> {
-        // Room for the new one.
+        roots.belong_to(octree)?;
+        // Frees memory for the new octree.
         self.loaded = None;
         self.loaded = Some(Loaded::new(&self.gpu, &self.options, octree, roots)?);
         Ok(())
@@ -229,7 +231,7 @@ impl Loaded {
         Ok(Self { pipelines: HashMap::new(), set, _parts: buffers, roots, map: resident.into_map(), placement })
     }
 
-    /// Makes the pipeline of a pass unless it is there.
+    /// Makes the pipeline of a pass unless it exists.
     fn compile(
         &mut self,
         gpu: &Arc<Gpu>,

@@ -7,6 +7,7 @@
 //! its contents are read through the [`Roots`] of the octree that it was checked against.
 
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Weak};
 
 use esvo_format::Octree;
 
@@ -19,6 +20,7 @@ use crate::{CastError, Fans, View};
 pub struct Roots {
     /// Different for every call of `load`.
     id: u64,
+    octree: Weak<Octree>,
     /// Ascending.
     slots: Vec<u32>,
 }
@@ -35,18 +37,27 @@ impl Roots {
     ///
     /// # Errors
     /// The octree is not [sound](Octree::sound).
-    pub(crate) fn of(octree: &Octree) -> Result<Self, CastError> {
+    pub(crate) fn of(octree: &Arc<Octree>) -> Result<Self, CastError> {
         static NEXT: AtomicU64 = AtomicU64::new(0);
         octree.sound()?;
         // An image has at most 2^32 slots.
         let mut slots: Vec<u32> = octree.objects().iter().map(|object| object.root_slot as u32).collect();
         slots.sort_unstable();
-        Ok(Self { id: NEXT.fetch_add(1, Ordering::Relaxed), slots })
+        Ok(Self { id: NEXT.fetch_add(1, Ordering::Relaxed), octree: Arc::downgrade(octree), slots })
     }
 
     /// The root slots, ascending.
     pub fn slots(&self) -> &[u32] {
         &self.slots
+    }
+
+    /// Checks that these are the roots of `octree`: for [`Caster::load_checked`](crate::Caster::load_checked) of engines that
+    /// do not check bounds. Anyone may call that method with roots of one octree and another octree, which nobody checked.
+    ///
+    /// # Errors
+    /// [`CastError::NotLoaded`] if they are the roots of another octree.
+    pub fn belong_to(&self, octree: &Arc<Octree>) -> Result<(), CastError> {
+        if std::ptr::eq(self.octree.as_ptr(), Arc::as_ptr(octree)) { Ok(()) } else { Err(CastError::NotLoaded) }
     }
 
     /// What was checked. Its root is one of [`slots`](Self::slots).
@@ -79,5 +90,20 @@ impl Roots {
             Ok(_) => Ok(Checked { roots: self.id, value }),
             Err(_) => Err(CastError::Root { root, roots: self.slots.clone() }),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::sample::Sample;
+
+    #[test]
+    fn roots_belong_to_one_octree() {
+        let make = || Sample::plain(3, false).octree().expect("assembles");
+        let (ours, other) = (make(), make());
+        let roots = Roots::of(&ours).expect("is sound");
+        assert!(roots.belong_to(&ours).is_ok() && roots.belong_to(&ours.clone()).is_ok());
+        assert!(matches!(roots.belong_to(&other), Err(CastError::NotLoaded)));
     }
 }

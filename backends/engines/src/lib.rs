@@ -14,7 +14,7 @@
 //! - [`EngineId`]: the name of an engine, as a type. It is written, read and typed as `reference`, `cpu`, `wgpu` or `ash`.
 //! - [`Engine`]: what is known of an engine without opening it: description, cargo feature, what may differ from the
 //!   reference caster. `table.rs` holds the table of them.
-//! - [`OpenOptions`]: threads, GPU. [`EngineId::open`] opens an engine; [`OpenError`] says why it cannot.
+//! - [`OpenOptions`]: threads, instruction set, GPU. [`EngineId::open`] opens an engine; [`OpenError`] says why it cannot.
 //!
 //! # Adding an engine
 //! Write a crate with a type that implements [`Caster`](esvo_core::Caster), add it to this crate as an optional
@@ -25,6 +25,9 @@ mod open;
 mod options;
 mod table;
 
+pub use esvo_core::gpu::kernel::GpuOptions;
+pub use esvo_core::testing::compare::Allowed;
+pub use esvo_cpu::InstructionSet;
 pub use id::UnknownEngine;
 pub use open::{OpenError, OpenFailure};
 pub use options::OpenOptions;

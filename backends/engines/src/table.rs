@@ -5,7 +5,7 @@ use esvo_core::testing::compare::Allowed;
 use esvo_core::{CastError, Caster};
 use esvo_cpu::CpuCaster;
 
-use crate::OpenOptions;
+use crate::options::OpenOptions;
 
 /// No ray may end elsewhere and `t` must agree in every bit. The CPU caster computes in the same order as the reference,
 /// with the same roundings.
@@ -18,9 +18,16 @@ const GPU: Allowed = Allowed { share: 1e-5, t: 1.0 / 8192.0 };
 engines! {
     // Id, name, description, what may differ from the reference, cargo feature, opener.
     Reference, "reference", "The definition of a correct hit: one thread", EXACT, always, |_| Ok(ReferenceCaster::default());
-    Cpu, "cpu", "All cores", EXACT, always, |options| CpuCaster::new(options.threads);
+    Cpu, "cpu", "All cores", EXACT, always, cpu;
     Wgpu, "wgpu", "The GPU through wgpu", GPU, "wgpu", |options| esvo_wgpu::WgpuCaster::new(&options.gpu);
     Ash, "ash", "The GPU through Vulkan", GPU, "ash", |options| esvo_ash::AshCaster::new(&options.gpu);
+}
+
+fn cpu(options: &OpenOptions) -> Result<CpuCaster, CastError> {
+    match options.instructions {
+        None => CpuCaster::new(options.threads),
+        Some(instructions) => CpuCaster::with_instructions(options.threads, instructions),
+    }
 }
 
 /// Opens an engine.

@@ -3,8 +3,7 @@
 use std::collections::HashSet;
 
 use esvo_core::CastError;
-use esvo_core::gpu::kernel::GpuOptions;
-use esvo_engines::{EngineId, OpenFailure, OpenOptions, UnknownEngine};
+use esvo_engines::{EngineId, GpuOptions, InstructionSet, OpenFailure, OpenOptions, UnknownEngine};
 
 #[test]
 fn names_are_read_back() {
@@ -64,6 +63,13 @@ fn each_engine_opens_or_says_what_is_missing() {
 fn options_reach_the_engine() {
     let caster = EngineId::Cpu.open(&OpenOptions { threads: Some(3), ..OpenOptions::default() }).unwrap();
     assert!(caster.device().detail.contains("3 threads"), "{}", caster.device().detail);
+    for set in InstructionSet::ALL {
+        let options = OpenOptions { instructions: Some(set), ..OpenOptions::default() };
+        match EngineId::Cpu.open(&options) {
+            Ok(caster) => assert!(set.is_available() && caster.device().detail.contains(set.name())),
+            Err(error) => assert!(!set.is_available() && error.to_string().contains(set.name()), "{error}"),
+        }
+    }
     let gpu = GpuOptions { adapter: Some("nobody's".into()), ..GpuOptions::default() };
     let options = OpenOptions { gpu, ..OpenOptions::default() };
     for id in [EngineId::Wgpu, EngineId::Ash].into_iter().filter(|id| id.engine().is_built_in()) {

@@ -126,6 +126,7 @@ impl Caster for WgpuCaster {
     }
 
     fn load_checked(&mut self, octree: &Arc<Octree>, roots: Roots) -> Result<(), CastError> {
+        roots.belong_to(octree)?;
         // Frees memory for the new octree.
         self.loaded = None;
         self.loaded = Some(Loaded::new(&self.gpu, &self.options, octree, roots)?);

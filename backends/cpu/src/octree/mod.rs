@@ -144,6 +144,7 @@ impl Caster for CpuCaster {
     }
 
     fn load_checked(&mut self, octree: &Arc<Octree>, roots: Roots) -> Result<(), CastError> {
+        roots.belong_to(octree)?;
         let instructions = instructions_for(octree.words().len(), self.wanted)?;
         self.use_instructions(instructions);
         self.loaded = Some((octree.clone(), roots));
