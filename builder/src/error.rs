@@ -30,7 +30,7 @@ pub enum BuildError {
         error: std::io::Error,
     },
     /// Another process is building the same file.
-    #[error("{}: another process is building there; wait for it or choose another output", .0.display())]
+    #[error("{}: another build uses this folder; wait until it ends or choose another output", .0.display())]
     Busy(PathBuf),
     /// The memory limit is too small for a build on one thread.
     #[error("a memory limit of {} MB is too small for this mesh: it needs at least {} MB", limit / 1_000_000, least.div_ceil(1_000_000))]

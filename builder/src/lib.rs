@@ -15,6 +15,50 @@
 //! assert!(built.octree.objects()[0].leaf_voxels > 0);
 //! # Ok::<(), esvo_builder::BuildError>(())
 //! ```
+//!
+//! [`import::load_mesh`] reads a mesh from a file. [`build`] makes an octree in memory; [`build_file`] writes it directly to a
+//! file, within a memory limit, and can continue an interrupted build.
+//!
+//! # From triangles to blocks
+//!
+//! ```text
+//! file --import--> Mesh --(displace)--> Mesh --prepare--> Surface --recursion--> blocks --> file
+//!                                                            |
+//!                                     per voxel: clip -> shape, attributes
+//! ```
+//!
+//! 1. A [`Mesh`] comes from a file (`import/`) or from the caller. [`displace`] can move its surfaces by height maps.
+//! 2. `surface/` prepares the mesh once: triangles in the root cube, normals, kinds of edges, appearance.
+//! 3. `build/recursion.rs` goes from the root cube to the leaves, on all threads. For each voxel, `clip/` cuts the triangles
+//!    of its parent to the voxel, `shape/` decides on a contour and whether it is close enough to the surface, and
+//!    `surface/attributes.rs` averages colour and normal and decides whether they are close enough. A voxel that is close
+//!    enough in both, or on the deepest level, is a leaf.
+//! 4. Subtrees that are large enough become packed blocks in an [`esvo_format::BlockStore`] at once. At the end the store
+//!    orders the blocks and sets the pointers between them: an octree in memory, or a file.
+//!
+//! # What is where
+//!
+//! | folder or file | subject |
+//! |---|---|
+//! | [`mesh`] | the mesh with its materials, textures, normal maps and height maps; sampling them |
+//! | [`import`] | reading OBJ, glTF, PLY and STL files and their images |
+//! | `displace/` | displacement by height maps: dicing triangles and moving their vertices |
+//! | `clip/` | clipping triangles to cubes without losing a voxel; areas of polygons |
+//! | `surface/` | the prepared mesh; colours, normals and holes of pieces; attributes of voxels and the test for refining them |
+//! | `shape/` | contours: slabs, the polyhedron that they leave of a voxel, how one is chosen, the short way for planes |
+//! | `build/` | a build from start to end, the recursion, the journal of an interrupted build, progress |
+//! | `settings.rs`, `error.rs` | [`BuildSettings`] and [`Preset`]; [`BuildError`] |
+//!
+//! Each row uses only rows above it (and settings and errors). Two folders are wider than their names: `surface/` needs
+//! `clip/` because areas and holes are those of clipped pieces, and `shape/plane.rs` also gives a voxel's attributes, because
+//! for a voxel inside one large triangle both follow from the same plane.
+//!
+//! # Guarantees
+//!
+//! - The voxels are those whose closed cubes meet a closed triangle, plus some whose distance from one is at most 2^-45 of
+//!   the root cube's edge; the proof is in `clip/mod.rs`.
+//! - Every contour encloses the surface in its voxel.
+//! - The bytes depend on the mesh and the settings only, not on the number of threads.
 
 mod build;
 mod clip;
@@ -32,3 +76,7 @@ pub use error::BuildError;
 pub use mesh::maps::{HeightMap, LinearMip, LinearTexture, NormalMap, UvTransform, mapped_normal};
 pub use mesh::{Material, Mesh, MipLevel, Texture};
 pub use settings::{BuildSettings, Preset, TextureTest};
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct ReadmeExample;

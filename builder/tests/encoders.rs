@@ -32,7 +32,7 @@ fn scenes_dir() -> PathBuf {
 fn scene(file: &str, levels: u32) -> Option<(Vec<blocks::Colors>, Vec<blocks::Normals>)> {
     let path = scenes_dir().join(file);
     if !path.exists() {
-        eprintln!("{file} is not at hand; not checked");
+        eprintln!("{file} is not found; not checked");
         return None;
     }
     let mesh = load_mesh(&path).unwrap_or_else(|e| panic!("{e}"));

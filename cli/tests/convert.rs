@@ -48,7 +48,7 @@ fn what_cannot_be_converted_is_said_in_one_line() {
     for (arguments, expected) in [
         (&["convert", "box.obj", "-o", "x.oct"][..], "box.obj: is a mesh"),
         (&["convert", "box.esvo", "-o", "x"], ".esvo or .oct"),
-        (&["convert", "broken.oct", "-o", "x.esvo"], "broken.oct: .oct file, start: 8 bytes"),
+        (&["convert", "broken.oct", "-o", "x.esvo"], "broken.oct: .oct file, start: the file has 8 bytes"),
         (&["convert", "none.oct", "-o", "x.esvo"], "none.oct"),
         (&["convert", "box.esvo", "-o", "x.oct", "--compress"], "leave out --compress"),
     ] {

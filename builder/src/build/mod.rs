@@ -172,7 +172,7 @@ fn memory_of(mesh: &Mesh) -> u64 {
 }
 
 fn no_surface() -> BuildError {
-    BuildError::Mesh("all of its surface is cut out by alpha".into())
+    BuildError::Mesh("alpha cuts out all of its surface; check the alpha of its materials and textures".into())
 }
 
 /// Measures the phases of a build.

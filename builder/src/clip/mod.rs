@@ -38,11 +38,11 @@ pub(crate) mod polygon;
 use glam::DVec3;
 
 /// How far beyond a cube its pieces are cut off, in edges of the root cube. Larger than the sum of all rounding errors.
-pub const MARGIN: f64 = 1.0 / (1u64 << 46) as f64;
+pub(crate) const MARGIN: f64 = 1.0 / (1u64 << 46) as f64;
 
 /// A piece of one triangle: a convex polygon in `Arena::vertices`, or the whole triangle if it was never cut.
 #[derive(Clone, Copy, Debug)]
-pub struct Piece {
+pub(crate) struct Piece {
     /// Index of the triangle.
     pub triangle: u32,
     /// First vertex.
@@ -53,14 +53,14 @@ pub struct Piece {
 
 impl Piece {
     /// A triangle that has not been cut.
-    pub fn whole(triangle: u32) -> Self {
+    pub(crate) fn whole(triangle: u32) -> Self {
         Self { triangle, first: 0, count: 0 }
     }
 }
 
 /// Vertices of the pieces on the current path of the recursion. Used as a stack.
 #[derive(Default)]
-pub struct Arena {
+pub(crate) struct Arena {
     vertices: Vec<DVec3>,
     scratch: Scratch,
 }
@@ -116,22 +116,22 @@ impl Polygon {
 
 impl Arena {
     /// The number of vertices in use. Pass it to [`truncate`](Self::truncate) to free what was added later.
-    pub fn mark(&self) -> usize {
+    pub(crate) fn mark(&self) -> usize {
         self.vertices.len()
     }
 
     /// Frees the vertices of all pieces made since `mark`.
-    pub fn truncate(&mut self, mark: usize) {
+    pub(crate) fn truncate(&mut self, mark: usize) {
         self.vertices.truncate(mark);
     }
 
     /// The vertices of a piece, in order around it. `corners` holds the corners of all triangles, for uncut pieces.
-    pub fn vertices<'a>(&'a self, piece: &Piece, corners: &'a [[DVec3; 3]]) -> &'a [DVec3] {
+    pub(crate) fn vertices<'a>(&'a self, piece: &Piece, corners: &'a [[DVec3; 3]]) -> &'a [DVec3] {
         vertices_of(&self.vertices, piece, corners)
     }
 
     /// A copy that holds only the vertices of these pieces, for another thread, and the pieces in it.
-    pub fn extract(&self, pieces: &[Piece]) -> (Self, Vec<Piece>) {
+    pub(crate) fn extract(&self, pieces: &[Piece]) -> (Self, Vec<Piece>) {
         let mut arena = Self::default();
         let pieces = (pieces.iter())
             .map(|piece| {
@@ -145,7 +145,13 @@ impl Arena {
 
     /// Distributes a piece to the children of the cube with this centre: calls `found` with each child slot that the piece
     /// meets and the part of the piece there.
-    pub fn split(&mut self, piece: &Piece, corners: &[[DVec3; 3]], centre: DVec3, mut found: impl FnMut(usize, Piece)) {
+    pub(crate) fn split(
+        &mut self,
+        piece: &Piece,
+        corners: &[[DVec3; 3]],
+        centre: DVec3,
+        mut found: impl FnMut(usize, Piece),
+    ) {
         let vertices = vertices_of(&self.vertices, piece, corners);
         self.scratch.whole.set(vertices);
         let vertices = self.scratch.whole.vertices();

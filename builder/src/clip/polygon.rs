@@ -17,7 +17,7 @@ fn projection(normal: Vec3A) -> (usize, usize, f32) {
 }
 
 /// The area of a planar polygon with this unit normal.
-pub fn area(vertices: &[DVec3], normal: Vec3A) -> f32 {
+pub(crate) fn area(vertices: &[DVec3], normal: Vec3A) -> f32 {
     let (x, y, stretch) = projection(normal);
     let first = vertices[0].to_array();
     // Differences are taken in double precision; in a small voxel single precision holds them exactly enough.
@@ -35,7 +35,7 @@ pub fn area(vertices: &[DVec3], normal: Vec3A) -> f32 {
 }
 
 /// The area of a planar polygon with this unit normal, and its centroid (the mean of the vertices if it has no area).
-pub fn area_and_centroid(vertices: &[DVec3], normal: Vec3A) -> (f32, DVec3) {
+pub(crate) fn area_and_centroid(vertices: &[DVec3], normal: Vec3A) -> (f32, DVec3) {
     let (x, y, stretch) = projection(normal);
     let (mut twice, mut moment, mut previous) = (0.0, Vec3A::ZERO, Vec3A::ZERO);
     for v in &vertices[1..] {

@@ -46,7 +46,8 @@ fn displace_with(mesh: &Mesh, options: &DisplaceOptions, weld: bool) -> Result<M
     let moving: Vec<bool> = mesh.materials.iter().map(|m| m.height_map.as_ref().is_some_and(moves)).collect();
     if !mesh.triangle_materials.iter().any(|&m| moving[m as usize]) {
         let mut same = mesh.clone();
-        same.warnings.push("nothing was displaced: no triangle has a height map of any height".into());
+        same.warnings
+            .push("nothing was displaced: no triangle has a height map with an amplitude or bias other than 0".into());
         return Ok(same);
     }
     options.check_reach(mesh)?;
@@ -79,7 +80,7 @@ fn carry_out(mut plan: Plan<'_>) -> Result<Mesh, BuildError> {
                 if factor > 1.0 {
                     let (cell, limit) = (plan.options.cell, plan.options.max_triangles);
                     mesh.warnings.push(format!(
-                        "displacement in cells of {cell} would need more than {limit} triangles; they are {factor:.2} times as large"
+                        "displacement in cells of {cell} would need more than {limit} triangles; the cells are made {factor:.2} times larger"
                     ));
                 }
                 return Ok(mesh);

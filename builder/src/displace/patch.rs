@@ -1,4 +1,4 @@
-//! One triangle, diced, and the displacements that it asks for.
+//! One triangle, diced, and the displacements that it demands.
 
 use glam::DVec3;
 

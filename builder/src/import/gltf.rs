@@ -99,7 +99,7 @@ fn instances(source: &Source<'_>, assembly: &mut Assembly) -> Result<Vec<(usize,
         }
     };
     if nodes.is_empty() && starts.is_empty() && !root.meshes.is_empty() {
-        assembly.warn("the file has no nodes; its meshes are read where they are");
+        assembly.warn("the file has no nodes; its meshes are read without a transform");
         return Ok((0..root.meshes.len()).map(|mesh| (mesh, DMat4::IDENTITY)).collect());
     }
     // Reversed, because the last node on the stack is processed first.
@@ -237,7 +237,7 @@ fn decode(
         }
         if !c.repeats && part.uvs.as_flattened().iter().any(|x| !(-1e-3..=1.001).contains(x)) {
             assembly.warn(format!(
-                "{label}: texture coordinates past the edge repeat the image, where it asks for another way"
+                "{label}: texture coordinates outside 0 to 1 repeat the image; the file asks for another wrapping mode"
             ));
         }
     }

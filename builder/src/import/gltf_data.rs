@@ -232,7 +232,7 @@ impl<'p> Source<'p> {
             let shown = one_line(uri);
             return Err(ImportError::unsupported(
                 self.path,
-                format!("{what}: the URI {shown} is not a relative path; put the file beside the document"),
+                format!("{what}: the URI {shown} is not a relative path; put the file next to the document"),
             ));
         }
         let decoded = percent_decode_str(uri)

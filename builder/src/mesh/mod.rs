@@ -104,7 +104,7 @@ pub enum MeshError {
 }
 
 impl Mesh {
-    /// A mesh of one plain grey material from positions in mesh units and vertex indices, counter-clockwise from outside.
+    /// A mesh of one plain material from positions in mesh units and vertex indices, counter-clockwise from outside.
     ///
     /// # Errors
     /// No triangle, a vertex that does not exist, or a position that is not finite.
@@ -385,11 +385,11 @@ mod tests {
         assert_eq!(mesh.corner_tangents(0, &map), None);
         mesh.uvs = vec![[0.0, 1.0], [1.0, 1.0], [0.0, 0.0]];
         assert_eq!(mesh.corner_tangents(0, &map), Some([[1.0, 0.0, 0.0, 1.0]; 3]));
-        // A map that is turned by a quarter: its u grows where v of the mesh does, downwards.
+        // A map rotated by a quarter turn: its u grows in the direction of v of the mesh, downwards.
         let turned = crate::mesh::maps::UvTransform { rows: [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]] };
         let turned = NormalMap { uv_transform: turned, ..map.clone() };
         assert_eq!(mesh.corner_tangents(0, &turned), Some([[0.0, -1.0, 0.0, 1.0]; 3]));
-        // One tangent missing: all are derived. Given ones are taken as they are, and move with the mesh.
+        // If one tangent is missing, all are derived. Given tangents are returned unchanged, and are moved with the mesh.
         mesh.tangents = vec![[0.0, 1.0, 0.0, 1.0], [0.0; 4], [0.0, 1.0, 0.0, 1.0]];
         assert_eq!(mesh.corner_tangents(0, &map), Some([[1.0, 0.0, 0.0, 1.0]; 3]));
         mesh.tangents[1] = [0.0, 1.0, 0.0, 1.0];

@@ -23,7 +23,7 @@ const MAX_TRIANGLES: usize = 16;
 
 /// Whether the surface in a voxel is, up to small tolerances, a plane that cuts through the whole cube: all its triangles
 /// lie in one plane, and no edge meets the voxel except edges across which the plane continues.
-pub fn is_plane(voxel: &VoxelSurface) -> bool {
+pub(crate) fn is_plane(voxel: &VoxelSurface) -> bool {
     let (surface, pieces) = (voxel.surface, voxel.pieces);
     let normal = |piece: &Piece| surface.normals[piece.triangle as usize];
     let first = normal(&pieces[0]);
@@ -99,7 +99,7 @@ impl Sheets {
 
 /// Shapes a voxel whose surface [is a plane](is_plane); `bits` is the encoded normal of its first triangle.
 /// `deviation` is the error bound in octree units; for the other parameters see `Shaper::shape`.
-pub fn shape_plane(voxel: &VoxelSurface, bits: u32, slabs: &mut Slabs, deviation: f64, deepest: bool) -> Shape {
+pub(crate) fn shape_plane(voxel: &VoxelSurface, bits: u32, slabs: &mut Slabs, deviation: f64, deepest: bool) -> Shape {
     let scale = 1.0 / voxel.size;
     let normal = voxel.surface.normals[voxel.pieces[0].triangle as usize];
     let n = Vec3::from(Contour::decode_normal(bits).map(|c| c as f32));
@@ -131,7 +131,7 @@ pub fn shape_plane(voxel: &VoxelSurface, bits: u32, slabs: &mut Slabs, deviation
 /// for its own roundings: together by less than half of [`MARGIN`]. So [`Through::meets`] holds for every cube that the
 /// triangle meets; and if it holds for a cube, the plane is within `2 MARGIN` of the cube. The triangle extends that far:
 /// it is larger than the cube with its clearance.
-pub struct Through {
+pub(crate) struct Through {
     /// The triangle.
     pub triangle: u32,
     normal: DVec3,
@@ -153,7 +153,7 @@ pub struct Through {
 impl Through {
     /// `None` if an edge of the triangle meets the cube, if the triangle is too narrow for its plane to be known precisely
     /// enough, or if a voxel's attributes need more than one sample of it.
-    pub fn new(surface: &Surface, triangle: u32, centre: DVec3, size: f64) -> Option<Self> {
+    pub(crate) fn new(surface: &Surface, triangle: u32, centre: DVec3, size: f64) -> Option<Self> {
         let corners = &surface.corners[triangle as usize];
         let half = size * 0.5 * CLEARANCE;
         let edge_meets = |i: usize| segment_meets_cube(corners[i], corners[(i + 1) % 3], centre, half);
@@ -190,12 +190,12 @@ impl Through {
     }
 
     /// Signed distance of a cube's centre from the plane.
-    pub fn height(&self, centre: DVec3) -> f64 {
+    pub(crate) fn height(&self, centre: DVec3) -> f64 {
         self.normal.dot(centre - self.corner)
     }
 
     /// Whether the cube of edge `size` whose centre is at this height meets the triangle.
-    pub fn meets(&self, height: f64, size: f64) -> bool {
+    pub(crate) fn meets(&self, height: f64, size: f64) -> bool {
         height.abs() <= self.reach * size + MARGIN
     }
 
@@ -216,7 +216,7 @@ impl Through {
     }
 
     /// Shapes the voxel of edge `size` whose centre is at this height. For the other parameters see `Shaper::shape`.
-    pub fn shape(&self, height: f64, size: f64, slabs: &mut Slabs, deviation: f64, deepest: bool) -> Shape {
+    pub(crate) fn shape(&self, height: f64, size: f64, slabs: &mut Slabs, deviation: f64, deepest: bool) -> Shape {
         let scale = 1.0 / size;
         let height = -height * scale;
         let sheets = Sheets {
@@ -255,7 +255,7 @@ impl Through {
     }
 
     /// Attributes of the voxel of edge `size` whose centre is at this height.
-    pub fn attributes(&self, surface: &Surface, centre: DVec3, height: f64, size: f64) -> Attributes {
+    pub(crate) fn attributes(&self, surface: &Surface, centre: DVec3, height: f64, size: f64) -> Attributes {
         let area = self.area(height / size) * size * size;
         let weight = at_least(area as f32, size);
         if let Some((color, normal, sample)) = &self.constant {

@@ -4,7 +4,7 @@ use glam::{Vec3, Vec4};
 
 /// Most contours that are kept as bounds of one voxel. The oldest is dropped if there are more, which only enlarges the
 /// shape.
-pub const MAX_SLABS: usize = 8;
+pub(crate) const MAX_SLABS: usize = 8;
 /// Number of faces: 0..6 are the cube's; 6 + 2k and 7 + 2k are the planes of slab k. One more slab than is kept.
 const MAX_FACES: usize = 6 + 2 * (MAX_SLABS + 1);
 /// Most vertices. A cut that would need more leaves the polyhedron unchanged.
@@ -17,7 +17,7 @@ const LANES: usize = 4;
 /// A vertex keeps its place (index) until it is cut away; free places are reused. All vertices are simple: three edges and
 /// three faces meet in each. A cut through a vertex makes several vertices at the same point.
 #[derive(Clone)]
-pub struct Polyhedron {
+pub(crate) struct Polyhedron {
     /// Coordinates by place. `x` of a free place is NaN, so that no comparison finds it.
     x: [f32; MAX_VERTICES],
     y: [f32; MAX_VERTICES],
@@ -78,7 +78,7 @@ fn bits(mut mask: u64) -> impl Iterator<Item = usize> {
 
 impl Polyhedron {
     /// Sets the polyhedron to the whole cube `[-1/2, 1/2]³`.
-    pub fn reset(&mut self) {
+    pub(crate) fn reset(&mut self) {
         const HALVES: [f32; 2] = [-0.5, 0.5];
         for i in 0..8 {
             (self.x[i], self.y[i], self.z[i]) = (HALVES[i & 1], HALVES[i >> 1 & 1], HALVES[i >> 2]);
@@ -96,7 +96,7 @@ impl Polyhedron {
     }
 
     /// Cuts away the part where `normal·p > limit`. The new face gets the number `face`.
-    pub fn cut(&mut self, normal: Vec3, limit: f32, face: u8) {
+    pub(crate) fn cut(&mut self, normal: Vec3, limit: f32, face: u8) {
         let mut outside = 0u64;
         for i in (0..self.end).step_by(LANES) {
             let of = |coordinates: &[f32; MAX_VERTICES]| Vec4::from_slice(&coordinates[i..i + LANES]);
@@ -147,7 +147,7 @@ impl Polyhedron {
     }
 
     /// The vertices. Empty if nothing is left.
-    pub fn vertices(&self) -> impl Iterator<Item = Vec3> + '_ {
+    pub(crate) fn vertices(&self) -> impl Iterator<Item = Vec3> + '_ {
         bits(self.used).map(|place| self.vertex(place))
     }
 }
@@ -160,7 +160,7 @@ mod tests {
 
     impl Polyhedron {
         /// The smallest and the largest `direction·p` over the vertices.
-        pub fn extent(&self, direction: Vec3) -> (f32, f32) {
+        pub(crate) fn extent(&self, direction: Vec3) -> (f32, f32) {
             self.vertices().map(|v| direction.dot(v)).fold((f32::MAX, f32::MIN), |(lo, hi), d| (lo.min(d), hi.max(d)))
         }
 

@@ -27,7 +27,7 @@ const EDGE_WEIGHT: f32 = 0.5;
 
 /// Builds contours; holds scratch memory.
 #[derive(Default)]
-pub struct Shaper {
+pub(crate) struct Shaper {
     polyhedron: Polyhedron,
     /// Whether the polyhedron has been cut by the slabs of the current voxel.
     is_cut: bool,
@@ -87,7 +87,7 @@ impl Shaper {
     /// the voxel; on return they are those that bound its children.
     ///
     /// `deepest`: the voxel has no descendants, whatever its shape. Whether it fits with the new contour is not tested then.
-    pub fn shape(&mut self, voxel: &VoxelSurface, slabs: &mut Slabs, deviation: f64, deepest: bool) -> Shape {
+    pub(crate) fn shape(&mut self, voxel: &VoxelSurface, slabs: &mut Slabs, deviation: f64, deepest: bool) -> Shape {
         const NOTHING: Shape = Shape { contour: None, fits: false };
         if voxel.pieces.len() > MAX_PIECES {
             return NOTHING;

@@ -7,14 +7,14 @@ use crate::shape::polyhedron::MAX_SLABS;
 
 /// The slab `lo <= n·p <= hi` of a contour. Units of one voxel, `p` relative to its centre.
 #[derive(Clone, Copy, Debug)]
-pub struct Slab {
+pub(crate) struct Slab {
     pub n: Vec3,
     pub lo: f32,
     pub hi: f32,
 }
 
 impl Slab {
-    pub fn of(contour: Contour) -> Self {
+    pub(crate) fn of(contour: Contour) -> Self {
         let decoded = contour.decode();
         let n = Vec3::from(decoded.normal.map(|c| c as f32));
         Self { n, lo: decoded.lo() as f32, hi: decoded.hi() as f32 }
@@ -22,37 +22,37 @@ impl Slab {
 }
 
 /// `f32::min` without NaN handling, which costs several instructions.
-pub fn lesser(a: f32, b: f32) -> f32 {
+pub(crate) fn lesser(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
 }
 
 /// `f32::max` without NaN handling.
-pub fn greater(a: f32, b: f32) -> f32 {
+pub(crate) fn greater(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
 /// An interval from `lo` to `hi` along some direction.
 #[derive(Clone, Copy, Debug)]
-pub struct Range {
+pub(crate) struct Range {
     pub lo: f32,
     pub hi: f32,
 }
 
 impl Range {
-    pub const NONE: Self = Self { lo: f32::MAX, hi: f32::MIN };
+    pub(crate) const NONE: Self = Self { lo: f32::MAX, hi: f32::MIN };
 
     /// The extent of the unit cube around the origin.
-    pub fn of_cube(direction: Vec3) -> Self {
+    pub(crate) fn of_cube(direction: Vec3) -> Self {
         let reach = direction.abs().element_sum() * 0.5;
         Self { lo: -reach, hi: reach }
     }
 
-    pub fn add(&mut self, x: f32) {
+    pub(crate) fn add(&mut self, x: f32) {
         self.lo = lesser(self.lo, x);
         self.hi = greater(self.hi, x);
     }
 
-    pub fn intersect(&mut self, other: &Self) {
+    pub(crate) fn intersect(&mut self, other: &Self) {
         self.lo = greater(self.lo, other.lo);
         self.hi = lesser(self.hi, other.hi);
     }
@@ -64,7 +64,7 @@ impl Slab {
     /// The farthest point along `g` is a linear program with one constraint besides the box. By its dual it is the minimum
     /// over all `l` of `max(l hi, l lo) + |g - l n|₁ / 2`. This function is convex and piecewise linear with its corners at
     /// 0 and the `g_i / n_i`, so the minimum is at one of them.
-    pub fn extent(&self, g: Vec3) -> Range {
+    pub(crate) fn extent(&self, g: Vec3) -> Range {
         let Self { n, lo, hi } = *self;
         // One lane for each of the four corners. Where a component of n is zero, 0 is used again.
         let l = (g / n).extend(0.0);
@@ -77,7 +77,7 @@ impl Slab {
 
 /// The slabs of a voxel and its ancestors that still bound it.
 #[derive(Clone, Copy, Debug)]
-pub struct Slabs {
+pub(crate) struct Slabs {
     list: [Slab; MAX_SLABS],
     count: usize,
     /// A plane cuts through the whole voxel, and so through all of its descendants that it meets.
@@ -92,7 +92,7 @@ impl Default for Slabs {
 
 impl Slabs {
     /// Sets these to the slabs of the parent in the units of child `slot`, without those that do not bound the child.
-    pub fn inherit(&mut self, parent: &Slabs, slot: usize) {
+    pub(crate) fn inherit(&mut self, parent: &Slabs, slot: usize) {
         let offset = Vec3::from(std::array::from_fn(|axis| if slot >> axis & 1 != 0 { 0.25 } else { -0.25 }));
         self.clear();
         self.plane = parent.plane;
@@ -106,16 +106,16 @@ impl Slabs {
         }
     }
 
-    pub fn clear(&mut self) {
+    pub(crate) fn clear(&mut self) {
         (self.count, self.plane) = (0, false);
     }
 
-    pub fn as_slice(&self) -> &[Slab] {
+    pub(crate) fn as_slice(&self) -> &[Slab] {
         &self.list[..self.count]
     }
 
     /// Adds a slab, and drops the older ones that do not bound what it leaves of the voxel.
-    pub fn add(&mut self, slab: Slab) {
+    pub(crate) fn add(&mut self, slab: Slab) {
         let mut kept = 0;
         // If the list is full, drop the oldest, which has become the widest.
         let first = usize::from(self.count == MAX_SLABS);

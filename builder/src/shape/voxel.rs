@@ -4,7 +4,7 @@ use esvo_format::Contour;
 use glam::DVec3;
 
 /// The shape of one voxel.
-pub struct Shape {
+pub(crate) struct Shape {
     /// The contour to store.
     pub contour: Option<Contour>,
     /// Whether the shape is within the error bound everywhere, so that no finer voxels are needed.
@@ -12,21 +12,21 @@ pub struct Shape {
 }
 
 /// A contour must move a plane by at least this, in edges of the voxel, to be worth its bytes.
-pub const MIN_GAIN: f32 = 1.0 / 128.0;
+pub(crate) const MIN_GAIN: f32 = 1.0 / 128.0;
 /// Distance that planes keep from the surface, in octree units. Positions in a caster have errors of a few 2^-23, and two
 /// contours that both touch the surface must still overlap there.
 const CASTER_MARGIN: f32 = 1.0 / (1 << 21) as f32;
 
 /// The contour with this encoded normal that encloses `lo..=hi` along it, in a voxel of this size (with a margin for the
 /// rounding errors of casters); `None` if it would not bound the voxel.
-pub fn enclosing(bits: u32, lo: f64, hi: f64, size: f64) -> Option<Contour> {
+pub(crate) fn enclosing(bits: u32, lo: f64, hi: f64, size: f64) -> Option<Contour> {
     let reach = Contour::decode_normal(bits).iter().map(|c| c.abs()).sum::<f64>();
     let margin = reach * f64::from(CASTER_MARGIN) / size;
     Contour::encode_bounds(bits, lo - margin, hi + margin)
 }
 
 /// Whether a segment meets the cube with this centre and half edge.
-pub fn segment_meets_cube(a: DVec3, b: DVec3, centre: DVec3, half: f64) -> bool {
+pub(crate) fn segment_meets_cube(a: DVec3, b: DVec3, centre: DVec3, half: f64) -> bool {
     let (a, d) = (a - centre, b - a);
     let (mut t0, mut t1) = (0.0f64, 1.0f64);
     for axis in 0..3 {

@@ -21,14 +21,14 @@
 use esvo_format::{ColorBlock, RawNormal};
 use glam::{DVec3, Vec3A};
 
+use super::Sample;
+use super::srgb::encode_srgb;
 use super::voxel::VoxelSurface;
 use crate::clip::Piece;
-use crate::surface::Sample;
-use crate::surface::range::encode_srgb;
 
 /// Largest difference of attributes from the samples that they represent.
 #[derive(Clone, Copy)]
-pub struct AttributeBounds {
+pub(crate) struct AttributeBounds {
     /// Steps of 1/256 per channel.
     pub color: f32,
     /// Per component of the unit normal.
@@ -36,7 +36,7 @@ pub struct AttributeBounds {
 }
 
 /// Attributes of one voxel.
-pub struct Attributes {
+pub(crate) struct Attributes {
     /// sRGB-encoded colour.
     pub color: [u8; 3],
     /// Shading normal.
@@ -49,7 +49,7 @@ pub struct Attributes {
 
 /// Colour and normal of some surface, as sums weighted by area.
 #[derive(Clone, Copy, Default)]
-pub struct Mean {
+pub(crate) struct Mean {
     /// The area, in any unit that is the same for all parts of a mean.
     pub weight: f32,
     /// Linear RGB times the area.
@@ -60,7 +60,7 @@ pub struct Mean {
 
 impl Mean {
     /// The mean over surface with the same colour and normal everywhere.
-    pub fn new(weight: f32, sample: &Sample) -> Self {
+    pub(crate) fn new(weight: f32, sample: &Sample) -> Self {
         Self { weight, color: sample.color * weight, normal: sample.normal * weight }
     }
 
@@ -76,7 +76,7 @@ impl Mean {
     }
 
     /// The mean over several parts together.
-    pub fn of_parts<'a>(parts: impl Iterator<Item = &'a Self> + Clone) -> Self {
+    pub(crate) fn of_parts<'a>(parts: impl Iterator<Item = &'a Self> + Clone) -> Self {
         let mut sum = Self::default();
         parts.clone().for_each(|part| sum.add(part));
         if !sum.cancels() {
@@ -89,7 +89,7 @@ impl Mean {
     }
 
     /// sRGB-encoded colour and shading normal.
-    pub fn encode(&self) -> ([u8; 3], RawNormal) {
+    pub(crate) fn encode(&self) -> ([u8; 3], RawNormal) {
         (encode_srgb((self.color / self.weight).into()), RawNormal::encode(self.normal.into()))
     }
 }
@@ -166,7 +166,7 @@ impl Sums {
 
 /// Attributes of a voxel from the surface in it. `bounds` is `None` if the caller does not need to know whether they are
 /// uniform.
-pub fn attributes(voxel: &VoxelSurface, bounds: Option<AttributeBounds>) -> Attributes {
+pub(crate) fn attributes(voxel: &VoxelSurface, bounds: Option<AttributeBounds>) -> Attributes {
     let surface = voxel.surface;
     if let Some((color, normal)) = surface.constant(voxel.pieces) {
         let area = voxel.pieces.iter().map(|piece| surface.area(piece.triangle, vertices(voxel, piece))).sum::<f32>();
@@ -212,7 +212,7 @@ fn vertices<'a>(voxel: &'a VoxelSurface, piece: &Piece) -> &'a [DVec3] {
 }
 
 /// The weight of an area. Above zero, because a voxel that the surface only touches needs attributes, too.
-pub fn at_least(area: f32, voxel_size: f64) -> f32 {
+pub(crate) fn at_least(area: f32, voxel_size: f64) -> f32 {
     area.max(1e-8 * (voxel_size * voxel_size) as f32)
 }
 

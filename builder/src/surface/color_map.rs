@@ -4,24 +4,24 @@ use std::sync::Arc;
 
 use glam::{Vec2, Vec3A};
 
-use crate::surface::range::linear_of_srgb;
+use super::srgb::linear_of_srgb;
 use crate::{MipLevel, Texture};
 
-/// A colour texture, with a short way for those that are opaque: there alpha weights nothing.
-pub struct ColorMap {
+/// A colour texture, with a faster path for opaque textures: all their texels have the same weight.
+pub(crate) struct ColorMap {
     pub texture: Arc<Texture>,
     opaque: bool,
 }
 
 impl ColorMap {
-    pub fn new(texture: Arc<Texture>) -> Self {
+    pub(crate) fn new(texture: Arc<Texture>) -> Self {
         let opaque = texture.alpha_range().0 == 255;
         Self { texture, opaque }
     }
 
     /// Linear RGB at `uv`, from the level of the mip chain whose texels are nearest to `footprint` (texels of the full
     /// texture) in size.
-    pub fn sample(&self, uv: Vec2, footprint: f32) -> Vec3A {
+    pub(crate) fn sample(&self, uv: Vec2, footprint: f32) -> Vec3A {
         let mips = &self.texture.mips;
         let level = nearest_level(footprint).min(mips.len() - 1);
         if !self.opaque {

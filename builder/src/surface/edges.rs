@@ -5,24 +5,24 @@ use rayon::prelude::*;
 
 /// What the edges of one triangle are: edge `i` goes from corner `i` to corner `i + 1`.
 #[derive(Clone, Copy, Default, PartialEq, Eq, Debug)]
-pub struct Edges(u8);
+pub(crate) struct Edges(u8);
 
 impl Edges {
     const ALL_CREASES: Self = Self(0b111_000);
 
     /// Whether the edge belongs to no other triangle.
-    pub fn is_boundary(self, edge: usize) -> bool {
+    pub(crate) fn is_boundary(self, edge: usize) -> bool {
         self.0 >> edge & 1 != 0
     }
 
     /// Whether some edge is a boundary.
-    pub fn has_boundary(self) -> bool {
+    pub(crate) fn has_boundary(self) -> bool {
         self.0 & 0b111 != 0
     }
 
-    /// Whether the surface ends or bends there, or meets further surface: all but the edges where just one other triangle
-    /// goes on in the same plane.
-    pub fn is_crease(self, edge: usize) -> bool {
+    /// Whether the surface ends or bends at the edge, or more than two triangles meet there. False only if exactly one other
+    /// triangle continues in the same plane.
+    pub(crate) fn is_crease(self, edge: usize) -> bool {
         self.0 >> (edge + 3) & 1 != 0
     }
 
@@ -39,7 +39,7 @@ impl Edges {
 const FLAT: f64 = 1.0 / 16384.0;
 
 /// Classifies the edges of all triangles. Corners at the same position are the same corner.
-pub fn classify(corners: &[[DVec3; 3]]) -> Vec<Edges> {
+pub(crate) fn classify(corners: &[[DVec3; 3]]) -> Vec<Edges> {
     let point = points(corners);
     let mut sides: Vec<(u64, u32)> = (0..point.len() as u32)
         .into_par_iter()

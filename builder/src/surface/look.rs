@@ -6,31 +6,35 @@ use std::sync::Arc;
 use glam::{Vec2, Vec3};
 
 use super::color_map::ColorMap;
-use crate::surface::range::{AlphaMap, RangeMap, encode_srgb};
+use super::range::{AlphaMap, RangeMap};
+use super::srgb::encode_srgb;
 use crate::{Material, Mesh, NormalMap, Texture, TextureTest};
 
 /// A material.
-pub struct Look {
+pub(crate) struct Look {
     /// Linear RGB, which multiplies everything else.
     pub base: Vec3,
-    /// sRGB-encoded `base`, where there is nothing else to the colour.
+    /// `base` encoded as sRGB, if the colour depends on nothing else.
     pub plain: Option<[u8; 3]>,
+    /// The colour texture.
     pub texture: Option<Arc<ColorMap>>,
-    /// Bounds of the texture's colours, where they are asked for.
+    /// Bounds of the texture's colours, if the test for refinement looks at texels.
     pub color_range: Option<Arc<RangeMap<3>>>,
+    /// The normal map.
     pub normal_map: Option<NormalMap>,
-    /// Bounds of the normal map's channels, likewise.
+    /// Bounds of the normal map's channels, if the test for refinement looks at texels.
     pub normal_range: Option<Arc<RangeMap<3>>>,
+    /// Which parts are holes.
     pub cutout: Cutout,
 }
 
-/// Where a material is cut out.
-pub enum Cutout {
-    /// Nowhere.
+/// Which parts of a material are holes.
+pub(crate) enum Cutout {
+    /// None.
     Solid,
-    /// All of it: nothing is left.
+    /// All of it.
     Gone,
-    /// Where the texture's alpha says so.
+    /// The parts that the texture's alpha cuts out.
     Map(Arc<AlphaMap>),
 }
 
@@ -46,7 +50,7 @@ struct Shared {
 
 impl Look {
     /// All materials of a mesh.
-    pub fn all(mesh: &Mesh, test: TextureTest) -> Vec<Self> {
+    pub(crate) fn all(mesh: &Mesh, test: TextureTest) -> Vec<Self> {
         let mut shared = Shared::default();
         mesh.materials.iter().map(|m| Self::new(m, mesh, test, &mut shared)).collect()
     }
@@ -96,12 +100,12 @@ impl Look {
     }
 
     /// Whether the colour, the normal or the holes can vary over a triangle even if its vertex normals do not.
-    pub fn varies(&self) -> bool {
+    pub(crate) fn varies(&self) -> bool {
         self.plain.is_none() || self.normal_map.is_some() || matches!(self.cutout, Cutout::Map(_))
     }
 
     /// Texels of the full colour texture across the unit of texture coordinates.
-    pub fn texture_size(&self) -> Option<Vec2> {
+    pub(crate) fn texture_size(&self) -> Option<Vec2> {
         let mip = &self.texture.as_ref()?.texture.mips[0];
         Some(Vec2::new(mip.width as f32, mip.height as f32))
     }

@@ -1,24 +1,25 @@
 //! The mesh as the recursion reads it: corners in the root cube, normals, kinds of edges, and appearance.
 
-pub mod attributes;
+pub(crate) mod attributes;
 mod color_map;
 mod edges;
 mod look;
-pub mod range;
+mod range;
 mod shading;
-pub mod voxel;
+mod srgb;
+pub(crate) mod voxel;
 
 use glam::{DMat4, DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::{BuildError, BuildSettings, Mesh, TextureTest};
-pub use edges::Edges;
+pub(crate) use edges::Edges;
 use look::Look;
-pub use shading::Sample;
+pub(crate) use shading::Sample;
 use shading::Shading;
 
 /// A mesh prepared for building.
-pub struct Surface<'a> {
+pub(crate) struct Surface<'a> {
     /// Corners in octree space: the root cube is `[0, 1]³`.
     pub corners: Vec<[DVec3; 3]>,
     /// Unit geometric normals.
@@ -38,7 +39,7 @@ pub struct Surface<'a> {
 
 impl<'a> Surface<'a> {
     /// Checks the mesh and moves it into the root cube: centred, with its largest extent filling the cube.
-    pub fn new(mesh: &'a Mesh, settings: &BuildSettings) -> Result<Self, BuildError> {
+    pub(crate) fn new(mesh: &'a Mesh, settings: &BuildSettings) -> Result<Self, BuildError> {
         mesh.validate().map_err(|e| BuildError::Mesh(e.to_string()))?;
         let octree_to_mesh = place(mesh)?;
         let scale = 1.0 / octree_to_mesh.x_axis.x;
@@ -49,7 +50,7 @@ impl<'a> Surface<'a> {
             .filter(|(_, corners)| has_area(corners))
             .collect();
         if with_area.is_empty() {
-            return Err(BuildError::Mesh("no triangle has any area".into()));
+            return Err(BuildError::Mesh("none of its triangles has an area; a mesh needs at least one".into()));
         }
         let (source, corners): (Vec<u32>, Vec<[DVec3; 3]>) = with_area.into_iter().unzip();
         let normals: Vec<Vec3> =
@@ -71,7 +72,7 @@ impl<'a> Surface<'a> {
     }
 
     /// Number of triangles.
-    pub fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.corners.len()
     }
 }
@@ -87,7 +88,7 @@ fn place(mesh: &Mesh) -> Result<DMat4, BuildError> {
     let extent = (hi - lo).max_element();
     if !(extent > 0.0 && extent.is_finite()) || (lo.abs().max(hi.abs()).max_element() / extent) > 1e12 {
         return Err(BuildError::Mesh(format!(
-            "its extent is {extent:e} around {}: too small or too large",
+            "its largest extent is {extent:e} around {}; it must be finite, above 0 and at least 1e-12 of its coordinates",
             (lo + hi) * 0.5
         )));
     }

@@ -4,16 +4,13 @@
 //! Detail that the finest voxels cannot show must not refine a coarser voxel. So the bounds are over texels averaged to the
 //! size of the finest voxels, and there is one pyramid per mip level of the texture.
 
-use std::sync::LazyLock;
-
-use esvo_format::srgb;
-use glam::{Vec2, Vec3};
+use glam::Vec2;
 
 use crate::{LinearTexture, Texture};
 
 /// For every mip level a pyramid: its texels, and on each further level the bounds over 2 x 2 entries of the previous one,
 /// down to one entry.
-pub struct RangeMap<const N: usize> {
+pub(crate) struct RangeMap<const N: usize> {
     pyramids: Vec<Vec<Level<N>>>,
 }
 
@@ -25,7 +22,7 @@ struct Level<const N: usize> {
 
 /// Smallest and largest value of each channel.
 #[derive(Clone, Copy)]
-pub struct Bounds<const N: usize> {
+pub(crate) struct Bounds<const N: usize> {
     /// The smallest values.
     pub min: [u8; N],
     /// The largest values.
@@ -43,14 +40,14 @@ impl<const N: usize> Bounds<N> {
 
 impl RangeMap<3> {
     /// Bounds of the sRGB-encoded colours of a texture.
-    pub fn of_colors(texture: &Texture) -> Self {
+    pub(crate) fn of_colors(texture: &Texture) -> Self {
         let bounds = |&[r, g, b, _]: &[u8; 4]| Bounds { min: [r, g, b], max: [r, g, b] };
         let base = |mip: &crate::MipLevel| (mip.width, mip.height, mip.texels.iter().map(bounds).collect());
         Self::new(texture.mips.iter().map(base))
     }
 
     /// Bounds of linear channels, rounded outwards to 8 bits.
-    pub fn of_channels(texture: &LinearTexture<3>) -> Self {
+    pub(crate) fn of_channels(texture: &LinearTexture<3>) -> Self {
         let down = |c: u16| (c / 257) as u8;
         let up = |c: u16| c.div_ceil(257) as u8;
         let bounds = |t: &[u16; 3]| Bounds { min: t.map(down), max: t.map(up) };
@@ -72,7 +69,7 @@ impl<const N: usize> RangeMap<N> {
 
     /// Bounds over a box of texture coordinates, which wrap, including the texels around it that filtering reads. The
     /// texels are averaged over `footprint` texels of the full image.
-    pub fn in_box(&self, lo: Vec2, hi: Vec2, footprint: f32) -> Bounds<N> {
+    pub(crate) fn in_box(&self, lo: Vec2, hi: Vec2, footprint: f32) -> Bounds<N> {
         let pyramid = &self.pyramids[self.mip(footprint)];
         let size = Vec2::new(pyramid[0].width as f32, pyramid[0].height as f32);
         let (lo, hi) = (lo * size - 0.5, hi * size + 0.5);
@@ -128,14 +125,14 @@ impl<const N: usize> Level<N> {
 /// With the same alpha limit on every mip level, thin leaves would vanish and narrow gaps would close as alpha is averaged
 /// over larger texels. So every mip level has its own limit: the one that leaves the same share of its texels solid as in
 /// the full image (rounded up, so that something is always left).
-pub struct AlphaMap {
+pub(crate) struct AlphaMap {
     range: RangeMap<1>,
     /// Per mip level the smallest alpha, 0..=255, that is solid.
     limits: Vec<f32>,
 }
 
 /// What a part of a surface with holes contains.
-pub struct Parts {
+pub(crate) struct Parts {
     /// Some of it is solid.
     pub solid: bool,
     /// Some of it is hole.
@@ -144,7 +141,7 @@ pub struct Parts {
 
 impl AlphaMap {
     /// Texels with alpha below `least`, 0..=1, are holes.
-    pub fn new(texture: &Texture, least: f32) -> Self {
+    pub(crate) fn new(texture: &Texture, least: f32) -> Self {
         let bounds = |&[_, _, _, a]: &[u8; 4]| Bounds { min: [a], max: [a] };
         let base = |mip: &crate::MipLevel| (mip.width, mip.height, mip.texels.iter().map(bounds).collect());
         let solid = |a: u8| f32::from(a) / 255.0 >= least;
@@ -157,12 +154,12 @@ impl AlphaMap {
     }
 
     /// Whether nothing of the texture is solid.
-    pub fn is_all_hole(&self) -> bool {
+    pub(crate) fn is_all_hole(&self) -> bool {
         f32::from(self.whole(0).max[0]) < self.limits[0]
     }
 
     /// Whether nothing of the texture is a hole.
-    pub fn is_all_solid(&self) -> bool {
+    pub(crate) fn is_all_solid(&self) -> bool {
         f32::from(self.whole(0).min[0]) >= self.limits[0]
     }
 
@@ -172,14 +169,14 @@ impl AlphaMap {
     }
 
     /// What a box of texture coordinates contains, with the same texels as [`RangeMap::in_box`].
-    pub fn in_box(&self, lo: Vec2, hi: Vec2, footprint: f32) -> Parts {
+    pub(crate) fn in_box(&self, lo: Vec2, hi: Vec2, footprint: f32) -> Parts {
         let limit = self.limits[self.range.mip(footprint)];
         let bounds = self.range.in_box(lo, hi, footprint);
         Parts { solid: f32::from(bounds.max[0]) >= limit, hole: f32::from(bounds.min[0]) < limit }
     }
 
     /// Whether the texture, averaged over `footprint` texels of the full image, has a hole at `uv`.
-    pub fn is_hole(&self, uv: Vec2, footprint: f32) -> bool {
+    pub(crate) fn is_hole(&self, uv: Vec2, footprint: f32) -> bool {
         let mip = self.range.mip(footprint);
         let map = &self.range.pyramids[mip][0];
         let p = uv * Vec2::new(map.width as f32, map.height as f32) - 0.5;
@@ -208,26 +205,4 @@ fn limit(texels: &[[u8; 4]], share: f64) -> f32 {
         reached += histogram[alpha];
     }
     0.0
-}
-
-static TO_LINEAR: LazyLock<[f32; 256]> = LazyLock::new(|| std::array::from_fn(|i| srgb::decode(i as f32 / 255.0)));
-
-/// Linear value of every sRGB-encoded byte.
-pub fn linear_of_srgb() -> &'static [f32; 256] {
-    &TO_LINEAR
-}
-
-/// sRGB-encoded value of linear `i / 4095`.
-static TO_SRGB: LazyLock<Vec<u8>> =
-    LazyLock::new(|| (0..4096).map(|i| (srgb::encode(i as f32 / 4095.0) * 255.0).round() as u8).collect());
-
-/// Linear RGB of sRGB-encoded bytes.
-pub fn decode_srgb(c: [u8; 3]) -> Vec3 {
-    Vec3::from(c.map(|c| TO_LINEAR[c as usize]))
-}
-
-/// sRGB-encoded bytes of linear RGB, clamped to 0..=1. Within one step of exact.
-pub fn encode_srgb(c: Vec3) -> [u8; 3] {
-    // A conversion to so few bits clamps.
-    (c * 4095.0 + 0.5).to_array().map(|i| TO_SRGB[usize::from(i as u16).min(4095)])
 }

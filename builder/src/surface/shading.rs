@@ -9,10 +9,11 @@ use rayon::prelude::*;
 
 use super::Surface;
 use super::look::{Cutout, Look};
+use super::range::RangeMap;
+use super::srgb::{decode_srgb, encode_srgb};
 use crate::clip::polygon::{area, area_and_centroid};
 use crate::clip::{Arena, Piece};
 use crate::mesh::maps::mapped_normal;
-use crate::surface::range::encode_srgb;
 use crate::{Mesh, NormalMap};
 
 /// An index into nothing.
@@ -22,7 +23,7 @@ const NONE: u32 = u32::MAX;
 const FLAT: f32 = 1e-4;
 
 /// The appearance of all triangles.
-pub struct Shading<'a> {
+pub(crate) struct Shading<'a> {
     mesh: &'a Mesh,
     looks: Vec<Look>,
     facets: Vec<Facet>,
@@ -61,7 +62,7 @@ struct Frame {
 
 /// Colour and normal of a piece of surface.
 #[derive(Clone, Copy)]
-pub struct Sample {
+pub(crate) struct Sample {
     /// Linear RGB.
     pub color: Vec3A,
     /// Unit normal.
@@ -70,14 +71,14 @@ pub struct Sample {
 
 impl Sample {
     /// sRGB-encoded colour and shading normal.
-    pub fn encode(&self) -> ([u8; 3], RawNormal) {
+    pub(crate) fn encode(&self) -> ([u8; 3], RawNormal) {
         (encode_srgb(self.color.into()), RawNormal::encode(self.normal.into()))
     }
 }
 
 impl<'a> Shading<'a> {
     /// Prepares triangles. `source` holds the index of each in the mesh; `corners` and `normals` are in octree space.
-    pub fn new(
+    pub(crate) fn new(
         mesh: &'a Mesh,
         source: &[u32],
         corners: &[[DVec3; 3]],
@@ -122,7 +123,7 @@ impl<'a> Shading<'a> {
     }
 
     /// Whether some material is cut out.
-    pub fn has_holes(&self) -> bool {
+    pub(crate) fn has_holes(&self) -> bool {
         self.looks.iter().any(|look| !matches!(look.cutout, Cutout::Solid))
     }
 }
@@ -191,12 +192,12 @@ fn mix_tangents([a, b, c]: [[f32; 4]; 3], w: [f32; 3]) -> [f32; 4] {
 
 impl Surface<'_> {
     /// Edge of the finest voxels in octree units.
-    pub fn finest_voxel(&self) -> f64 {
+    pub(crate) fn finest_voxel(&self) -> f64 {
         f64::from(self.shading.finest_voxel)
     }
 
     /// The colour (sRGB-encoded) and normal of these pieces, if they are the same everywhere on all of them.
-    pub fn constant(&self, pieces: &[Piece]) -> Option<([u8; 3], RawNormal)> {
+    pub(crate) fn constant(&self, pieces: &[Piece]) -> Option<([u8; 3], RawNormal)> {
         let Shading { facets, looks, .. } = &self.shading;
         let (first, rest) = pieces.split_first()?;
         let first = &facets[first.triangle as usize];
@@ -213,13 +214,13 @@ impl Surface<'_> {
     }
 
     /// The area of a piece in squared units of octree space.
-    pub fn area(&self, triangle: u32, vertices: &[DVec3]) -> f32 {
+    pub(crate) fn area(&self, triangle: u32, vertices: &[DVec3]) -> f32 {
         area(vertices, self.normals[triangle as usize].into())
     }
 
     /// The area of a piece in squared units of octree space, and its colour and normal at the centroid, filtered to the size
     /// of a voxel.
-    pub fn sample(&self, triangle: u32, vertices: &[DVec3], voxel_size: f64) -> (f32, Sample) {
+    pub(crate) fn sample(&self, triangle: u32, vertices: &[DVec3], voxel_size: f64) -> (f32, Sample) {
         let facet = &self.shading.facets[triangle as usize];
         let normal = Vec3A::from(self.normals[triangle as usize]);
         if facet.frame == NONE {
@@ -231,7 +232,7 @@ impl Surface<'_> {
     }
 
     /// Colour and normal of a triangle at point `p` of it, filtered to the size of a voxel.
-    pub fn sample_at(&self, triangle: u32, p: DVec3, voxel_size: f64) -> Sample {
+    pub(crate) fn sample_at(&self, triangle: u32, p: DVec3, voxel_size: f64) -> Sample {
         let facet = &self.shading.facets[triangle as usize];
         let look = &self.shading.looks[facet.look as usize];
         let normal = Vec3A::from(self.normals[triangle as usize]);
@@ -255,7 +256,7 @@ impl Surface<'_> {
 
     /// Whether one sample is enough for a piece of this triangle: it has no holes, and its texels are not tested one by
     /// one.
-    pub fn is_plain(&self, triangle: u32) -> bool {
+    pub(crate) fn is_plain(&self, triangle: u32) -> bool {
         let facet = &self.shading.facets[triangle as usize];
         (facet.frame == NONE || !self.tests_texels)
             && matches!(self.shading.looks[facet.look as usize].cutout, Cutout::Solid)
@@ -271,7 +272,7 @@ impl Surface<'_> {
     ///
     /// A piece no larger than the finest voxels is a hole if its centroid is, at a resolution that keeps the share of the
     /// material that is solid. A larger piece is a hole if every part of it is.
-    pub fn is_hole(&self, triangle: u32, vertices: &[DVec3]) -> bool {
+    pub(crate) fn is_hole(&self, triangle: u32, vertices: &[DVec3]) -> bool {
         let facet = &self.shading.facets[triangle as usize];
         let map = match &self.shading.looks[facet.look as usize].cutout {
             Cutout::Solid => return false,
@@ -292,7 +293,7 @@ impl Surface<'_> {
     }
 
     /// Whether these pieces contain a hole. Called for pieces that are not all hole.
-    pub fn is_cut_through(&self, arena: &Arena, pieces: &[Piece]) -> bool {
+    pub(crate) fn is_cut_through(&self, arena: &Arena, pieces: &[Piece]) -> bool {
         self.has_holes
             && pieces.iter().any(|piece| {
                 let facet = &self.shading.facets[piece.triangle as usize];
@@ -312,7 +313,7 @@ impl Surface<'_> {
     }
 
     /// Smallest and largest sRGB-encoded colour that the finest voxels will show of a piece, over all its texels.
-    pub fn color_range(&self, triangle: u32, vertices: &[DVec3]) -> ([u8; 3], [u8; 3]) {
+    pub(crate) fn color_range(&self, triangle: u32, vertices: &[DVec3]) -> ([u8; 3], [u8; 3]) {
         let facet = &self.shading.facets[triangle as usize];
         let look = &self.shading.looks[facet.look as usize];
         if let Some(plain) = look.plain {
@@ -331,8 +332,8 @@ impl Surface<'_> {
             if let Some(range) = &look.color_range {
                 let (uv_lo, uv_hi) = self.uv_bounds(frame, triangle, vertices);
                 let bounds = range.in_box(uv_lo, uv_hi, self.shading.finest_voxel * frame.texel_density);
-                lo *= crate::surface::range::decode_srgb(bounds.min);
-                hi *= crate::surface::range::decode_srgb(bounds.max);
+                lo *= decode_srgb(bounds.min);
+                hi *= decode_srgb(bounds.max);
             }
         }
         (encode_srgb(lo), encode_srgb(hi))
@@ -340,7 +341,7 @@ impl Surface<'_> {
 
     /// Largest difference in a component between `normal` and the shading normals that the finest voxels will show of a
     /// piece.
-    pub fn normal_deviation(&self, triangle: u32, vertices: &[DVec3], normal: Vec3A) -> f32 {
+    pub(crate) fn normal_deviation(&self, triangle: u32, vertices: &[DVec3], normal: Vec3A) -> f32 {
         let flat = Vec3A::from(self.normals[triangle as usize]);
         let facet = &self.shading.facets[triangle as usize];
         let Some(frame) = self.shading.frames.get(facet.frame as usize) else {
@@ -375,7 +376,7 @@ impl Surface<'_> {
         &self,
         frame: &Frame,
         map: &NormalMap,
-        range: &crate::surface::range::RangeMap<3>,
+        range: &RangeMap<3>,
         lo: Vec2,
         hi: Vec2,
     ) -> ([f32; 3], [f32; 3]) {

@@ -6,7 +6,7 @@ use super::Surface;
 use crate::clip::{Arena, Piece};
 
 /// The surface in one voxel, and where the voxel is.
-pub struct VoxelSurface<'a> {
+pub(crate) struct VoxelSurface<'a> {
     /// The whole surface.
     pub surface: &'a Surface<'a>,
     /// Holds the vertices of the pieces.

@@ -3,21 +3,20 @@
 //! The intersection of a triangle and a cube is a convex polygon. Each of its corners is a corner of the triangle, or the
 //! intersection of an edge of the triangle with a face of the cube, or of an edge of the cube with the triangle. All of these
 //! are fractions of integers, and all of them are tested.
-//! fractions of integers; all of them are looked at.
 
 use num_bigint::BigInt;
 
 use super::integers::{Vector, cross, dot, sub};
 
 /// A contour's slab, decoded from its word as the specification says, in units of `2^-28`.
-pub struct Slab {
+pub(crate) struct Slab {
     normal: Vector<BigInt>,
     lo: BigInt,
     hi: BigInt,
 }
 
 impl Slab {
-    pub fn decode(word: u32) -> Self {
+    pub(crate) fn decode(word: u32) -> Self {
         let signed = |shift: u32| BigInt::from((word << shift) as i32);
         let position = signed(7) * 6;
         let half = BigInt::from(word) * 3;
@@ -27,7 +26,7 @@ impl Slab {
 }
 
 /// A cube, given by its lower corner and edge.
-pub struct Cube {
+pub(crate) struct Cube {
     pub corner: Vector<BigInt>,
     pub edge: BigInt,
 }
@@ -118,7 +117,7 @@ fn corners(triangle: &[Vector<BigInt>; 3], cube: &Cube, visit: &mut dyn FnMut(&F
 }
 
 /// Whether the part of the triangle in the cube is completely in the slab.
-pub fn encloses(slab: &Slab, cube: &Cube, triangle: &[Vector<BigInt>; 3]) -> bool {
+pub(crate) fn encloses(slab: &Slab, cube: &Cube, triangle: &[Vector<BigInt>; 3]) -> bool {
     let mut all = true;
     corners(triangle, cube, &mut |point| all &= point.is_outside(slab, cube).is_none());
     all

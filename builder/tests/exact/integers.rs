@@ -7,7 +7,7 @@ use std::ops::{Add, Mul, Neg, Sub};
 use num_bigint::BigInt;
 
 /// Integer types to compute with: `BigInt` can hold every result; `i128` is faster and panics if it overflows.
-pub trait Integer:
+pub(crate) trait Integer:
     Clone
     + Debug
     + Ord
@@ -23,13 +23,13 @@ pub trait Integer:
 impl Integer for i128 {}
 impl Integer for BigInt {}
 
-pub type Vector<T> = [T; 3];
+pub(crate) type Vector<T> = [T; 3];
 
 /// `x * 2^exponent`.
 ///
 /// # Panics
 /// If the result is no integer: `exponent` is less than [`exponent_of`] it.
-pub fn integer(x: f64, exponent: i32) -> BigInt {
+pub(crate) fn integer(x: f64, exponent: i32) -> BigInt {
     let (mantissa, power) = parts(x);
     let shift = power + exponent;
     assert!(mantissa == 0 || shift >= 0, "{x:e} is no multiple of 2^-{exponent}");
@@ -37,7 +37,7 @@ pub fn integer(x: f64, exponent: i32) -> BigInt {
 }
 
 /// The smallest exponent, at least 0, for which `x * 2^exponent` is an integer.
-pub fn exponent_of(x: f64) -> i32 {
+pub(crate) fn exponent_of(x: f64) -> i32 {
     let (mantissa, power) = parts(x);
     if mantissa == 0 { 0 } else { (-power).max(0) }
 }
@@ -53,15 +53,15 @@ fn parts(x: f64) -> (i64, i32) {
     (if x < 0.0 { -mantissa } else { mantissa }, power + zeros as i32)
 }
 
-pub fn sub<T: Integer>(a: &Vector<T>, b: &Vector<T>) -> Vector<T> {
+pub(crate) fn sub<T: Integer>(a: &Vector<T>, b: &Vector<T>) -> Vector<T> {
     std::array::from_fn(|i| a[i].clone() - b[i].clone())
 }
 
-pub fn dot<T: Integer>(a: &Vector<T>, b: &Vector<T>) -> T {
+pub(crate) fn dot<T: Integer>(a: &Vector<T>, b: &Vector<T>) -> T {
     (1..3).fold(a[0].clone() * b[0].clone(), |sum, i| sum + a[i].clone() * b[i].clone())
 }
 
-pub fn cross<T: Integer>(a: &Vector<T>, b: &Vector<T>) -> Vector<T> {
+pub(crate) fn cross<T: Integer>(a: &Vector<T>, b: &Vector<T>) -> Vector<T> {
     std::array::from_fn(|i| {
         let (j, k) = ((i + 1) % 3, (i + 2) % 3);
         a[j].clone() * b[k].clone() - a[k].clone() * b[j].clone()

@@ -9,7 +9,7 @@ use num_bigint::BigInt;
 use super::integers::{Integer, Vector, cross, dot, exponent_of, integer, sub};
 
 /// The root cube, and the unit in which all coordinates are integers.
-pub struct Space<T> {
+pub(crate) struct Space<T> {
     /// One unit is `2^-exponent` of the mesh's unit.
     exponent: i32,
     pub origin: Vector<T>,
@@ -19,7 +19,7 @@ pub struct Space<T> {
 
 /// Which points of a cube belong to it.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Cube {
+pub(crate) enum Cube {
     /// All points.
     Closed,
     /// All points except the upper faces. This is wrong: the tests must notice it.
@@ -27,7 +27,7 @@ pub enum Cube {
 }
 
 /// A triangle, projected to each of the directions that can separate it from a cube.
-pub struct Projected<T> {
+pub(crate) struct Projected<T> {
     axes: Vec<Axis<T>>,
 }
 
@@ -44,7 +44,13 @@ struct Axis<T> {
 impl<T: Integer> Space<T> {
     /// A space in which this cube, its cubes down to level `levels`, `2^-extra_bits` of its edge, and these points
     /// are integers.
-    pub fn new(origin: DVec3, extent: f64, points: impl Iterator<Item = DVec3>, levels: u32, extra_bits: i32) -> Self {
+    pub(crate) fn new(
+        origin: DVec3,
+        extent: f64,
+        points: impl Iterator<Item = DVec3>,
+        levels: u32,
+        extra_bits: i32,
+    ) -> Self {
         let mut exponent = exponent_of(extent) + (levels as i32).max(extra_bits);
         for p in points.chain([origin]) {
             exponent = p.to_array().into_iter().map(exponent_of).fold(exponent, i32::max);
@@ -53,19 +59,19 @@ impl<T: Integer> Space<T> {
         Self { exponent, origin: origin.to_array().map(convert), extent: integer(extent, exponent) }
     }
 
-    pub fn point(&self, p: DVec3) -> Vector<T> {
+    pub(crate) fn point(&self, p: DVec3) -> Vector<T> {
         p.to_array().map(|x| T::try_from(integer(x, self.exponent)).unwrap())
     }
 
     /// `2^-level` of the root cube's edge.
-    pub fn edge(&self, level: u32) -> T {
+    pub(crate) fn edge(&self, level: u32) -> T {
         assert!(self.extent.trailing_zeros() >= Some(level.into()), "the unit is too large");
         T::try_from(&self.extent >> level).unwrap()
     }
 }
 
 impl<T: Integer> Projected<T> {
-    pub fn new(triangle: &[Vector<T>; 3]) -> Self {
+    pub(crate) fn new(triangle: &[Vector<T>; 3]) -> Self {
         let units: [Vector<T>; 3] = std::array::from_fn(|i| std::array::from_fn(|j| T::from(i64::from(i == j))));
         let edges: [Vector<T>; 3] = std::array::from_fn(|i| sub(&triangle[(i + 1) % 3], &triangle[i]));
         let mut axes: Vec<Axis<T>> = units.iter().map(|unit| Axis::new(unit.clone(), triangle, true)).collect();
@@ -77,7 +83,7 @@ impl<T: Integer> Projected<T> {
     }
 
     /// Whether the triangle meets a cube, given by its lower corner and edge.
-    pub fn meets(&self, corner: &Vector<T>, edge: &T, cube: Cube) -> bool {
+    pub(crate) fn meets(&self, corner: &Vector<T>, edge: &T, cube: Cube) -> bool {
         let centre: Vector<T> = std::array::from_fn(|i| corner[i].clone() + corner[i].clone() + edge.clone());
         self.axes.iter().all(|axis| {
             let at = dot(&axis.direction, &centre);
@@ -104,10 +110,15 @@ impl<T: Integer> Axis<T> {
 }
 
 /// A voxel: its level and its position in voxels of that level.
-pub type Voxel = (u32, [u32; 3]);
+pub(crate) type Voxel = (u32, [u32; 3]);
 
 /// Every voxel of levels `1..=levels` that meets one of the triangles. Only children of such voxels can meet one.
-pub fn voxels<T: Integer>(space: &Space<T>, triangles: &[Projected<T>], levels: u32, cube: Cube) -> HashSet<Voxel> {
+pub(crate) fn voxels<T: Integer>(
+    space: &Space<T>,
+    triangles: &[Projected<T>],
+    levels: u32,
+    cube: Cube,
+) -> HashSet<Voxel> {
     struct Walk<'a, T> {
         space: &'a Space<T>,
         triangles: &'a [Projected<T>],

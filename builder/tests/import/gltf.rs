@@ -201,7 +201,7 @@ fn buffers_must_be_there() {
     );
     assert_eq!(
         error(r#"{"byteLength":60,"uri":"https://example.com/a.bin"}"#),
-        "buffer 0: the URI https://example.com/a.bin is not a relative path; put the file beside the document"
+        "buffer 0: the URI https://example.com/a.bin is not a relative path; put the file next to the document"
     );
     assert_eq!(error(r#"{"byteLength":60,"uri":"a%ff.bin"}"#), "buffer 0: the URI a%ff.bin is not UTF-8 once decoded");
     let files = Files::new();

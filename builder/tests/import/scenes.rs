@@ -24,7 +24,7 @@ fn real_scenes_have_their_triangles() {
     for (name, triangles, materials) in expected {
         let path = scenes_dir().join(name);
         if !path.exists() {
-            eprintln!("{name} is not at hand; not checked");
+            eprintln!("{name} is not found; not checked");
             continue;
         }
         let mesh = load_mesh(&path).unwrap_or_else(|e| panic!("{e}"));

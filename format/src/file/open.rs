@@ -92,7 +92,7 @@ pub(crate) fn map(path: &Path) -> Result<Mmap, FormatError> {
     }
     let file = File::open(path).map_err(|e| FormatError::io(path, e))?;
     if metadata.len() < HEADER_BYTES {
-        let what = format!("the file has {} bytes, fewer than a header of {HEADER_BYTES}", metadata.len());
+        let what = format!("the file has {} bytes, too short for a header of {HEADER_BYTES}", metadata.len());
         return Err(Broken::new(ids::IDENTIFIER, 0, what).into());
     }
     // SAFETY: the mapping is read-only and private to this process, and any content is valid as plain bytes. The caller
@@ -307,7 +307,11 @@ pub(crate) fn read_header(bytes: &[u8], length: Option<u64>) -> Result<Header, F
         return Err(broken(ids::IDENTIFIER, 0, what.into()));
     }
     let header: Header = from_bytes(bytes).ok_or_else(|| {
-        broken(ids::IDENTIFIER, 0, format!("the file has {} bytes, fewer than a header of {HEADER_BYTES}", bytes.len()))
+        broken(
+            ids::IDENTIFIER,
+            0,
+            format!("the file has {} bytes, too short for a header of {HEADER_BYTES}", bytes.len()),
+        )
     })?;
     if header.major != MAJOR_VERSION {
         let what = format!("the file has version {}.{}, this reader knows major version 1", header.major, header.minor);

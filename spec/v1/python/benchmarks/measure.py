@@ -30,6 +30,10 @@ def descriptors(octree):
     return f"{len(found):,} descriptors, {found.nbytes / 1e6:,.0f} MB"
 
 
+def slots(octree):
+    return f"{len(octree.descriptor_slots()):,} slots"
+
+
 def one_part(octree):
     return f"{len(next(octree.iter_leaves())):,} leaf voxels with attributes"
 
@@ -55,6 +59,7 @@ STEPS = {
     "open": ("open: header, directory, tables", open_only),
     "block": ("one block", one_block),
     "descriptors": ("all descriptors as one array", descriptors),
+    "slots": ("the slots of all descriptors", slots),
     "part": ("leaves of the first block", one_part),
     "coarse": ("voxels of the first object down to level 6", coarse),
     "walk": ("walk, every pointer checked", walk),

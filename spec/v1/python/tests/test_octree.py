@@ -137,7 +137,7 @@ def test_the_image_has_all_blocks():
     assert np.shares_memory(image, octree.data)
     assert np.array_equal(image, np.concatenate([octree.block(k).image for k in range(len(octree.blocks))]).view("<u8"))
     found = octree.descriptors()
-    assert np.array_equal(image[found["slot"]], found["word"])
+    assert np.array_equal(image[octree.descriptor_slots()], found["word"])
     with pytest.raises(ValueError, match="compressed"):
         _ = open_vector("compressed").image
 

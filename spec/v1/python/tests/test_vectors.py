@@ -6,6 +6,7 @@ import pytest
 from common import INVALID, INVALID_FOLDER, STREAMING, VALID, VECTORS, difference, facts
 
 import esvo_reader
+from esvo_reader import field
 
 PARTS = sorted((VECTORS / "streaming").glob("*.esvo"))
 
@@ -35,7 +36,10 @@ def test_descriptors_without_a_walk_are_those_of_a_walk(path):
         for node in zip(part["slot"].tolist(), part["word"].tolist())
     ]
     found = octree.descriptors()
-    assert list(zip(found["slot"].tolist(), found["word"].tolist())) == sorted(walked)
+    assert list(zip(octree.descriptor_slots().tolist(), found["word"].tolist())) == sorted(walked)
+    assert found["valid_mask"].tolist() == field(found, "valid_mask").tolist()
+    assert found["leaf_mask"].tolist() == field(found, "leaf_mask").tolist()
+    assert found["contour_mask"].tolist() == field(found, "contour_mask").tolist()
 
 
 @pytest.mark.parametrize("entry", STREAMING, ids=lambda entry: entry["part"].split(".")[0])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import OrderedDict
-from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple, Union
+from typing import Any, Callable, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
@@ -197,22 +197,32 @@ class Octree:
         return result
 
     def descriptors(self) -> Array:
-        """All child descriptors in the order of their slots, of type `DESCRIPTOR`.
+        """All child descriptors of the file in the order of their slots, of type `DESCRIPTOR`.
 
         Reads the descriptor arrays from start to end and follows no pointers: in a sound file whatever is no page
         header, no gap and no far pointer is a descriptor. Far pointers are known by the descriptors that refer to them,
         which come before them.
         """
+        result = self._collect(np.uint64, lambda block, low, there: block.slots[low : low + CHUNK][there])
+        return result.view(DESCRIPTOR)
+
+    def descriptor_slots(self) -> Array:
+        """int64: the slot of the image of each of `descriptors`."""
+        return self._collect(np.int64, lambda block, low, there: np.flatnonzero(there) + (block.start + low))
+
+    def _collect(self, dtype: type[np.generic], values: Callable[[Block, int, Array], Array]) -> Array:
+        """One value for each descriptor. The function takes a block, a slot, and a bool for each slot from there on."""
         # The table may say any number: no more memory is taken than for what the image can hold.
         count = sum(map(int, self.objects["descriptors"]))
-        result = np.empty(min(count, int(self._image_ends[-1])), DESCRIPTOR)
+        result = np.empty(min(count, int(self._image_ends[-1])), dtype)
         used = 0
         for index in range(len(self.blocks)):
-            for slot, words in descriptor_chunks(self.block(index)):
-                out = result[used : used + len(slot)]
-                used += len(slot)
-                if used <= len(result):
-                    out["slot"], out["word"] = slot, words
+            block = self.block(index)
+            for low, there in descriptor_masks(block.slots):
+                found = values(block, low, there)
+                if used + len(found) <= len(result):
+                    result[used : used + len(found)] = found
+                used += len(found)
         if used != count:
             at = self.object_entry_offset(0, "descriptors")
             raise EsvoError([Finding("O005", "error", at, f"the objects say {count} descriptors, there are {used}")])
@@ -291,9 +301,8 @@ def _level(level: Optional[int]) -> Optional[int]:
     return level
 
 
-def descriptor_chunks(block: Block) -> Iterator[Tuple[Array, Array]]:
-    """Slots of the image that hold descriptors, int64, and their words, uint64, some at a time."""
-    slots = block.slots
+def descriptor_masks(slots: Array) -> Iterator[Tuple[int, Array]]:
+    """Which slots of a descriptor array hold descriptors: bool for `CHUNK` slots at a time, with the first of them."""
     far = np.zeros(len(slots), bool)
     for low in range(0, len(slots), CHUNK):
         words = slots[low : low + CHUNK]
@@ -301,8 +310,7 @@ def descriptor_chunks(block: Block) -> Iterator[Tuple[Array, Array]]:
         there = words & np.uint64(0xFF00) != 0
         there &= ~far[low : low + CHUNK]
         there[::PAGE_SLOTS] = False
-        local = np.flatnonzero(there)
-        yield local + (low + block.start), words[local]
+        yield low, there
 
 
 def mark_far_pointers(words: Array, low: int, far: Array) -> None:

@@ -163,28 +163,22 @@ CORNER_ENTRY: Dict[str, Bits] = {
     "first": Bits(32, 32),
 }
 
-_WORD_FIELDS = {
-    "slot": ("<i8", 0),
-    "word": ("<u8", 8),
-    "leaf_mask": ("u1", 8),
-    "valid_mask": ("u1", 9),
-    "contour_mask": ("u1", 12),
-}
-_NODE_FIELDS = {**_WORD_FIELDS, "level": ("u1", 16), "position": (("<u4", (3,)), 20)}
+
+def _descriptor(size: int, word_at: int, fields: Dict[str, Any]) -> np.dtype[Any]:
+    """A record with a child descriptor at an offset, as `word` and as the masks in it, and more fields."""
+    word = {"word": ("<u8", 0), "leaf_mask": ("u1", 0), "valid_mask": ("u1", 1), "contour_mask": ("u1", 4)}
+    placed = {**fields, **{name: (kind, at + word_at) for name, (kind, at) in word.items()}}
+    formats, offsets = zip(*placed.values())
+    return np.dtype({"names": list(placed), "formats": formats, "offsets": offsets, "itemsize": size})
 
 
-def _overlay(fields: Dict[str, Any], size: int) -> np.dtype[Any]:
-    formats, offsets = zip(*fields.values())
-    return np.dtype({"names": list(fields), "formats": formats, "offsets": offsets, "itemsize": size})
+#: What `Octree.descriptors` returns, 8 bytes: a child descriptor as it is stored, `word`, and the masks, which are
+#: bytes of it. `field` gives the other fields of section 5.
+DESCRIPTOR = _descriptor(8, 0, {})
 
-
-#: What `Octree.descriptors` returns, 16 bytes: a slot of the image, the child descriptor there as it is stored
-#: (`word`), and the masks, which are bytes of `word`. `field` gives the other fields of section 5.
-DESCRIPTOR = _overlay(_WORD_FIELDS, 16)
-
-#: What `Octree.walk` returns, 32 bytes: the same with the level of the descriptor's voxel and its lower corner, in
-#: units of 2^-23 of the root cube's edge.
-NODE = _overlay(_NODE_FIELDS, 32)
+#: What `Octree.walk` returns, 32 bytes: the same with the slot of the image, the level of the descriptor's voxel, and
+#: its lower corner in units of 2^-23 of the root cube's edge.
+NODE = _descriptor(32, 8, {"slot": ("<i8", 0), "level": ("u1", 16), "position": (("<u4", (3,)), 20)})
 
 #: Bit `i` of every mask of 8 bits: POPCOUNT of a mask, RANK[mask, i] set bits below bit i, HAS_BIT[mask, i].
 HAS_BIT: Array = (np.arange(256)[:, None] >> np.arange(8) & 1).astype(bool)
