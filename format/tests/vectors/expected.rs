@@ -1,5 +1,5 @@
-//! What a file decodes to, from its bytes and its image alone: the formulas of the specification in binary64, none of
-//! the library's code.
+//! Computes what a file decodes to from its bytes and its image, by the formulas of the specification in binary64. Uses no
+//! code of the library.
 
 use std::fmt::Write;
 
@@ -19,7 +19,7 @@ struct File<'a> {
     image: &'a [u8],
 }
 
-/// What is needed of a block to read its voxels. Offsets count from the start of the image.
+/// Where the attachments of a block are. Offsets count from the start of the image.
 struct Block {
     start: usize,
     pairs_colors: Option<usize>,
@@ -107,7 +107,7 @@ impl File<'_> {
         u32_at(self.image, at + 4 * (first + rank))
     }
 
-    /// What is stored as it is, and ambient light, by their names.
+    /// Adds plain values, corners and ambient occlusion to a voxel.
     fn values(&self, block: &Block, slot: usize, child: usize, valid: u32, voxel: &mut Value) {
         if let Some(at) = block.plain_colors {
             let [r, g, b, alpha] = self.plain(at, slot, child, valid).to_le_bytes();
@@ -172,7 +172,7 @@ impl File<'_> {
         }
     }
 
-    /// One line for the descriptor at `slot` of the image, then those below it, in the order of the slots.
+    /// Adds a line for the descriptor at `slot` of the image, then lines for those below it, in slot order.
     fn node(&self, slot: usize, path: &str, position: [u32; 3], index: usize, place: &Place, out: &mut Vec<Value>) {
         let level = path.len();
         let block = self.block(index);
@@ -292,7 +292,7 @@ fn contour(w: u32, centre: [f64; 3], edge: f64, place: &Place) -> Value {
     })
 }
 
-/// The JSON that stands beside a vector: short lines, one for each descriptor.
+/// The JSON file of a vector: short lines, one for each descriptor.
 pub(crate) fn describe(name: &str, about: &str, bytes: &[u8], image: &[u8]) -> String {
     let file = File { bytes, image };
     let mut text = String::from("{\n");

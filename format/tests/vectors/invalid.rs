@@ -1,5 +1,5 @@
-//! Invalid vectors that take a file of the generator: what the library's samples do not have, such as second pages,
-//! compressed blocks and sections of no bytes. The others are in `common/breaks.rs`.
+//! Invalid vectors made from files of the generator. They have what the library's samples lack: second pages, compressed
+//! blocks, sections of 0 bytes. `common/breaks.rs` has the other invalid vectors.
 
 use super::common::breaks::{Broken, broken_files, change_low};
 use super::common::patch::File;
@@ -29,7 +29,7 @@ fn changed(plan: &Plan, change: impl FnOnce(&mut File)) -> Vec<u8> {
 
 fn container(add: &mut Add<'_>) {
     let with = |extras| Plan { extra: extras, ..one(1, smallest(4)) };
-    // A section of no bytes inside the object table, and one of 8 that is the first bytes of the directory.
+    // A section of 0 bytes inside the object table; a section of 8 bytes on the first bytes of the directory.
     add(
         "D003",
         changed(&with(vec![extra(b"none", 0, b"")]), |f| {
@@ -53,7 +53,7 @@ fn container(add: &mut Add<'_>) {
             f.0[at + length] = 1;
         }),
     );
-    // The parent of a block is one of another object.
+    // The parent of a block belongs to another object.
     let mut first = smallest(4);
     first.object = 1;
     let mut root = Block::new(4);
@@ -69,7 +69,7 @@ fn container(add: &mut Add<'_>) {
             f.set_u32(parent, 0);
         }),
     );
-    // An attachment of no bytes inside another.
+    // An attachment of 0 bytes inside another.
     let mut block = smallest(4);
     block.attachment(0x8000, vec![1; 16]).attachment(0x8001, Vec::new());
     add(
@@ -103,13 +103,13 @@ fn pages(add: &mut Add<'_>) {
             f.set_u32(count, 1);
         }),
     );
-    // Three siblings, the last of which is the page header; a child there; a far pointer there.
+    // Three siblings, the third on the page header; one child on the page header; a far pointer on the page header.
     let mut straddling = two_pages(0b111, 1022);
     straddling.leaves(1022, 1).leaves(1023, 1);
     add("C003", changed(&one(3, straddling), |_| ()));
     add("C003", changed(&one(3, two_pages(1, 1024)), |_| ()));
     add("C003", changed(&one(3, two_pages(1, 1024)), |f| change_low(f, 4, |low| low | 1 << 16)));
-    // A far pointer to the first descriptor of a block that another block is the parent of.
+    // A far pointer to slot 2 of a block whose parent is another block.
     let mut root = Block::new(4);
     root.node(2, 0x01, 0).link(2, 3, 1);
     let mut middle = Block::below(4, 0, ([0; 3], 23));
@@ -125,7 +125,7 @@ fn frames(add: &mut Add<'_>) {
     let image = block.image(0, &[0]);
     let whole = zstd_frame(&image, true);
     let plan = |frame: Vec<u8>| one(3, branching(8).framed(frame));
-    // Places: the section ends where the frame does; two blocks at one place; a byte after a frame.
+    // BLKS ends with the frame, before the next page; two blocks at one place; a byte after a frame is not zero.
     add(
         "B004",
         changed(&plan(whole.clone()), |f| {
@@ -160,7 +160,7 @@ fn frames(add: &mut Add<'_>) {
         "B005",
         changed(&plan(whole.clone()), |f| f.set_u64(16, 0)), // the feature bit is clear
     );
-    // More bytes than any frame of this length can have.
+    // An image size that no frame of this length can have.
     add(
         "B005",
         changed(&plan(whole.clone()), |f| {
@@ -183,14 +183,14 @@ fn frames(add: &mut Add<'_>) {
         [&whole[..], &zstd_frame(&[], true)].concat(),
         [&SKIPPABLE[..], &whole].concat(),
         [&whole[..], &SKIPPABLE].concat(),
-        edit(|frame| frame[5] ^= 1), // another content size than the content has
+        edit(|frame| frame[5] ^= 1), // a wrong content size
         edit(|frame| frame[9] |= 6), // a block of the reserved type
         zstd_frame(&image[..image.len() - 8], true),
         zstd_frame(&[&image[..], &[0; 8]].concat(), true),
         zstd_frame(&image[..image.len() - 8], false),
         zstd_frame(&[&image[..], &[0; 8]].concat(), false),
     ];
-    // A dictionary: its number in one byte after the descriptor.
+    // A dictionary id, in one byte after the frame header descriptor.
     let mut with_dictionary = whole.clone();
     with_dictionary[4] |= 1;
     with_dictionary.insert(5, 77);
@@ -198,7 +198,7 @@ fn frames(add: &mut Add<'_>) {
     for frame in bad {
         add("B005", changed(&plan(frame), |_| ()));
     }
-    // A wrong checksum inside of a frame, and damage to what is entropy-coded.
+    // A wrong content checksum; a frame with entropy coding that is cut in half.
     let (block, _, mut checked) = entropy_coded();
     *checked.last_mut().unwrap() ^= 1;
     add("B005", changed(&one(ENTROPY_LEVELS, block.framed(checked)), |_| ()));

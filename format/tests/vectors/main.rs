@@ -1,7 +1,7 @@
-//! The test vectors of the specification: `spec/v1/vectors/valid` with what each decodes to, `spec/v1/vectors/invalid`
-//! with the rule that each breaks.
+//! The test vectors of the specification, in `spec/v1/vectors`: `valid` with what each decodes to, `invalid` with the rule
+//! that each breaks, `streaming` with parts of octrees.
 //!
-//! `ESVO_BLESS=1 cargo test -p esvo-format --test vectors` writes them anew. Nothing of it depends on the machine.
+//! `ESVO_BLESS=1 cargo test -p esvo-format --test vectors` writes them anew. The bytes do not depend on the machine.
 
 #[path = "../common/mod.rs"]
 mod common;
@@ -31,7 +31,7 @@ fn blessing() -> bool {
     std::env::var_os("ESVO_BLESS").is_some()
 }
 
-/// Compares what is generated with what is there, file by file; writes it instead when blessing.
+/// Compares generated files with the committed ones, byte by byte. When blessing, writes them first.
 fn same_files(kind: &str, generated: &BTreeMap<String, Vec<u8>>) {
     let folder = folder(kind);
     if blessing() {
@@ -50,7 +50,7 @@ fn same_files(kind: &str, generated: &BTreeMap<String, Vec<u8>>) {
         fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
     let expected: BTreeSet<String> = generated.keys().cloned().collect();
     assert_eq!(there, expected, "the files in {kind}");
-    // Offsets and sentences on what is wrong are those of the day they were blessed.
+    // The index of invalid vectors has offsets and causes as they were reported when it was blessed.
     for (name, bytes) in generated.iter().filter(|(name, _)| (kind, name.as_str()) != ("invalid", "index.json")) {
         let found = fs::read(folder.join(name)).unwrap();
         let differs = found.iter().zip(bytes).position(|(a, b)| a != b);
@@ -168,7 +168,7 @@ fn same_node<'a>(
         if let Some(word) = word {
             let (slab, contour) = (Contour(word).decode(), &voxel["contour"]);
             let what = format!("{name}: contour of {path}{child}");
-            // Exact, but for the JSON parser's last bit.
+            // Exact apart from the JSON parser, which may be off by one unit in the last place.
             near(Some(slab.normal), &contour["normal"], 1e-14, &what);
             let rest = json!([contour["position"], contour["thickness"], 0.0]);
             near(Some([slab.position, slab.thickness, 0.0]), &rest, 5e-14, &what);
@@ -178,7 +178,7 @@ fn same_node<'a>(
                     position[k].as_f64().unwrap() * 2f64.powi(-23) + edge * (f64::from(child >> k & 1) + 0.5)
                 }));
             let n = DVec3::from(slab.normal);
-            // The planes of the slab by a point of each and the normal.
+            // Each plane of the slab by one of its points and the normal.
             let at = |side: f64| centre + n * (edge * (slab.position + side * slab.thickness) / n.length_squared());
             let m = DMat3::from_mat4(transform).inverse().transpose() * n;
             let [low, high] = [-0.5, 0.5].map(|side| transform.transform_point3(at(side)).dot(m) / m.length());
@@ -258,7 +258,7 @@ fn parts_are_read_as_the_streaming_vectors_say() {
             continue;
         }
         let line = streaming::line(&case, &bytes);
-        // What is neither in the front of the file nor in these blocks must not be looked at.
+        // A streaming reader must not look at other blocks.
         let kept: Vec<(u64, u64)> = serde_json::from_value(line["ranges"].clone()).unwrap();
         let stored = |b: &file::BlockEntry| (b.file_offset, b.stored_size);
         let all: Vec<(u64, u64)> = StreamReader::open(&bytes).unwrap().blocks().iter().map(stored).collect();
@@ -290,7 +290,7 @@ fn invalid_vectors_are_as_generated() {
         let count = counts.entry(broken.rule).or_default();
         *count += 1;
         if broken.bytes[16] & 1 != 0 && !reads_compressed() {
-            // Cannot be generated without the codec: taken as it is there.
+            // This build cannot say what is wrong with it: the index is not compared.
             let name = format!("{}_{count}.esvo", broken.rule);
             files.insert(name, broken.bytes);
             continue;
@@ -325,7 +325,7 @@ fn every_rule_has_vectors_and_every_vector_a_rule() {
         assert!(name.starts_with(&format!("{id}_")), "{name}");
         assert!(!entry["cause"].as_str().unwrap().is_empty(), "{name}");
         broken.insert(id);
-        // A file on its own: what the committed bytes break, not what a generator says.
+        // Validates the committed bytes, not those of the generator.
         let bytes = fs::read(folder("invalid").join(name)).unwrap();
         if bytes.len() > 16 && bytes[16] & 1 != 0 && !reads_compressed() {
             assert!(matches!(Octree::from_bytes(&bytes), Err(FormatError::Broken(broken)) if broken.rule == "H003"));

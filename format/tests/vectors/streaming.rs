@@ -5,13 +5,13 @@ use std::collections::BTreeMap;
 
 use serde_json::{Value, json};
 
-/// What is asked of a file: the box and level of one object, or a set of blocks.
+/// What a case asks for: an object in a box down to a level, or a set of blocks.
 pub(crate) enum Wanted {
     Region { object: u32, low: [f64; 3], high: [f64; 3], level: u32 },
     Blocks(&'static [u32]),
 }
 
-/// A case: the valid vector, a sentence, what is asked.
+/// A streaming vector.
 pub(crate) struct Case {
     pub(crate) name: String,
     pub(crate) vector: &'static str,
@@ -207,8 +207,8 @@ impl File<'_> {
         (container(&object_table, block_table, &image), image)
     }
 
-    /// Mends the pointers of the descriptor in this block at this slot of it and of all below, and counts. `level` is
-    /// that of its children.
+    /// Mends the far pointers of one descriptor and of all below it, and counts. `slot` counts from the start of the
+    /// block; `level` is that of the descriptor's children.
     fn descend(
         &self,
         set: &[u32],
@@ -231,7 +231,7 @@ impl File<'_> {
             first = (block, target);
             counts.fars += 1;
             if 8 * target >= old_size {
-                // In another block, whose first byte in the file's image is that of slot 2 less two slots.
+                // In another block: the target is slot 2 of it, 16 bytes after its first byte in the file's image.
                 let start = old_start + 8 * target - 16;
                 match set.iter().position(|b| self.place(*b).0 == start) {
                     Some(below) => {

@@ -1,4 +1,4 @@
-//! The valid vectors: every feature alone, then together.
+//! The valid vectors: every feature alone, then features together.
 
 pub(crate) mod attributes;
 mod container;
@@ -19,7 +19,7 @@ pub(crate) struct Vector {
     pub(crate) about: &'static str,
     pub(crate) bytes: Vec<u8>,
     pub(crate) image: Vec<u8>,
-    /// Whether the library writes the same bytes: for what is laid out as it does that.
+    /// Whether the library writes the same bytes. True if the file has the library's own layout.
     pub(crate) canonical: bool,
 }
 

@@ -1,13 +1,13 @@
-//! A writer that lays out whatever it is told, byte by byte from the specification: shares no code with the library, so
-//! that each is a test of the other, and reaches what the library never writes.
+//! A writer that lays out any block and any file, byte by byte from the specification. It shares no code with the library,
+//! so that each tests the other, and it makes files that the library never writes.
 
 /// How the bytes of a block are stored.
 #[derive(Clone, PartialEq)]
 pub(crate) enum Codec {
     Raw,
-    /// A Zstandard frame of stored stretches and of runs of one byte, made by [`zstd_frame`].
+    /// A Zstandard frame of raw blocks and RLE blocks, made by [`zstd_frame`].
     Zstd,
-    /// Codec 1 with these bytes, whether they are a frame or not.
+    /// Codec 1 with these bytes. They need not be a frame.
     Frame(Vec<u8>),
 }
 
@@ -23,11 +23,11 @@ pub(crate) struct Block {
     links: Vec<(usize, usize, usize)>,
     /// Slot of the descriptor and contour values of its children.
     contours: Vec<(usize, Vec<u32>)>,
-    /// Zero words in front of the contour pool.
+    /// Zero words before the contour pool.
     pub(crate) pool_gap: usize,
     /// The last descriptor's contours come first.
     pub(crate) pool_reversed: bool,
-    /// Zero bytes in front of every attachment.
+    /// Zero bytes before every attachment.
     pub(crate) attachment_gap: usize,
     /// Type and bytes, in the order of the directory.
     pub(crate) attachments: Vec<(u32, Vec<u8>)>,
@@ -127,7 +127,7 @@ impl Block {
         self
     }
 
-    /// An attachment, behind those that are there.
+    /// Adds an attachment after the others.
     pub(crate) fn attachment(&mut self, kind: u32, bytes: Vec<u8>) -> &mut Self {
         self.attachments.push((kind, bytes));
         self
@@ -202,7 +202,7 @@ pub(crate) struct Plan {
     pub(crate) blocks: Vec<Block>,
     pub(crate) extra: Vec<Extra>,
     pub(crate) order: Order,
-    /// Flags of OBJT and BLKT, and of BLKS but for its own checksums.
+    /// Flags of OBJT and BLKT; BLKS has bit 1 set in addition.
     pub(crate) flags: u32,
     /// Compressed blocks are stored last first.
     pub(crate) stored_reversed: bool,
@@ -213,7 +213,7 @@ pub(crate) struct Plan {
 pub(crate) const IDENTITY: [f64; 16] = [1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1.];
 
 impl Plan {
-    /// One object of so many levels.
+    /// A file with one object of this number of levels.
     pub(crate) fn new(levels: u32, blocks: Vec<Block>) -> Self {
         Self {
             minor: 0,
@@ -233,7 +233,7 @@ impl Plan {
         let nowhere = vec![u64::from(u32::MAX); self.blocks.len()];
         let mut starts = vec![0u64];
         for (index, block) in self.blocks.iter().enumerate() {
-            // The length does not depend on where the others are.
+            // The length of a block does not depend on the places of the others.
             let block = Block { links: Vec::new(), ..block.clone() };
             starts.push(starts[index] + block.image(index, &nowhere).len() as u64 / 8);
         }
@@ -279,7 +279,7 @@ impl Plan {
             file.resize(file.len().next_multiple_of(align), 0);
             offsets[index] = file.len();
             if &sections[index].0 == b"BLKT" {
-                // The data is where it goes, or will be at the next page.
+                // With the data first, its place is known; otherwise it will start at the next page.
                 let base = match self.order {
                     Order::DataFirst => offsets[sections.len() - 1],
                     Order::Usual => {
@@ -367,8 +367,8 @@ impl Plan {
     }
 }
 
-/// A Zstandard frame (RFC 8878) without entropy coding: stretches as they are, and runs of zeros. The same bytes on
-/// every machine and with every version of any library.
+/// A Zstandard frame (RFC 8878) without entropy coding: raw blocks, and runs of zeros as RLE blocks. The bytes do not depend
+/// on the machine or on a library.
 pub(crate) fn zstd_frame(content: &[u8], with_size: bool) -> Vec<u8> {
     // Magic number and descriptor: a single segment with the content size in four bytes, or a window of 64 KiB.
     let mut frame = vec![0x28, 0xb5, 0x2f, 0xfd];

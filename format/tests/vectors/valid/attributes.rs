@@ -145,7 +145,7 @@ pub(super) fn attributes(add: &mut Add<'_>) {
     add("levels_23_everything", "23 levels, far pointers, contours, colours and normals", one(23, block));
 }
 
-/// What lies at the edges of others, and directions that cancel out.
+/// Empty attachments at the edges of others, and directions that cancel out.
 pub(super) fn edges(add: &mut Add<'_>) {
     let mut block = smallest(4);
     block.attachment(0x8000, Vec::new()).attachment(0x8001, vec![1; 16]).attachment(0x8002, Vec::new());
@@ -178,7 +178,7 @@ fn plain(block: &Block, entries: &[(usize, u8, &[u32])], order: &[usize]) -> Vec
     words.iter().flat_map(|word| word.to_le_bytes()).collect()
 }
 
-/// The same with all values of the three-level octree on their own, noise.
+/// Plain values of the three-level octree: noise, one for each voxel.
 pub(super) fn plain_noise(block: &Block, seed: u64) -> Vec<u8> {
     let mut rng = Rng(seed);
     let masks = [(2, 0b0100_1010u8), (4, 0b1001_0001), (5, 0b1111_0000), (6, 1), (7, 0b1000_0100)];

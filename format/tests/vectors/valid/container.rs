@@ -64,7 +64,7 @@ pub(super) fn container(add: &mut Add<'_>) {
     add("sections_reversed", "block data first, then the tables, the directory last", plan);
 }
 
-/// What JSON allows and metadata may have.
+/// Metadata at the limits of what M001 allows.
 pub(super) fn metadata(add: &mut Add<'_>) {
     let mut add = |name: &str, about: &'static str, text: &str| {
         add(name, about, Plan { extra: vec![extra(b"META", 0, text.as_bytes())], ..one(1, smallest(4)) });
@@ -136,8 +136,8 @@ pub(super) fn compressed(add: &mut Add<'_>) {
 /// Levels that the octree of [`entropy_coded`] has.
 pub(crate) const ENTROPY_LEVELS: u32 = 4;
 
-/// A block that compresses well, and two frames of it with entropy coding, the second with a checksum. The frames were
-/// made once by Zstandard 1.5 at level 19 and are kept, as other versions make others.
+/// A block that compresses well, and two frames of it with entropy coding, the second with a content checksum. Zstandard
+/// 1.5 made the frames at level 19; they are committed because other versions of it make other frames.
 pub(crate) fn entropy_coded() -> (Block, Vec<u8>, Vec<u8>) {
     let mut rng = Rng(19);
     let mut block = Block::new(590);
@@ -161,7 +161,7 @@ pub(crate) fn entropy_coded() -> (Block, Vec<u8>, Vec<u8>) {
     (block, include_bytes!("../frames/plain.zst").to_vec(), include_bytes!("../frames/checksum.zst").to_vec())
 }
 
-/// Frames that an encoder need not make and a decoder must read.
+/// Frames that an encoder may leave out and a decoder must read.
 pub(super) fn frames(add: &mut Add<'_>) {
     let (block, plain, checksum) = entropy_coded();
     add("compressed_entropy", "a frame with entropy coding", one(ENTROPY_LEVELS, block.framed(plain)));

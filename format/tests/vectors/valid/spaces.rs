@@ -1,4 +1,4 @@
-//! Transforms from octree space to mesh space: contours go along, normals do not.
+//! Transforms from octree space to mesh space. They apply to contours, but not to normals.
 
 use super::super::common::Rng;
 use super::super::writer::{Block, Plan};
@@ -6,7 +6,7 @@ use super::attributes::{corners, plain_noise, with_noise};
 use super::topology::{branching, smallest};
 use super::{Add, one};
 
-/// The octree of three levels with contours.
+/// The octree of [`branching`] with contours.
 fn contoured() -> Block {
     let mut block = branching(8);
     block.contour(2, 0b0100_0010, &[0x0de1_ec10, 0x1be9_f008]).contour(4, 0b0001_0000, &[0x2c29_f3d0]);
@@ -21,7 +21,7 @@ fn placed(levels: u32, block: Block, transform: [f64; 16]) -> Plan {
 }
 
 pub(super) fn transforms(add: &mut Add<'_>) {
-    // Columns: the images of the axes, then that of the origin.
+    // By columns: the images of the three axes, then the image of the origin.
     let rotated = [1.2, 1.6, 0., 0., -1.6, 1.2, 0., 0., 0., 0., 2., 0., -3., 0.25, 7., 1.];
     let mut block = contoured();
     with_noise(&mut block, 2, &[2, 4, 6]);

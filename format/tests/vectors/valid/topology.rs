@@ -4,7 +4,7 @@ use super::super::writer::{Block, Plan};
 use super::attributes::{noise, used_pairs};
 use super::{Add, one};
 
-/// The root with one leaf voxel, in an array of so many slots.
+/// A root with one leaf voxel, in an array of this number of slots.
 pub(crate) fn smallest(slots: usize) -> Block {
     let mut block = Block::new(slots);
     block.leaves(2, 1 << 5);
@@ -118,7 +118,7 @@ fn chain_cube(level: usize) -> ([u32; 3], u32) {
 pub(super) fn pages(add: &mut Add<'_>) {
     const NAMES: [&str; 8] = ["1", "2", "3", "4", "5", "6", "7", "8"];
     for n in 1..=8usize {
-        // A group of n as late as a page takes it, the next one as early as the next page does.
+        // A group of n in the last slots of a page that it fits into; the next group in the first slots of the next page.
         let mut block = Block::new(1030);
         let start = (1024 - n) / 2 * 2;
         block.node(2, 1 << 3, 0).near(2, 4);
