@@ -56,3 +56,38 @@ impl Camera {
         Ok([right, right.cross(forward), forward])
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cameras_out_of_range_are_refused_by_name() {
+        let good = Camera {
+            eye: [0.0; 3],
+            forward: [0.0, 0.0, -2.0],
+            up: [0.3, 1.0, 0.0],
+            fov_degrees: 60.0,
+            near: 0.1,
+            far: 10.0,
+        };
+        let [right, up, forward] = good.axes().expect("is in range");
+        assert!(right.cross(up).dot(-forward) > 0.999 && up.y > 0.9 && forward == DVec3::NEG_Z);
+        let infinite = f64::INFINITY;
+        for (what, bad) in [
+            ("eye is", Camera { eye: [0.0, f64::NAN, 0.0], ..good }),
+            ("forward is", Camera { forward: [infinite, 0.0, 0.0], ..good }),
+            ("forward is", Camera { forward: [0.0; 3], ..good }),
+            ("up is", Camera { up: [0.0, 0.0, 7.0], ..good }),
+            ("up is", Camera { up: [f64::NAN; 3], ..good }),
+            ("near is 0 and far is 10; near must be above 0 and below far", Camera { near: 0.0, ..good }),
+            ("near is 10 and far is 10", Camera { near: 10.0, ..good }),
+            ("far is inf", Camera { far: infinite, ..good }),
+            ("fov_degrees is 180", Camera { fov_degrees: 180.0, ..good }),
+            ("fov_degrees is NaN", Camera { fov_degrees: f64::NAN, ..good }),
+        ] {
+            let error = bad.axes().expect_err(what).to_string();
+            assert!(error.starts_with("camera: ") && error.contains(what), "{error}");
+        }
+    }
+}

@@ -12,11 +12,11 @@ use crate::{Camera, CastError, CastOptions, Caster, View, reference};
 /// How a sample octree is made.
 #[derive(Clone, Copy, Debug)]
 pub struct Sample {
-    /// Level of the deepest voxels, 1..=12.
+    /// Level of the deepest voxels, 1 to 12.
     pub levels: u32,
     /// Whether voxels have contours.
     pub contours: bool,
-    /// Largest descriptor array of a block and reach of near pointers: small ones make many blocks and far pointers.
+    /// Largest descriptor array of a block, and reach of near pointers. Small values make many blocks and far pointers.
     pub layout: AssembleOptions,
 }
 
@@ -31,7 +31,7 @@ impl Sample {
         Self { levels, contours, layout: AssembleOptions { block_slots: 512, near_limit: 40 } }
     }
 
-    /// A dented sphere in the unit cube with holes and with leaves of several sizes; always the same one.
+    /// A dented sphere in the unit cube, with holes and with leaves of several sizes. The same settings always give the same.
     ///
     /// # Errors
     /// Options that [`assemble`] refuses.
@@ -52,7 +52,7 @@ impl Sample {
         for (child, &at) in children.iter_mut().zip(&corners) {
             let centre = at + edge * 0.5;
             let (value, gradient) = surface(centre);
-            // Everything that the surface may reach, but for a few holes.
+            // Keeps every voxel that the surface may reach, except a few that become holes.
             if value.abs() > edge * 0.9 * gradient.length() || (level >= 2 && noise.next() < 0.02) {
                 continue;
             }
@@ -84,7 +84,7 @@ impl Sample {
     }
 }
 
-/// Distance to a dented sphere, roughly, and its gradient.
+/// Approximate distance to a dented sphere, and its gradient.
 fn surface(p: DVec3) -> (f64, DVec3) {
     let from_centre = p - 0.5;
     let radius = from_centre.length().max(1e-9);
@@ -94,7 +94,7 @@ fn surface(p: DVec3) -> (f64, DVec3) {
     (value, gradient)
 }
 
-/// A small generator of numbers in `0.0..1.0` (a 64-bit linear congruential one; the high bits are returned).
+/// Numbers in `0.0..1.0` from the high bits of a 64-bit linear congruential generator.
 struct Noise(u64);
 
 impl Noise {
@@ -104,7 +104,7 @@ impl Noise {
     }
 }
 
-/// Cameras around and in the unit cube: from afar, close to the surface, from inside, along an axis.
+/// Cameras around and in the unit cube: from far away, close to the surface, from inside, along an axis.
 pub fn cameras() -> Vec<Camera> {
     let camera = |eye: [f64; 3], forward: [f64; 3], fov_degrees: f64, far: f64| Camera {
         eye,
@@ -119,12 +119,12 @@ pub fn cameras() -> Vec<Camera> {
         camera([0.93, 0.55, 0.52], [-1.0, -0.4, 0.3], 70.0, 2.0),
         camera([0.5, 0.51, 0.49], [0.3, 0.2, -1.0], 90.0, 2.0),
         camera([0.5, 0.5, 2.0], [0.0, 0.0, -1.0], 40.0, 3.0),
-        // The far plane cuts the octree; the ray of the axis runs between voxels.
+        // The far plane cuts the octree, and the ray along the axis runs between voxels.
         camera([-0.5, 0.5, 0.5], [1.0, 0.0, 0.0], 60.0, 0.75),
     ]
 }
 
-/// The settings that pick kernels: contours, beam optimization and level-of-detail termination, each on and off.
+/// Every combination of the settings that select kernels: contours, beam optimization and level-of-detail termination.
 pub fn options() -> Vec<CastOptions> {
     (0..8)
         .map(|bits| CastOptions {
@@ -216,7 +216,11 @@ pub fn two_objects() -> Result<Arc<Octree>, FormatError> {
     let (slots, blocks) = (first.slots().len() as u64, first.blocks().len() as u32);
     let mut image = first.slots().to_vec();
     image.extend_from_slice(second.slots());
-    // The pointers of the second image are distances within it, so that they stay as they are.
+    // The pointers of the second image are distances within it, so that they stay as they are. An info section names its
+    // block, in the low word of its first slot.
+    for parts in second.parts() {
+        image[slots as usize + (parts.start + parts.array_slots) as usize] += u64::from(blocks);
+    }
     let second_objects = second.objects().iter().map(|object| ObjectEntry {
         root_block: object.root_block + blocks,
         root_slot: object.root_slot + slots,
