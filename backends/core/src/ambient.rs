@@ -1,12 +1,12 @@
-//! Ambient occlusion: how much of the light from all around reaches each voxel (the paper's section 1, figure 1; the
-//! authors' `ambient` mode).
+//! Ambient occlusion: how much of the light from all directions reaches each voxel (paper section 1, figure 1; the
+//! `ambient` mode of the authors' program).
 //!
-//! From a point just above the surface in a leaf voxel, rays go into the hemisphere around its normal, more of them the
-//! closer to the normal, as a surface that scatters light equally in all directions receives it. The value is the share
-//! of them that meets nothing within a radius. A voxel that is not a leaf has the mean of its children.
+//! Rays start at a point just above the surface in a leaf voxel and go into the hemisphere around its normal. Their density
+//! is proportional to the cosine of the angle to the normal, as for a surface that scatters light equally in all directions.
+//! The value is the share of rays that hit nothing within a radius. A voxel that is not a leaf has the mean of its children.
 //!
-//! Directions are the same for every voxel up to a turn around the normal by an angle that depends on the voxel's place:
-//! the same octree always gets the same values, from every engine.
+//! Every voxel has the same directions, turned around the normal by an angle that depends on the voxel's place. The same
+//! octree therefore always gets the same values, from every engine.
 
 use std::f32::consts::TAU;
 use std::sync::Arc;
@@ -16,7 +16,7 @@ use glam::{DMat3, DVec3, Mat3, Vec2, Vec3};
 
 use crate::{CastError, Caster, Fan, Fans};
 
-/// Rays that are cast at once.
+/// Rays of one call of the caster, at least.
 const BATCH_RAYS: usize = 1 << 20;
 
 /// How ambient occlusion is computed.
@@ -24,22 +24,22 @@ const BATCH_RAYS: usize = 1 << 20;
 pub struct AmbientSettings {
     /// Rays per leaf voxel, 1 to 65536.
     pub rays: u32,
-    /// How far away something can be to be in the way, in units of the root cube's edge: above 0, at most 4.
+    /// Distance up to which voxels block light, in edges of the root cube: above 0, at most 4.
     pub radius: f64,
-    /// Look to the other side of the surface: for meshes whose normals point inwards.
+    /// Cast rays on the other side of the surface, for meshes whose normals point inwards.
     pub flip_normals: bool,
-    /// Whether rays see contours; otherwise voxels are cubes.
+    /// Clip voxels by their contours; otherwise they are cubes.
     pub contours: bool,
 }
 
 impl Default for AmbientSettings {
-    /// The authors': 256 rays, 0.05 of the scene.
+    /// The authors' settings: 256 rays, 0.05 of the scene.
     fn default() -> Self {
         Self { rays: 256, radius: 0.05, flip_normals: false, contours: true }
     }
 }
 
-/// Why there is no ambient occlusion.
+/// Why ambient occlusion was not computed.
 #[derive(Debug, thiserror::Error)]
 pub enum AmbientError {
     /// A setting out of its range.
@@ -47,12 +47,12 @@ pub enum AmbientError {
     Setting {
         /// The setting.
         name: &'static str,
-        /// What it was.
+        /// Its value.
         value: String,
-        /// What it may be.
+        /// The values that it may have.
         range: &'static str,
     },
-    /// The octree does not say which side of its surface is outside.
+    /// Without normals, no side of the surface is known to be outside.
     #[error("the octree has no normals, so it has no outside; build it with normals")]
     NoNormals,
     /// What the caster said.
@@ -78,7 +78,7 @@ impl AmbientSettings {
     }
 }
 
-/// One value per voxel: 0, no light from around reaches it, to 255, all does.
+/// One value per voxel, from 0 (no light reaches it) to 255 (all light does).
 pub struct Ambient {
     /// By slot of the parent's descriptor and child slot.
     values: Vec<u8>,
@@ -93,13 +93,13 @@ impl Ambient {
         self.values[slot as usize * 8 + usize::from(child)]
     }
 
-    /// Computes the values of every voxel of every object. `progress` is called now and then with the part that is done,
-    /// 0 to 1.
+    /// Computes the values of every voxel of every object. `progress` is called from time to time with the share that is
+    /// done, 0 to 1.
     ///
     /// Takes eight bytes of memory per slot of the image, and loads the octree into the caster.
     ///
     /// # Errors
-    /// Settings out of range, an octree without normals, what the caster says.
+    /// Settings out of range, an octree without normals, the caster's errors.
     pub fn compute(
         octree: &Arc<Octree>,
         caster: &mut dyn Caster,
@@ -127,7 +127,7 @@ impl Ambient {
     }
 }
 
-/// A slab of a contour on the way down to a voxel.
+/// The slab of a contour, of a voxel or of one of its ancestors.
 #[derive(Clone, Copy)]
 struct Bound {
     /// Centre of the voxel that the contour belongs to, and its edge.
@@ -148,7 +148,7 @@ impl Bound {
         p + n * ((at - self.at(p)) * self.size / n.length_squared())
     }
 
-    /// How far it is from a point inside to where `direction` leads out of the slab.
+    /// Distance from a point inside to where `direction` leaves the slab.
     fn exit(&self, p: DVec3, direction: DVec3) -> f64 {
         let speed = DVec3::from(self.slab.normal).dot(direction) / self.size;
         let end = if speed > 0.0 { self.slab.hi() } else { self.slab.lo() };
@@ -156,7 +156,7 @@ impl Bound {
     }
 }
 
-/// A descriptor on the way down: its slot, the lower corner of its cube and its edge, in the root cube `[0, 1]³`.
+/// A descriptor: its slot, and the lower corner and edge of its cube in the root cube `[0, 1]³`.
 #[derive(Clone, Copy)]
 struct Node {
     slot: u32,
@@ -169,7 +169,7 @@ struct Run<'a> {
     settings: &'a AmbientSettings,
     directions: &'a [Vec3],
     values: Vec<u8>,
-    /// Leaves that are to be cast from, and where their values go.
+    /// Leaves whose rays are not cast yet, and the places of their values.
     batch: Vec<Fan>,
     leaves: Vec<usize>,
     hits: Vec<crate::Hit>,
@@ -219,13 +219,13 @@ impl Run<'_> {
         Ok(())
     }
 
-    /// The rays of a leaf: from above its surface.
+    /// The rays of a leaf, which start above its surface.
     ///
-    /// The surface is taken to be in the middle of the leaf's own contour, or within those of its ancestors, or else in the
-    /// middle of the cube. Rays start where the normal leads out of the leaf's shape, and a quarter of its edge further,
-    /// past the shapes of its neighbours on the same surface. Where a flat surface is made of cubes without contours, all
-    /// of them are within an `s` of it, the extent of a cube along the normal, and so is the surface within half of that
-    /// of the leaf's centre: rays start one and a half `s` above that.
+    /// The surface is assumed in the middle of the leaf's own contour, else within the contours of its ancestors, else in the
+    /// middle of the cube. With contours, rays start a quarter of the leaf's edge beyond the point where the normal leaves
+    /// the leaf's shape: that is above the shapes of its neighbours on the same surface. Without contours, let `s` be the
+    /// extent of a cube along the normal. All cubes of a flat surface are within `s` of it, and the surface is within `s / 2`
+    /// of the leaf's centre: rays start `1.5 s` above the centre.
     fn fan(&self, centre: DVec3, size: f64, normal: DVec3, bounds: &[Bound]) -> Fan {
         let mut p = centre;
         for bound in bounds {
@@ -254,7 +254,7 @@ impl Run<'_> {
         Fan { origin: (origin + 1.0).as_vec3(), axes: axes * self.settings.radius as f32 }
     }
 
-    /// Casts what has been collected.
+    /// Casts the rays of the collected leaves.
     fn cast(&mut self, job: &mut Job) -> Result<(), AmbientError> {
         let contours = self.settings.contours;
         let fans = Fans { root: job.root, contours, fans: &self.batch, directions: self.directions };
@@ -271,7 +271,7 @@ impl Run<'_> {
         Ok(())
     }
 
-    /// Sets the voxels that are not leaves, below a descriptor; returns the mean of its children.
+    /// Sets the values of the voxels below a descriptor that are not leaves. Returns the mean of its children.
     fn average(&mut self, slot: u32) -> f32 {
         let valid = self.octree.descriptor(slot).valid_mask();
         let mut sum = 0.0;
@@ -289,18 +289,18 @@ impl Run<'_> {
     }
 }
 
-/// What casting the batches of an object takes.
+/// What the batches of an object have in common.
 struct Job<'a> {
     caster: &'a mut dyn Caster,
     progress: &'a mut dyn FnMut(u64),
     root: u32,
-    /// Takes normals from mesh space.
+    /// Transforms normals from mesh space to octree space.
     to_octree: DMat3,
 }
 
-/// Unit vectors around z, their density proportional to the cosine of the angle to it; neighbours are close together.
+/// Unit vectors around z with a density proportional to the cosine of the angle to it. Neighbours in the list are close.
 fn hemisphere(count: u32) -> Vec<Vec3> {
-    // A spiral of equal areas on the disc below the hemisphere, by the golden angle.
+    // Points of equal area along a spiral with the golden angle, on the disc below the hemisphere.
     let golden = TAU * (1.0 - 2.0 / (1.0 + 5.0f32.sqrt()));
     let mut directions: Vec<Vec3> = (0..count)
         .map(|i| {

@@ -1,23 +1,23 @@
 //! The rays of a picture in mesh space and double precision, and what they find among triangles.
 //!
-//! These are the rays that a [`View`] stands for, before it rounds them to what the kernels take: the same pixels, the
-//! same order, and the same `t` (depth over far depth), so that a [`TriangleHit`] can be set beside a [`Hit`](crate::Hit).
+//! These are the rays of a [`View`] before it rounds them to single precision: the same pixels, the same order, and the
+//! same `t` (depth over far depth), so that a [`TriangleHit`] can be compared with a [`Hit`](crate::Hit).
 
 use glam::{DMat4, DVec3};
 
 use crate::frame::check_size;
 use crate::{Camera, CastError, View};
 
-/// One ray in double precision, in whatever space its maker says.
+/// One ray in double precision. Its space is that of whoever makes it.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct ExactRay {
     /// Where `t` is 0.
     pub origin: DVec3,
     /// Displacement over `t` = 1.
     pub direction: DVec3,
-    /// First `t` of interest, at least 0.
+    /// Start of the ray, at least 0.
     pub t_min: f64,
-    /// Last `t` of interest.
+    /// End of the ray.
     pub t_max: f64,
 }
 
@@ -66,8 +66,8 @@ impl CameraRays {
         })
     }
 
-    /// The rays that the rounded numbers of `view` stand for, taken to mesh space: what is left between the hits of these
-    /// and those of [`new`](Self::new) is the rounding of the camera, and not the caster's doing.
+    /// The rays of `view` with its rounded numbers, in mesh space. Where hits of these differ from hits of the rays of
+    /// [`new`](Self::new), the cause is the rounding of the camera and not the caster.
     pub fn of_view(view: &View, octree_to_mesh: DMat4) -> Self {
         let vector = |v: [f32; 3]| octree_to_mesh.transform_vector3(DVec3::from(v.map(f64::from)));
         Self {
@@ -123,7 +123,7 @@ pub struct TriangleHit {
 }
 
 impl TriangleHit {
-    /// `t` of a ray that hits nothing, as [`Hit::MISS_T`](crate::Hit::MISS_T).
+    /// `t` of a ray that hits nothing; the same as [`Hit::MISS_T`](crate::Hit::MISS_T).
     pub const MISS_T: f64 = 2.0;
     /// `triangle` of a ray that hits nothing.
     pub const NONE: u32 = u32::MAX;
@@ -164,7 +164,7 @@ mod tests {
             assert!((a.origin - b.origin).length() < 1e-5, "{a:?} {b:?}");
             assert!((a.direction - b.direction).length() < 1e-4, "{a:?} {b:?}");
             assert!((a.t_min - b.t_min).abs() < 1e-8);
-            // And as the kernels compute them.
+            // The rays as the kernels compute them.
             let ray = view.ray(index as u32 % 37, index as u32 / 37);
             let direction = octree_to_mesh.transform_vector3(ray.direction.as_dvec3());
             assert!((a.direction - direction).length() < 1e-4, "{a:?} {direction}");

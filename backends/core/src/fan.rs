@@ -1,4 +1,4 @@
-//! Rays that no camera makes: bundles of them from many points.
+//! Bundles of rays from many points: rays that no camera makes.
 
 use glam::{Mat3, Vec3};
 
@@ -9,21 +9,21 @@ use crate::{FLAG_CONTOURS, Ray, View};
 pub struct Fan {
     /// Common origin, in the octree `[1, 2]³`.
     pub origin: Vec3,
-    /// Takes the directions that all fans share to those of this one.
+    /// Turns and stretches the directions that all fans share into those of this fan.
     pub axes: Mat3,
 }
 
-/// Bundles of rays, all of the same number and shape. The rays of one have their origin in common.
+/// Bundles of rays, all of the same number and shape. The rays of a bundle start at one point.
 #[derive(Clone, Copy, Debug)]
 pub struct Fans<'a> {
-    /// Slot of the root's child descriptor.
+    /// Slot of the root's child descriptor: the root slot of one of the octree's objects.
     pub root: u32,
     /// Clip voxels by their contours; otherwise they are cubes.
     pub contours: bool,
     /// The bundles.
     pub fans: &'a [Fan],
-    /// The rays of each before it is turned: from `t` = 0 to `t` = 1. Neighbours in the list should be of similar
-    /// direction: engines cast several at once.
+    /// The rays of each bundle before [`Fan::axes`] turns them, from `t` = 0 to `t` = 1. Neighbours in the list should have
+    /// similar directions, since engines cast several at once.
     pub directions: &'a [Vec3],
 }
 
@@ -33,7 +33,7 @@ impl Fans<'_> {
         self.fans.len() * self.directions.len()
     }
 
-    /// Whether there are none.
+    /// Whether there are no rays.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -82,7 +82,7 @@ mod tests {
     use crate::testing::sample::Sample;
     use crate::{CastError, Caster, Checked, Device, FrameTime, Hit, Roots};
 
-    /// A caster that can do no more than a caster must.
+    /// A caster with the required methods only.
     struct FramesOnly(ReferenceCaster);
 
     impl Caster for FramesOnly {

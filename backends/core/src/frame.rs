@@ -12,10 +12,10 @@ use crate::{Camera, CastError};
 pub struct CastOptions {
     /// Clip voxels by their contours; otherwise they are cubes.
     pub contours: bool,
-    /// Start rays where a coarse pass found that nothing comes before (paper section 4.2).
+    /// Beam optimization (paper section 4.2): a coarse pass finds where rays may start.
     pub beam: bool,
-    /// End at voxels that are at most this many pixels large where the ray leaves them (paper section 4.1); 0 casts
-    /// down to the leaves.
+    /// Rays end at voxels that are at most this many pixels large where the ray leaves them (paper section 4.1). At least
+    /// 0; 0 casts down to the leaves.
     pub max_voxel_pixels: f32,
 }
 
@@ -35,7 +35,7 @@ impl CastOptions {
 }
 
 impl Default for CastOptions {
-    /// The paper's: contours, no beam, one pixel.
+    /// The paper's settings: contours, no beam, one pixel.
     fn default() -> Self {
         Self { contours: true, beam: false, max_voxel_pixels: 1.0 }
     }
@@ -205,7 +205,7 @@ impl View {
         self.flags & FLAG_CONTOURS != 0
     }
 
-    /// Whether a coarse pass comes first.
+    /// Whether a coarse pass runs before the main pass.
     pub fn beam(&self) -> bool {
         self.flags & FLAG_BEAM != 0
     }
@@ -228,23 +228,23 @@ impl View {
         }
     }
 
-    /// Rays of the coarse pass per row and per column: one through each corner of the blocks of [`BEAM_BLOCK`] pixels,
-    /// and one more ring around them.
+    /// Rays of the coarse pass per row and per column: one through each corner of the blocks of [`BEAM_BLOCK`] pixels, and
+    /// one ring more around the picture.
     pub fn coarse_size(&self) -> (u32, u32) {
         (self.width.div_ceil(BEAM_BLOCK) + 3, self.height.div_ceil(BEAM_BLOCK) + 3)
     }
 
     /// The coarse ray at corner `(i, j)` of the grid of [`coarse_size`](Self::coarse_size).
     ///
-    /// It ends at voxels smaller than twice the diagonal of a block: their parents still cover it, so that they
-    /// themselves, larger than the diagonal, cannot slip through the grid.
+    /// It ends at voxels smaller than twice the diagonal of a block. Such a voxel is the first that is small enough, so that
+    /// it is still larger than the diagonal and cannot lie between the rays of the grid.
     pub fn coarse_ray(&self, i: u32, j: u32) -> Ray {
         let at = |k: u32| (k as f32 - 1.0) * BEAM_BLOCK as f32;
         Ray {
             origin: self.origin.into(),
             direction: self.direction(at(i), at(j)),
             t_min: self.t_near,
-            // Beyond the far plane too: a voxel there may reach in front of it on a neighbouring ray.
+            // Continues beyond the far plane: on a neighbouring ray, a voxel there may reach in front of it.
             t_max: f32::MAX,
             size_at_origin: 0.0,
             size_per_t: self.pixel_size * COARSE_VOXEL_PIXELS,
@@ -253,15 +253,15 @@ impl View {
 
     /// What the coarse pass stores for a hit at `t` in a voxel of edge `size`, in octree units.
     ///
-    /// A neighbouring ray can enter the same voxel earlier, by its diagonal at most.
+    /// A neighbouring ray can enter the same voxel earlier, but not by more than its diagonal.
     pub fn coarse_start(&self, t: f32, size: f32) -> f32 {
         mad(size * -SQRT_3, self.t_per_depth, t).max(self.t_near)
     }
 
-    /// Where the rays of a pixel may start: the least value of the 4 x 4 corners around its block.
+    /// Where the ray of a pixel may start: the least value of the 4 x 4 corners around its block.
     ///
-    /// The paper takes the block's own four corners; that misses a voxel which reaches between them with a corner of its
-    /// own. Let a ray of the pixel at `p` hit something in a voxel at which a coarse ray would end: its edge is at least
+    /// The paper takes the four corners of the block. That misses a voxel of which only a corner reaches between them. Let a
+    /// ray of the pixel at `p` hit something in a voxel at which a coarse ray would end: its edge is at least
     /// the diagonal of a block, 1.41 blocks. Its picture holds the picture of its inscribed sphere and, being convex,
     /// every disc between that and `p`: at a distance `x` from `p` one of radius `x / √3`. A disc of radius 0.71 blocks
     /// holds a corner of the grid wherever it lies; it is found at `x` = 1.22 blocks and ends 1.93 blocks from `p`. So

@@ -2,7 +2,8 @@
 
 use bytemuck::{Pod, Zeroable};
 
-/// A hit voxel, named by its parent's descriptor and its child slot; as the kernels write it, 16 bytes.
+/// A hit voxel, named by its parent's descriptor and its child slot: 16 bytes, as the kernels write them. A test compares
+/// it with the kernel's struct of the same name.
 #[repr(C)]
 #[derive(Clone, Copy, PartialEq, Debug, Pod, Zeroable)]
 pub struct Hit {
@@ -12,7 +13,7 @@ pub struct Hit {
     pub slot: u32,
     /// Child slot in bits 0..3, scale of the voxel in bits 8..13: its edge is `2^(scale - 23)` of the root.
     pub voxel: u32,
-    /// Iterations of the main loop.
+    /// Iterations of the main loop that the ray took.
     pub iterations: u32,
 }
 
@@ -48,18 +49,18 @@ impl Hit {
         self.voxel >> 8
     }
 
-    /// Edge of the voxel, the root cube's being 1.
+    /// Edge of the voxel; the edge of the root cube is 1.
     pub fn size(&self) -> f32 {
         exp2(self.scale() as i32 - 23)
     }
 
-    /// Whether both name the same voxel (or both none).
+    /// Whether both name the same voxel, or both are misses.
     pub fn same_voxel(&self, other: &Self) -> bool {
         self.voxel == other.voxel && self.slot == other.slot
     }
 }
 
-/// `2^n` for normal numbers.
+/// `2^n`, for `n` from -126 to 127.
 #[inline(always)]
 pub fn exp2(n: i32) -> f32 {
     f32::from_bits(((n + 127) as u32) << 23)

@@ -1,4 +1,58 @@
-//! Rays, cameras, the Caster trait, the reference caster and the kernel sources of esvo.
+//! Rays into sparse voxel octrees: cameras, the trait that every engine implements, the reference caster, the GPU kernel.
+//!
+//! ```
+//! use esvo_core::camera::viewpoint::overview;
+//! use esvo_core::reference::ReferenceCaster;
+//! use esvo_core::testing::sample::Sample;
+//! use esvo_core::{CastOptions, Caster, View, shading};
+//!
+//! let octree = Sample::plain(5, true).octree()?; // or Arc::new(Octree::open(path)?)
+//! let mut caster = ReferenceCaster::default();
+//! caster.load(&octree)?;
+//! let camera = overview(&octree, [0.0, 1.0, 0.0], 60.0, 4.0 / 3.0);
+//! let root = octree.objects()[0].root_slot as u32;
+//! let view = View::new(&camera, octree.octree_to_mesh(0), root, (64, 48), &CastOptions::default())?;
+//! let mut hits = Vec::new();
+//! caster.cast(&view, &mut hits)?;
+//! let picture = shading::shade(&octree, &view, &hits);
+//! assert_eq!((picture.width, picture.height), (64, 48));
+//! assert!(hits.iter().any(|hit| !hit.is_miss()));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! # What is where
+//!
+//! | to | see |
+//! |---|---|
+//! | place a camera | [`Camera`]; [`camera::viewpoint`]: one that sees all of an object |
+//! | know the rays of a picture | [`View`], [`Ray`]; in double precision: [`exact`] |
+//! | cast a picture | [`Caster::cast`] |
+//! | cast rays of your own | [`Fans`], [`Caster::cast_fans`] |
+//! | read a hit | [`Hit`]; its colour and normal: [`shading`] |
+//! | make a picture | [`shading`], [`Picture`]; files: [`picture`] with the feature `png` |
+//! | compute ambient occlusion | [`ambient`] |
+//! | know what a correct hit is | [`mod@reference`]: the paper's Figure 8 |
+//! | write an engine | the methods of [`Caster`] that end in `_checked`, [`Checked`], [`Roots`] |
+//! | write an engine for a GPU | [`gpu::kernel`], [`gpu::resident`] |
+//! | test an engine | [`testing::conformance`]: one macro makes its tests |
+//! | compare two engines | [`testing::compare`], [`testing::sample`] |
+//!
+//! The engines are crates of their own: `esvo-cpu`, `esvo-wgpu`, `esvo-ash`. The crate `esvo-engines` opens one by name.
+//!
+//! # Spaces and units
+//!
+//! Casters work in the cube `[1, 2]³`: octree space plus 1, so that the bits of a coordinate are the path of a voxel from the
+//! root. A [`Camera`] is in the units of the mesh; [`View::new`] leads from one to the other. Along a ray of a picture, `t` is
+//! depth divided by the depth of the far plane: 1 at the far plane.
+//!
+//! # Bad input
+//!
+//! [`Caster::load`] takes only octrees that are [sound](esvo_format::Octree::sound), and [`Caster::cast`] only views that are
+//! finite and start at a root of the loaded octree. Everything else is a [`CastError`]; nothing panics.
+//!
+//! # Features
+//!
+//! `png`: [`picture`] reads and writes files, with the crate `image`.
 
 pub mod ambient;
 pub mod camera;
@@ -20,6 +74,8 @@ pub use caster::{Caster, Device, DeviceKind, FrameTime};
 pub use checked::{Checked, Roots};
 pub use error::CastError;
 pub use fan::{Fan, Fans};
-pub use frame::{BEAM_BLOCK, COARSE_VOXEL_PIXELS, CastOptions, FLAG_BEAM, FLAG_CONTOURS, MAX_PIXELS, Ray, View};
+pub use frame::{
+    BEAM_BLOCK, COARSE_VOXEL_PIXELS, CastOptions, FLAG_BEAM, FLAG_CONTOURS, MAX_PIXELS, Ray, View, check_size,
+};
 pub use hit::{Hit, exp2};
 pub use picture::Picture;

@@ -1,6 +1,6 @@
-//! Pictures of what rays found: shaded, and as maps of iterations, normals and depth.
+//! Pictures of hits: shaded, and as maps of iterations, normals and depth.
 //!
-//! Octrees and triangles go through the same shading with the same light in mesh space, so that pictures of both can be
+//! Octrees and triangles are shaded in the same way, with the same light in mesh space, so that pictures of both can be
 //! compared pixel by pixel. Colours are decoded from sRGB, lit in linear light and encoded again.
 
 use esvo_format::Octree;
@@ -10,7 +10,7 @@ use glam::{DMat3, DMat4, DVec3, Vec3};
 use crate::exact::{CameraRays, TriangleHit};
 use crate::{Hit, Picture, Ray, View};
 
-/// What is seen at a point of a surface.
+/// A surface at a point.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Surface {
     /// Normal in mesh space, any length; either side may face the viewer. Zero: lit as if it faced the viewer.
@@ -19,19 +19,19 @@ pub struct Surface {
     pub color: [f32; 3],
 }
 
-/// Colour of voxels that have none, sRGB-encoded.
+/// Colour of voxels without a colour, sRGB-encoded.
 pub const PLAIN_COLOR: [f32; 3] = [0.75, 0.75, 0.75];
 
-/// Light that comes from everywhere, as a part of the colour.
+/// Light from all directions, as a share of the colour.
 const AMBIENT: f32 = 0.18;
-/// Light from the lamp that is scattered equally in all directions.
+/// Light from the lamp that the surface scatters equally in all directions, as a share of the colour.
 const DIFFUSE: f32 = 0.78;
-/// Highlight, and how narrow it is.
+/// Strength and exponent of the highlight.
 const SPECULAR: (f32, f32) = (0.12, 24.0);
 /// The sky at the top and at the bottom of the picture, sRGB-encoded.
 const SKY: [[f32; 3]; 2] = [[0.45, 0.62, 0.87], [0.90, 0.93, 0.96]];
 
-/// A lamp that goes with the camera, above its left shoulder and far away.
+/// A lamp far away, above the left side of the camera, which moves with it.
 struct Light {
     to_light: DVec3,
     height: u32,
@@ -49,8 +49,8 @@ impl Light {
         std::array::from_fn(|i| SKY[0][i] + (SKY[1][i] - SKY[0][i]) * at)
     }
 
-    /// Phong's model; a side that points away is lit as its mirror image. `open` is the part of the light from around that
-    /// reaches the surface; as with the paper's authors it takes from all that is scattered, not from the highlight.
+    /// Phong's model; a side that points away is lit as its mirror image. `open` is the share of the light from all directions
+    /// that reaches the surface. As in the authors' program it scales all scattered light and not the highlight.
     fn lit(&self, surface: &Surface, open: f32, direction: DVec3) -> [f32; 3] {
         let to_eye = -direction.normalize_or_zero();
         let normal = mirrored(surface.normal, direction).try_normalize().unwrap_or(to_eye);
@@ -63,27 +63,27 @@ impl Light {
     }
 }
 
-/// The normal, turned against the direction of view.
+/// The normal, reversed if it points along the direction of view.
 fn facing(normal: DVec3, direction: DVec3) -> DVec3 {
     if normal.dot(direction) > 0.0 { -normal } else { normal }
 }
 
-/// The normal, mirrored to the viewer's side where it points away: as steep to the ray as it was, and turned the same way
-/// across it. Voxels at a silhouette stick out from behind it, with normals that point a little away. Turned about, they
-/// would be lit from where their neighbours are dark.
+/// The normal, mirrored to the viewer's side if it points away: its angle to the ray and its direction across the ray stay.
+/// Voxels at a silhouette reach beyond it, with normals that point slightly away. Reversed normals would make such voxels
+/// bright where their neighbours are dark.
 fn mirrored(normal: DVec3, direction: DVec3) -> DVec3 {
     let away = normal.dot(direction);
     if away > 0.0 { normal - direction * (2.0 * away / direction.length_squared()) } else { normal }
 }
 
-/// Octree space to mesh space of the object that `view` looks at: the one whose root it names, else the first.
+/// Octree space to mesh space of the object that `view` shows: the object of its root, else the first.
 pub fn octree_to_mesh(octree: &Octree, view: &View) -> DMat4 {
     let object = octree.objects().iter().position(|o| o.root_slot == u64::from(view.root)).unwrap_or(0);
     octree.octree_to_mesh(object)
 }
 
-/// Unit normal of a hit voxel in mesh space, facing the ray: of its attachment, else of its contour, else of the side of
-/// the cube that the ray came in by.
+/// Unit normal of a hit voxel in mesh space, facing the ray: of its attachment, else of its contour, else of the face of the
+/// cube by which the ray entered.
 ///
 /// # Panics
 /// The hit is not of this octree, or a miss.
@@ -92,20 +92,20 @@ pub fn voxel_normal(octree: &Octree, octree_to_mesh: &DMat4, ray: &Ray, hit: &Hi
     facing(own_normal(octree, octree_to_mesh, ray, hit), direction)
 }
 
-/// The same, but on the side that its attachment says.
+/// The same, but not turned to the ray if it comes from an attachment.
 fn own_normal(octree: &Octree, octree_to_mesh: &DMat4, ray: &Ray, hit: &Hit) -> DVec3 {
     let stored = octree.normal_at(hit.slot, hit.child(), place(ray, hit)).map(Vec3::as_dvec3);
     if let Some(normal) = stored.filter(|n| *n != DVec3::ZERO) {
         return normal.normalize_or_zero();
     }
-    // These have no side of their own.
+    // Contours and faces have no outside: they face the ray.
     let contour = octree.contour(hit.slot, hit.child()).map(|c| DVec3::from(c.decode().normal));
     let normal = contour.unwrap_or_else(|| entry_side(ray, hit));
     let normal = DMat3::from_mat4(*octree_to_mesh).inverse().transpose() * normal;
     facing(normal, octree_to_mesh.transform_vector3(ray.direction.as_dvec3())).normalize_or_zero()
 }
 
-/// Normal of the side of the cube that the ray came in by: of the planes of the voxel's grid, the one nearest to the hit.
+/// Normal of the face of the cube by which the ray entered: of the planes of the voxel's grid, the one nearest to the hit.
 fn entry_side(ray: &Ray, hit: &Hit) -> DVec3 {
     let cells = (ray.origin + ray.direction * hit.t) / hit.size();
     let off = (cells - cells.round()).abs();
@@ -114,15 +114,15 @@ fn entry_side(ray: &Ray, hit: &Hit) -> DVec3 {
     side
 }
 
-/// Where in its voxel, whose corners are 0 and 1, a ray hits. Attributes at corners are interpolated to there.
+/// The place of a hit in its voxel, 0 to 1 on each axis. Attributes at corners are interpolated for it.
 fn place(ray: &Ray, hit: &Hit) -> Vec3 {
-    // A little further on: on the side that the ray came in by, rounding might name the voxel before it.
+    // Moved a little along the ray: on the face itself, rounding could select the voxel before it.
     let point = ray.origin + ray.direction * hit.t + ray.direction.normalize_or_zero() * (hit.size() * 1e-3);
     let cells = point / hit.size();
     cells - cells.floor()
 }
 
-/// Colour of a hit voxel where it was hit, sRGB-encoded, or [`PLAIN_COLOR`].
+/// Colour of a hit voxel at the hit, sRGB-encoded, or [`PLAIN_COLOR`].
 ///
 /// # Panics
 /// The hit is not of this octree, or a miss.
@@ -130,7 +130,7 @@ pub fn voxel_color(octree: &Octree, ray: &Ray, hit: &Hit) -> [f32; 3] {
     octree.color_at(hit.slot, hit.child(), place(ray, hit)).unwrap_or(PLAIN_COLOR)
 }
 
-/// Part of the light from all around that reaches a hit voxel: 1 if the octree has no ambient occlusion.
+/// Share of the light from all directions that reaches a hit voxel; 1 if the octree has no ambient occlusion.
 ///
 /// # Panics
 /// The hit is not of this octree, or a miss.
@@ -138,7 +138,7 @@ pub fn voxel_ambient(octree: &Octree, hit: &Hit) -> f32 {
     octree.ambient(hit.slot, hit.child()).unwrap_or(1.0)
 }
 
-/// The octree, shaded: a lamp at the camera, voxels by their own colours and normals, a sky where nothing was hit.
+/// The octree, shaded: a lamp at the camera, the colours and normals of the voxels, a sky where nothing was hit.
 ///
 /// # Panics
 /// `hits` are not those of this octree and view.
@@ -158,7 +158,7 @@ pub fn shade(octree: &Octree, view: &View, hits: &[Hit]) -> Picture {
     })
 }
 
-/// The triangles, shaded in the same way; `surface` says what is seen of a triangle at a point, in mesh space.
+/// The triangles, shaded in the same way; `surface` gives the surface of a triangle at a point in mesh space.
 ///
 /// # Panics
 /// There are fewer hits than pixels.
@@ -178,7 +178,7 @@ pub fn shade_triangles(
     })
 }
 
-/// Iterations of every ray as [heat], `most` and more being the hottest.
+/// Iterations of every ray as [heat]; `most` and more are white.
 ///
 /// # Panics
 /// There are fewer hits than pixels.
@@ -188,7 +188,7 @@ pub fn iteration_map(view: &View, hits: &[Hit], most: u32) -> Picture {
     })
 }
 
-/// Normals that face the viewer, in mesh space: the components from -1 to 1 become red, green and blue. Misses are black.
+/// Normals that face the viewer, in mesh space: components from -1 to 1 become red, green and blue. Misses are black.
 ///
 /// # Panics
 /// `hits` are not those of this octree and view.
@@ -221,8 +221,8 @@ pub fn depth_map(view: &View, hits: &[Hit]) -> Picture {
     })
 }
 
-/// A colour for a value from 0 (black) over violet, red and yellow to 1 (white); others are clamped. sRGB-encoded, its
-/// brightness rises all the way, so that it can be read in grey too.
+/// A colour, sRGB-encoded, for a value from 0 (black) over violet, red and yellow to 1 (white). Other values are clamped. The
+/// brightness rises with the value, so that the colours can be read in grey.
 pub fn heat(value: f32) -> [f32; 3] {
     const STOPS: [[f32; 3]; 5] =
         [[0.0, 0.0, 0.0], [0.2, 0.1, 0.45], [0.85, 0.2, 0.2], [1.0, 0.8, 0.1], [1.0, 1.0, 1.0]];
@@ -252,7 +252,7 @@ mod tests {
         assemble(&tree, to_mesh, &AssembleOptions::default()).unwrap()
     }
 
-    /// Looks at the lower corner from along one axis, a little from the side.
+    /// Looks along z at the lower corner.
     fn camera() -> Camera {
         Camera {
             eye: [-0.5, -0.5, -4.0],
@@ -311,12 +311,12 @@ mod tests {
         let surface = |triangle: u32, point: DVec3| {
             assert_eq!(triangle, 5);
             assert!((point.z - -1.0).abs() < 1e-9, "{point}");
-            // Longer than a unit: that does not change the picture.
+            // The length of a normal does not change the picture.
             Surface { normal: DVec3::NEG_Z * 3.0, color }
         };
         let expected = shade_triangles(&rays, &triangles, surface);
         let worst = shade(&octree, &view, &hits).rgb8.iter().zip(&expected.rgb8).map(|(a, b)| a.abs_diff(*b)).max();
-        // One colour for a lone voxel is stored with 5 or 6 bits a channel at the least.
+        // The colour of a single voxel is stored with at least 5 or 6 bits per channel.
         assert!(worst.unwrap() <= 6, "{worst:?}");
         let turned = shade_triangles(&rays, &triangles, |_, _| Surface { normal: DVec3::X, color });
         assert_ne!(turned, expected, "the normal matters");
@@ -331,7 +331,7 @@ mod tests {
             shade(&bright, &view, &hits),
             shade(&bright.with_ambient_occlusion(|_, _| 255).unwrap(), &view, &hits)
         );
-        // What is left where no light reaches is the highlight.
+        // Where no light reaches, only the highlight remains.
         let [all, half, none] = [255, 128, 0].map(|value| green(&bright.with_ambient_occlusion(|_, _| value).unwrap()));
         assert!(all > half + 0.05 && half > none + 0.05, "{all} {half} {none}");
         assert!((half - (all + none) / 2.0).abs() < 0.01, "{all} {half} {none}");

@@ -1,9 +1,10 @@
-//! The reference caster against the answers of the authors' own, ray by ray, on octrees that their builder made.
+//! The reference caster compared with the authors' caster, ray by ray, on octrees that the authors' builder made.
 //!
-//! The files are not in the repository: they are looked for in `$ESVO_REFERENCE`, then in `../shared/reference` beside it.
+//! The files are not in the repository. The test looks for them in `$ESVO_REFERENCE`, then in `../shared/reference` next to
+//! the repository.
 //!
-//! Both casters do the same steps in the same order, in single precision without fused arithmetic: every answer is equal to
-//! the last bit, on cubes and on contours.
+//! Both casters do the same steps in the same order, in single precision without fused operations: every hit is equal in
+//! every bit, with cubes and with contours.
 
 use std::path::PathBuf;
 
@@ -12,7 +13,7 @@ use esvo_core::{Hit, Ray};
 use esvo_format::{Octree, oct};
 use glam::Vec3;
 
-/// A ray and what the authors' caster said of it.
+/// A ray and the hit of the authors' caster.
 struct Record {
     ray: Ray,
     t: f32,
@@ -27,7 +28,10 @@ fn folder() -> Option<PathBuf> {
         .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared/reference"), PathBuf::from)
         .join("oct");
     if !folder.is_dir() {
-        println!("skipped: {} is not there; set ESVO_REFERENCE", folder.display());
+        eprintln!(
+            "skipped: there is no folder {}: not tested: the authors' hits (set ESVO_REFERENCE)",
+            folder.display()
+        );
         return None;
     }
     Some(folder)
@@ -62,7 +66,7 @@ fn records(path: PathBuf) -> Vec<Record> {
         .collect()
 }
 
-/// How the answers for one picture differ.
+/// How the hits of one picture differ.
 #[derive(Debug, Default)]
 struct Difference {
     rays: usize,
@@ -96,7 +100,7 @@ impl Difference {
             self.missed += usize::from(hit.is_miss() == theirs);
             return;
         }
-        // The authors' point is in the voxel; ours must be in the same one, give or take a rounding.
+        // The authors' point is in the voxel; ours must be in the same voxel, up to rounding.
         let point = record.ray.origin + record.ray.direction * hit.t;
         let near = (point - record.position).abs().max_element() < 0.5 * hit.size();
         if u32::from(hit.child()) != record.child || hit.scale() != record.scale || !near {
@@ -147,7 +151,7 @@ fn contours_are_hit_where_the_authors_hit_them() {
     }
 }
 
-/// The comparison tells casters apart: without contours most rays end at the faces of cubes.
+/// The comparison notices a difference: without contours most rays end at the faces of cubes.
 #[test]
 fn without_contours_the_answers_differ() {
     for difference in compare("sibenik_L7_contours_dxt", false).into_iter().flatten() {

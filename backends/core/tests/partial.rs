@@ -1,4 +1,4 @@
-//! A part of an octree, as a streaming reader makes it, shows the whole more coarsely and never less of it.
+//! A part of an octree, as a streaming reader makes it, shows the whole octree coarsely, and leaves nothing out.
 
 use std::collections::HashMap;
 
@@ -7,7 +7,7 @@ use esvo_core::{CastOptions, Hit, View, reference};
 use esvo_format::{AssembleOptions, Octree, Region, StreamReader, validate};
 use glam::DVec3;
 
-/// Slots of the part and of the whole, and of the whole each descriptor's parent and child slot there.
+/// Slots of the part with their slots in the whole, and parent and child slot of each descriptor of the whole.
 struct Places {
     of_part: HashMap<u32, u32>,
     parent: HashMap<u32, (u32, u8)>,
@@ -32,7 +32,7 @@ impl Places {
         places
     }
 
-    /// Whether the voxel that the part shows is the one of the whole, or an ancestor of it.
+    /// Whether the voxel that the part shows is that of the whole, or an ancestor of it.
     fn is_ancestor_or_equal(&self, part: &Hit, whole: &Hit) -> bool {
         let shown = (self.of_part[&part.slot], part.child());
         let mut voxel = Some((whole.slot, whole.child()));
@@ -62,7 +62,7 @@ fn cast(octree: &Octree, contours: bool) -> Vec<Hit> {
 #[test]
 fn coarse_blocks_show_ancestors_and_all_blocks_the_same() {
     for contours in [false, true] {
-        // Blocks so small that each holds two or three levels.
+        // Small blocks, of two or three levels each.
         let layout = AssembleOptions { block_slots: 64, near_limit: 40 };
         let whole = Sample { levels: 7, contours, layout }.octree().unwrap();
         let mut file = Vec::new();
@@ -88,14 +88,14 @@ fn coarse_blocks_show_ancestors_and_all_blocks_the_same() {
                 }
                 let slot = places.of_part[&ours.slot];
                 if whole.descriptor(slot).leaf_mask() >> ours.child() & 1 != 0 {
-                    // A leaf of the whole, and nothing before it that is finer there: both find it alike.
+                    // A leaf of the whole, with nothing finer in front of it: both give the same hit.
                     assert_eq!((theirs.slot, theirs.child(), theirs.t), (slot, ours.child(), ours.t));
                     same += 1;
                 } else if theirs.is_miss() || !places.is_ancestor_or_equal(ours, theirs) {
-                    // The ray passes through the coarse voxel between the finer ones, to something behind it.
+                    // The ray passes between the finer voxels of the coarse one and hits something beyond it.
                     assert!(ours.t <= theirs.t, "{ours:?} {theirs:?}");
                 } else {
-                    // As exact as `t` is: both enter through the same face or one behind it.
+                    // Both enter by the same face, or the whole by one further along the ray; `t` is rounded.
                     assert!(ours.t <= theirs.t * (1.0 + 1e-5), "{ours:?} {theirs:?}");
                     coarser += 1;
                 }

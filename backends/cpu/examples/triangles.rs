@@ -1,11 +1,12 @@
-//! How many rays per second the triangle casters reach on a mesh, beside `obvhs` alone, and how far the fast one is off.
+//! Measures how many rays per second the triangle casters cast on a mesh, compared with `obvhs` alone, and how much the fast
+//! caster differs from the exact one.
 //!
 //! ```text
 //! cargo run --release -p esvo-cpu --example triangles -- ../shared/scenes/sibenik/sibenik.obj [width height]
 //! ```
 //!
-//! Reads only the positions and faces of an OBJ file. Four cameras look around inside the mesh's box; z is taken to be
-//! up if the box is clearly flatter along z than along y.
+//! Reads only the positions and faces of an OBJ file. Four cameras look around inside the bounding box of the mesh. z is up if
+//! the box is clearly flatter along z than along y.
 
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
@@ -22,7 +23,7 @@ use obvhs::triangle::Triangle;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let Some(path) = arguments.first() else { return Err("give the path of an OBJ file".into()) };
+    let Some(path) = arguments.first() else { return Err("the path of an OBJ file is missing".into()) };
     let number = |i: usize, default: u32| arguments.get(i).map_or(Ok(default), |a| a.parse());
     let size = (number(1, 1024)?, number(2, 768)?);
     let triangles = read_obj(&std::fs::read_to_string(path)?)?;
@@ -71,7 +72,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             ("exact, all threads", &|| timed(&|| drop(scene.cast_exact(&rays)))),
             ("obvhs, 1 thread", &|| timed(&|| drop(peer.cast(&rays)))),
         ];
-        // Round by round, so that what else the machine does hits all alike; the best of each is the least disturbed.
+        // Round by round, so that other load on the machine disturbs all casters equally; takes the best of each.
         let mut best = [Duration::MAX; 5];
         for _ in 0..7 {
             for (best, (_, caster)) in best.iter_mut().zip(&casters) {
@@ -97,7 +98,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// `obvhs` as it comes: its best preset, its own traversal and triangle test, one ray at a time.
+/// `obvhs` alone: its best preset, its traversal and triangle test, one ray at a time.
 struct Peer {
     bvh: Bvh2,
     triangles: Vec<Triangle>,
@@ -117,7 +118,7 @@ impl Peer {
         Self { bvh, triangles, centre }
     }
 
-    /// In tiles of 4 x 4 rays, as the fast caster goes.
+    /// In tiles of 4 x 4 rays, in the order of the fast caster.
     fn cast(&self, rays: &CameraRays) -> Vec<f32> {
         let (width, height) = (rays.width as usize, rays.height as usize);
         let mut hits = vec![f32::INFINITY; rays.pixels()];
@@ -138,7 +139,7 @@ impl Peer {
     }
 }
 
-/// Triangles of the faces, fans of those with more corners.
+/// The triangles of all faces; a face with more corners becomes a fan.
 fn read_obj(text: &str) -> Result<Vec<[[f64; 3]; 3]>, Box<dyn std::error::Error>> {
     let mut points: Vec<[f64; 3]> = Vec::new();
     let mut triangles = Vec::new();
@@ -156,7 +157,8 @@ fn read_obj(text: &str) -> Result<Vec<[[f64; 3]; 3]>, Box<dyn std::error::Error>
                     let index = if index < 0 { points.len() as i64 + index } else { index - 1 };
                     points.get(usize::try_from(index).ok()?).copied()
                 };
-                let corners: Vec<_> = words.map(corner).collect::<Option<_>>().ok_or(bad("no such corner"))?;
+                let corners: Vec<_> =
+                    words.map(corner).collect::<Option<_>>().ok_or(bad("expected indices of corners that exist"))?;
                 for k in 1..corners.len().saturating_sub(1) {
                     triangles.push([corners[0], corners[k], corners[k + 1]]);
                 }

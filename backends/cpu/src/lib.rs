@@ -1,4 +1,34 @@
-//! CPU casters of esvo: octrees on all cores, triangles through a BVH.
+//! Casts rays on a processor: at octrees on all cores, and at triangles through a bounding volume hierarchy.
+//!
+//! ```
+//! use esvo_core::testing::sample::{Sample, cameras};
+//! use esvo_core::{CastOptions, Caster, View};
+//! use esvo_cpu::CpuCaster;
+//!
+//! let octree = Sample::plain(5, true).octree()?; // or Arc::new(Octree::open(path)?)
+//! let mut caster = CpuCaster::new(None)?;
+//! caster.load(&octree)?;
+//! let root = octree.objects()[0].root_slot as u32;
+//! let view = View::new(&cameras()[0], octree.octree_to_mesh(0), root, (64, 48), &CastOptions::default())?;
+//! let mut hits = Vec::new();
+//! caster.cast(&view, &mut hits)?;
+//! assert!(hits.iter().any(|hit| !hit.is_miss()));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! # What is where
+//!
+//! | to | see |
+//! |---|---|
+//! | cast at octrees | [`CpuCaster`]: hits are equal to the reference caster's in every bit |
+//! | choose the instructions | [`InstructionSet`], [`CpuCaster::with_instructions`] |
+//! | cast at triangles, fast or exactly | [`triangles`] |
+//! | name the processor | [`cpu_name`] |
+//!
+//! In `src/octree/`, `tiles.rs` cuts pictures and fans into packets of sixteen rays, `single.rs` casts the rays of a packet
+//! one after the other, and `packet.rs` casts them in lockstep with AVX-512, through the memory accesses of `gather.rs`. For a
+//! further instruction set, add a file like `packet.rs` and a variant of [`InstructionSet`] in `instructions.rs`, and a line
+//! in `tests/conformance.rs`.
 
 pub mod triangles;
 

@@ -1,4 +1,4 @@
-//! Ambient occlusion against what can be computed by hand.
+//! Ambient occlusion compared with values that can be computed by hand.
 
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -82,8 +82,8 @@ fn nothing_is_in_the_way_of_a_plane() {
 
 #[test]
 fn a_wall_takes_away_the_light_that_came_from_there() {
-    // A floor and a wall. Of the disc that the hemisphere projects to, a wall at distance d hides a segment up to the
-    // radius r: (acos c - c sqrt(1 - c²)) / π with c = d / r; at the corner that is one half.
+    // A floor and a wall. The hemisphere of radius r projects to a disc, of which a wall at distance d hides a segment of the
+    // share (acos c - c sqrt(1 - c²)) / π with c = d / r: one half at the corner.
     let mesh = parallelograms(&[[DVec3::ZERO, DVec3::X, DVec3::Y], [DVec3::ZERO, DVec3::Y, DVec3::Z]]);
     let radius = 0.2;
     for contours in [true, false] {
@@ -91,12 +91,12 @@ fn a_wall_takes_away_the_light_that_came_from_there() {
         let ambient = compute(&octree, AmbientSettings { radius, rays: 1024, ..AmbientSettings::default() });
         let (mut near, mut far, mut checked) = (0, 0, 0);
         for (centre, edge, slot, child, _) in leaves(&octree) {
-            // Of the floor, away from its ends and, with cubes, from the voxels that are of the wall too.
+            // Voxels of the floor, away from its ends; with cubes, away from those that belong to the wall too.
             let d = centre.x;
             if centre.z > edge || (centre.y - 0.5).abs() > 0.25 || d > 0.7 || d < 2.0 * edge {
                 continue;
             }
-            // Contours are within some hundredths of a voxel of the wall; cubes are a voxel thick.
+            // Contours are within a few hundredths of a voxel of the wall; cubes are a voxel thick.
             let d = if contours { d } else { d - edge };
             let c = (d / radius).min(1.0);
             let expected = 1.0 - (c.acos() - c * (1.0 - c * c).sqrt()) / PI;
@@ -120,7 +120,7 @@ fn a_box_is_dark_inside_and_bright_outside() {
     let (mut in_the_middle, mut at_edges) = (0, 0);
     for (centre, edge, slot, child, _) in leaves(&octree) {
         assert_eq!(dark.value(slot, child), 0, "{centre}");
-        // How many faces it is near: voxels at edges have a normal in between.
+        // Number of faces that are near: voxels at edges have a normal between those of the faces.
         let faces = (0..3).filter(|axis| (centre[*axis] - 0.5).abs() > 0.5 - 0.11 - edge).count();
         if faces == 1 {
             assert_eq!(near.value(slot, child), 255, "{centre}");
@@ -176,7 +176,7 @@ fn every_engine_finds_the_same() {
 fn values_go_into_the_octree() {
     let octree = octree_of(&bumpy_sphere_on_plane(), 6, true);
     let ambient = compute(&octree, AmbientSettings { rays: 64, radius: 0.2, ..AmbientSettings::default() });
-    // Values of 1 to 255: a step of their encoding is a seventh of the range.
+    // Values from 1 to 255; a step of their encoding is a seventh of the range.
     let value = |slot, child| ambient.value(slot, child).max(1);
     let with = octree.with_ambient_occlusion(value).unwrap();
     with.sound().unwrap();

@@ -10,7 +10,7 @@ use esvo_format::Octree;
 use esvo_scenes::generate::{cube, sphere};
 use glam::{DMat4, DQuat, DVec3, Mat3, Vec3};
 
-/// A small deterministic generator (splitmix64), in `-1.0..1.0`.
+/// Deterministic numbers in `-1.0..1.0` (splitmix64).
 struct Random(u64);
 
 impl Random {
@@ -61,24 +61,24 @@ fn rays(count: usize) -> impl Iterator<Item = Ray> {
     })
 }
 
-/// How many of the special rays leave.
+/// Number of the special rays that leave.
 fn leaks(octree: &Octree, count: usize) -> usize {
     let root = octree.objects()[0].root_slot as u32;
     rays(count).filter(|ray| cast_ray(octree, root, ray, true).is_miss()).count()
 }
 
-/// Rays per origin: as many as a packet of the caster takes.
+/// Rays per origin: one packet of the caster.
 const FAN: usize = 16;
 
-/// How many of `count` rays leave that start at random within a quarter of the root cube's edge from its middle, in random
-/// directions.
+/// Number of rays that leave, of `count` with random directions that start at random within a quarter of the root cube's
+/// edge from its middle.
 fn leaving(octree: &Arc<Octree>, caster: &mut CpuCaster, count: usize, seed: u64) -> usize {
     caster.load(octree).unwrap();
     let root = octree.objects()[0].root_slot as u32;
     let mut random = Random(seed);
     let (mut left, mut leaving, mut hits) = (count / FAN, 0, Vec::new());
     while left > 0 {
-        // A bundle of directions for every 4096 origins, turned and stretched for each of these.
+        // 4096 origins share a bundle of directions, which is turned and stretched for each origin.
         let directions: [Vec3; FAN] = std::array::from_fn(|_| random.in_ball().normalize());
         let fans: Vec<Fan> = (0..left.min(4096))
             .map(|_| {
@@ -95,14 +95,14 @@ fn leaving(octree: &Arc<Octree>, caster: &mut CpuCaster, count: usize, seed: u64
     leaving
 }
 
-/// The mesh turned, so that its faces lie in no plane of voxels.
+/// The mesh, turned so that its faces lie in no plane between voxels.
 fn turned(mut mesh: Mesh) -> Mesh {
     let turn = DQuat::from_axis_angle(DVec3::new(1.0, 2.0, 3.0).normalize(), 0.7);
     mesh.transform(&DMat4::from_scale_rotation_translation(DVec3::splat(3.7), turn, DVec3::new(12.0, -5.0, 900.0)));
     mesh
 }
 
-/// Colours and normals would ask for the finest voxels along every edge.
+/// Settings under which only the shape decides where voxels are split. Colours and normals would split along every edge.
 fn shape_only(levels: u32, contour_error: f64) -> BuildSettings {
     BuildSettings { levels, contour_error, color_error: 256.0, normal_error: 2.0, ..BuildSettings::default() }
 }
@@ -113,7 +113,7 @@ fn no_ray_leaves_a_closed_mesh() {
         [("cube", cube()), ("turned cube", turned(cube())), ("sphere", sphere(3)), ("turned sphere", turned(sphere(2)))]
     {
         for levels in [1, 2, 5, 8, 11, 14, 23] {
-            // Coarse bounds, so that the shapes of voxels are cut as far as they may be; few voxels at the deep end.
+            // Coarse error bounds cut the shapes of voxels as far as they may be cut, and keep deep octrees small.
             let contour_error = f64::from(levels.min(9)) - 1.0;
             for contour_error in [contour_error, 9.0] {
                 let octree = build(&mesh, &shape_only(levels, contour_error), &|_| ()).unwrap().octree;

@@ -37,7 +37,7 @@ impl Machine {
         let os = proc::field("/etc/os-release", "PRETTY_NAME").unwrap_or_else(|| std::env::consts::OS.into());
         let kernel = proc::line("/proc/sys/kernel/osrelease");
         Self {
-            cpu: proc::field("/proc/cpuinfo", "model name").unwrap_or_else(|| std::env::consts::ARCH.into()),
+            cpu: esvo_cpu::cpu_name(),
             threads: std::thread::available_parallelism().map_or(1, Into::into),
             memory_mb: memory.unwrap_or(0) / 1024,
             os: format!("{os} {}", kernel).trim().to_string(),

@@ -1,11 +1,11 @@
-//! A camera that sees a whole object, and the planes of one that is given.
+//! Viewpoints: a camera that sees a whole object, and near and far planes for an eye.
 
 use esvo_format::Octree;
 use glam::{DMat4, DVec3};
 
 use crate::Camera;
 
-/// How many levels are looked at to find out where in the root cube there is something.
+/// Levels that are visited to find out which part of the root cube is filled.
 const LEVELS: u32 = 6;
 
 /// Corners of the smallest box of cubes of level 6 around everything in object 0, in octree space (root cube `[0, 1]³`).
@@ -17,7 +17,7 @@ pub fn bounds(octree: &Octree) -> (DVec3, DVec3) {
     (low, high)
 }
 
-/// Visits the voxels of object 0 at level 6, and the leaves above: lower and upper corner in octree space.
+/// Visits the voxels of object 0 at level 6 and the leaves of lower levels, by lower and upper corner in octree space.
 fn coarse_cubes(octree: &Octree, mut visit: impl FnMut(DVec3, DVec3)) {
     let mut stack = vec![(octree.objects()[0].root_slot as u32, DVec3::ZERO, 0)];
     while let Some((slot, corner, level)) = stack.pop() {
@@ -34,8 +34,8 @@ fn coarse_cubes(octree: &Octree, mut visit: impl FnMut(DVec3, DVec3)) {
     }
 }
 
-/// A camera in mesh units that sees all of object 0 from outside, from the front, the right and above, as large as it
-/// fits into a picture of this width over height; `up` is up, the field of view is that of the shorter side.
+/// A camera in mesh units that sees all of object 0 from outside: from the front, the right and above, as large as fits
+/// into a picture whose width divided by its height is `aspect`. The field of view is that of the shorter side.
 ///
 /// The octree must be [sound](Octree::sound).
 pub fn overview(octree: &Octree, up: [f64; 3], fov_degrees: f64, aspect: f64) -> Camera {
@@ -46,10 +46,10 @@ pub fn overview(octree: &Octree, up: [f64; 3], fov_degrees: f64, aspect: f64) ->
     let outward = (front + up.cross(front) * 0.6 + up * 0.5).normalize();
     let right = up.cross(outward).normalize();
     let top = outward.cross(right);
-    // Of the pyramid of vision, with a margin of a twentieth.
+    // Slopes of the sides of the view pyramid, with a margin of a twentieth.
     let tangent = (fov_degrees.to_radians() / 2.0).tan() / 1.05;
     let tangents = [tangent * aspect.max(1.0), tangent * (1.0 / aspect).max(1.0)];
-    // How far the object reaches beyond a pyramid whose tip is at the centre: right and left, top and bottom; to the
+    // How far the object reaches beyond a view pyramid whose tip is at the centre: right and left, top and bottom; to the
     // front and to the back.
     let mut beyond = [[f64::NEG_INFINITY; 2]; 2];
     let (mut front_most, mut behind_most) = (f64::NEG_INFINITY, f64::NEG_INFINITY);
@@ -64,7 +64,7 @@ pub fn overview(octree: &Octree, up: [f64; 3], fov_degrees: f64, aspect: f64) ->
             }
         }
     });
-    // Back until it fits, and aside until it is in the middle.
+    // The eye moves back until the object fits, and aside until the object is in the middle.
     let [back_x, back_y] = std::array::from_fn(|axis| (beyond[axis][0] + beyond[axis][1]) / (2.0 * tangents[axis]));
     let [aside_x, aside_y] = beyond.map(|[one, other]| (one - other) / 2.0);
     let distance = back_x.max(back_y);
@@ -78,8 +78,8 @@ pub fn overview(octree: &Octree, up: [f64; 3], fov_degrees: f64, aspect: f64) ->
     }
 }
 
-/// Near and far plane, in mesh units, for a camera at `eye`: the far one behind the object, the near one a ten-thousandth
-/// of that.
+/// Near and far plane, in mesh units, for a camera at `eye`: the far plane lies beyond the object, the near plane at a
+/// ten-thousandth of that distance.
 pub fn planes(octree: &Octree, eye: [f64; 3]) -> (f64, f64) {
     let to_mesh = octree.octree_to_mesh(0);
     let reach = corners(&to_mesh, DVec3::ZERO, DVec3::ONE).map(|c| c.distance(eye.into())).fold(0.0, f64::max) * 1.01;
@@ -136,7 +136,7 @@ mod tests {
                 let ((left, right), (top, bottom)) = (span(&columns), span(&rows));
                 let what = format!("{width}x{height}, {up:?}: {left}..={right}, {top}..={bottom}");
                 assert!(left > 0 && right < width - 1 && top > 0 && bottom < height - 1, "{what}");
-                // In one direction all but as large as the picture, and in its middle.
+                // In one direction nearly as large as the picture, and in its middle.
                 let fills = |(first, last): (usize, usize), size: usize| {
                     (last - first) * 10 >= size * 8 && first.abs_diff(size - 1 - last) <= 2
                 };

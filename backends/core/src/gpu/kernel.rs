@@ -1,8 +1,8 @@
 //! The GPU kernel: one WGSL source, specialised by a generated prelude to what an octree needs and a frame asks for.
 //!
-//! wgpu takes the text as it is; ash takes it as SPIR-V. WGSL's pipeline overrides could switch the features, but neither
-//! the number of storage bindings nor the size of the stack, so everything comes from the prelude, and a variant contains
-//! nothing that it does not use.
+//! wgpu takes the text as it is, ash takes it as SPIR-V. WGSL's pipeline overrides could switch the features, but could not
+//! set the number of storage bindings or the size of the stack. Therefore everything comes from the prelude, and a variant
+//! contains only what it uses.
 
 use std::fmt::Write as _;
 
@@ -24,12 +24,12 @@ pub const ENTRY_TIME: &str = "timing_pass";
 pub const BINDING_VIEW: u32 = 0;
 /// Binding in group 0 of the values of the coarse pass: written by it, read by the main pass.
 pub const BINDING_COARSE: u32 = 1;
-/// Binding in group 0 of what the main pass writes.
+/// Binding in group 0 of the output of the main pass.
 pub const BINDING_OUT: u32 = 2;
 /// Group of the octree: bindings from 0, one for each part.
 pub const GROUP_OCTREE: u32 = 1;
 
-/// Pixels of a workgroup of the casters here, width and height.
+/// Width and height in pixels of the workgroups of the project's casters.
 pub const WORKGROUP: (u32, u32) = (8, 8);
 /// Storage buffers that are not octree data: the coarse values and the output.
 const OTHER_STORAGE_BUFFERS: u32 = 2;
@@ -41,7 +41,7 @@ pub enum Pass {
     Coarse,
     /// The hits.
     Cast,
-    /// One `f32` per pixel, not to be read: what [`Caster::time`](crate::Caster::time) measures.
+    /// One `f32` per pixel, which nobody reads: what [`Caster::time`](crate::Caster::time) measures.
     Time,
 }
 
@@ -55,13 +55,13 @@ impl Pass {
         }
     }
 
-    /// Bytes that it writes per pixel, or per corner of a block.
+    /// Bytes that the pass writes per pixel; the coarse pass: per corner of a block.
     pub fn bytes_per_pixel(self) -> u64 {
         if self == Self::Cast { size_of::<Hit>() as u64 } else { 4 }
     }
 }
 
-/// What a kernel takes care of. What it leaves out costs nothing.
+/// The features of a kernel. A feature that is left out costs nothing.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub struct Variant {
     /// Clip voxels by their contours.
@@ -70,13 +70,13 @@ pub struct Variant {
     pub far_pointers: bool,
     /// End rays at voxels that are small enough.
     pub lod: bool,
-    /// Start rays at what the coarse pass found.
+    /// Start rays where the coarse pass found that they may.
     pub beam: bool,
-    /// Level of the deepest voxel, 1..=23: frames of the stack.
+    /// Level of the deepest voxel, 1 to 23: the number of frames of the stack.
     pub levels: u32,
     /// Number of bindings that hold the octree, at least 1.
     pub parts: u32,
-    /// With several bindings: each but the last holds `2^part_shift` slots.
+    /// With several bindings, each except the last holds `2^part_shift` slots.
     pub part_shift: u32,
     /// Width and height of a workgroup in pixels: powers of two.
     pub workgroup: (u32, u32),
@@ -85,7 +85,7 @@ pub struct Variant {
 impl Variant {
     /// The kernel of the coarse pass for the same octree.
     ///
-    /// Contours are off: they would let a ray pass through voxels that others hit. It always ends at small voxels.
+    /// Contours are off, since they would let a ray pass through voxels that other rays hit. Rays always end at small voxels.
     pub fn of_coarse_pass(self) -> Self {
         Self { contours: false, lod: true, beam: false, ..self }
     }
@@ -95,7 +95,7 @@ impl Variant {
         self.source_with(CAST_WGSL)
     }
 
-    /// The same with another body than [`CAST_WGSL`]: for trying changes, and for tests that break it on purpose.
+    /// The same with another body than [`CAST_WGSL`], for experiments and for tests with a broken kernel.
     pub fn source_with(&self, body: &str) -> String {
         let mut text = String::new();
         let flags =
@@ -152,11 +152,11 @@ pub struct Placement {
 }
 
 impl Placement {
-    /// Splits the `slots` of the octree's resident image over bindings of at most `max_bytes`, where a shader may have
-    /// `max_storage_buffers`.
+    /// Splits the `slots` of the octree's resident image over bindings of at most `max_bytes`, for a device whose shaders may
+    /// have `max_storage_buffers`.
     ///
     /// # Errors
-    /// What to do about an octree that does not fit, for the caster to put the device's name in front.
+    /// What to do about an octree that does not fit. The caster puts the device's name in front of the text.
     pub fn new(octree: &Octree, slots: &[u64], max_bytes: u64, max_storage_buffers: u32) -> Result<Self, String> {
         let max_parts = max_storage_buffers.saturating_sub(OTHER_STORAGE_BUFFERS).min(32);
         let bytes = size_of_val(slots) as u64;
@@ -189,29 +189,31 @@ impl Placement {
     }
 }
 
-/// Which GPU a caster takes and how. The default is what a person wants; the rest is for tests and experiments.
+/// Which GPU a caster opens, and how. The defaults are for users; `max_part_bytes` and `kernel` are for tests and
+/// experiments.
 #[derive(Clone, Debug, Default)]
 pub struct GpuOptions {
     /// Takes the first device whose name contains this, whatever its case; `None`: the fastest kind of device. See
     /// [`choose`](super::choice::choose).
     pub adapter: Option<String>,
-    /// Most bytes in one binding of octree data, if the device allows more.
+    /// Most bytes in one binding of octree data. `None`: as many as the device allows.
     pub max_part_bytes: Option<u64>,
-    /// Kernel in place of [`CAST_WGSL`].
+    /// A kernel to use instead of [`CAST_WGSL`].
     pub kernel: Option<String>,
 }
 
 impl GpuOptions {
-    /// The source of a variant, of the kernel in place if there is one.
+    /// The source of a variant, of [`kernel`](Self::kernel) if that is set.
     pub fn source(&self, variant: &Variant) -> String {
         variant.source_with(self.kernel.as_deref().unwrap_or(CAST_WGSL))
     }
 }
 
-/// Most rows of a picture that one dispatch casts, and the workgroups of it, on a device with these limits.
+/// Most rows of a picture that one dispatch casts on a device with these limits: bytes of a buffer, workgroups per
+/// dimension.
 ///
 /// # Errors
-/// A picture that is too wide, or has too many corners of blocks for the coarse pass.
+/// [`CastError::Device`]: a picture that is too wide, or that has too many corners of blocks for the coarse pass.
 pub fn band_rows(
     view: &View,
     bytes_per_pixel: u64,
@@ -227,23 +229,23 @@ pub fn band_rows(
             && rows.div_ceil(workgroup.1) <= max_groups
             && columns.div_ceil(workgroup.0) <= max_groups);
     let most = most.min(u64::from(view.height)) as u32;
-    // Whole workgroups, unless even one does not fit.
+    // Whole workgroups, if at least one fits.
     let most = if most < view.height && most >= workgroup.1 { most - most % workgroup.1 } else { most };
     if most == 0 || !coarse_fits || view.width.div_ceil(workgroup.0) > max_groups {
         return Err(CastError::Device(format!(
-            "a picture of {} x {} pixels is more than this device casts at once: make it smaller",
+            "a picture of {} x {} pixels is more than this device can cast at once: make it smaller",
             view.width, view.height
         )));
     }
     Ok(most)
 }
 
-/// A picture in bands of rows, each of one dispatch, and the buffers for it.
+/// A picture in bands of rows, one dispatch each, and the sizes of the buffers for it.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Bands {
-    /// Bytes of the coarse values; a few without a coarse pass, since a binding cannot be empty.
+    /// Bytes of the coarse values; 4 without a coarse pass, since a binding cannot be empty.
     pub coarse_bytes: u64,
-    /// Bytes of what the pass writes for one band.
+    /// Bytes that the pass writes for one band.
     pub out_bytes: u64,
     rows: u32,
     height: u32,

@@ -1,5 +1,5 @@
-//! What every engine that runs the GPU kernel shares.
+//! What every engine that runs the GPU kernel shares: the kernel's variants and buffers, and the part of an octree that a
+//! device holds.
 
-pub mod choice;
 pub mod kernel;
 pub mod resident;

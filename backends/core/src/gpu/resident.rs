@@ -1,4 +1,4 @@
-//! What of an octree a device holds: descriptors, far pointers and contours, not the attachments.
+//! The part of an octree that a device holds: descriptors, far pointers and contours, without the attachments.
 
 use std::borrow::Cow;
 
@@ -8,9 +8,8 @@ use crate::Hit;
 
 /// The part of an octree's image that rays read.
 ///
-/// A block keeps everything before its attachments, that is, its descriptor array, info section and contour pool, so that
-/// all pointers within the block stay as they are. Blocks keep their order and move together; the far pointers from block
-/// to block shrink accordingly. The octree must be [sound](Octree::sound).
+/// A block keeps everything before its attachments: its descriptor array, info section and contour pool. All pointers within
+/// the block stay as they are. Blocks keep their order and move together; far pointers from block to block are shortened. The octree must be [sound](Octree::sound).
 pub struct Resident<'a> {
     slots: Cow<'a, [u64]>,
     map: SlotMap,
@@ -19,12 +18,12 @@ pub struct Resident<'a> {
 /// Slots of the resident image and of the octree's image.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SlotMap {
-    /// First slot in the resident image, first slot in the octree's image; ascending in both.
+    /// For each block, its first slot in the resident image and in the octree's image; both ascend.
     starts: Vec<(u32, u32)>,
 }
 
 impl<'a> Resident<'a> {
-    /// Leaves out what casting does not read. Borrows the image of an octree of one block.
+    /// Leaves out what casting does not read. An octree of one block is borrowed, not copied.
     pub fn new(octree: &'a Octree) -> Self {
         let mut starts = Vec::with_capacity(octree.parts().len());
         let mut ranges = Vec::with_capacity(octree.parts().len());
@@ -32,7 +31,7 @@ impl<'a> Resident<'a> {
         for parts in octree.parts() {
             let first = parts.start as usize;
             let end = (parts.contour_words + parts.contour_count as usize).div_ceil(2);
-            // An info section without contours may say that they start anywhere behind it.
+            // Without contours, the contour offset of an info section has no meaning.
             let end = if parts.contour_count == 0 { first + parts.array_slots as usize } else { end };
             starts.push((next, parts.start));
             ranges.push(first..end);
@@ -55,12 +54,12 @@ impl<'a> Resident<'a> {
         &self.slots
     }
 
-    /// Where they come from.
+    /// The map between the slots of both images.
     pub fn into_map(self) -> SlotMap {
         self.map
     }
 
-    /// Where they come from.
+    /// The map between the slots of both images.
     pub fn map(&self) -> &SlotMap {
         &self.map
     }
@@ -68,8 +67,8 @@ impl<'a> Resident<'a> {
 
 /// Corrects the far pointers that lead to another block.
 ///
-/// Only a walk tells descriptors from far pointers. Pointers lead forward, so one pass over the image in order, with a bit
-/// for every slot that a descriptor was seen to lead to, visits every descriptor after its parent.
+/// Only a walk from the root tells descriptors from far pointers. Pointers lead forward, so that one pass over the image in
+/// order visits every descriptor after its parent; a bit for each slot says that a descriptor leads to it.
 fn patch(octree: &Octree, map: &SlotMap, resident: &mut [u64]) {
     let mut reached = vec![0u64; octree.slots().len().div_ceil(64)];
     for object in octree.objects() {
@@ -112,13 +111,13 @@ impl SlotMap {
         slot - self.starts[block].0 + self.starts[block].1
     }
 
-    /// Turns the slots of hits on the resident image to those of the octree's image.
+    /// Replaces the resident slots of hits by slots of the octree's image.
     pub fn restore(&self, hits: &mut [Hit]) {
         if let [(0, start)] = self.starts[..] {
             hits.iter_mut().filter(|hit| !hit.is_miss()).for_each(|hit| hit.slot += start);
             return;
         }
-        // Neighbours tend to hit the same block.
+        // Neighbouring rays tend to hit the same block, so that its range is kept.
         let (mut first, mut end, mut image) = (0, 0, 0);
         for hit in hits.iter_mut().filter(|hit| !hit.is_miss()) {
             if !(first..end).contains(&hit.slot) {
@@ -138,7 +137,7 @@ mod tests {
     use super::*;
     use crate::testing::sample::Sample;
 
-    /// Walks both images from the root and compares every descriptor, contour and slot. Returns the descriptors seen.
+    /// Walks both images from the root and compares every descriptor, contour and slot. Returns the number of descriptors.
     fn same_tree(octree: &Octree, resident: &Resident) -> u64 {
         let slots = resident.slots();
         let word = |at: usize| (slots[at / 2] >> (at % 2 * 32)) as u32;

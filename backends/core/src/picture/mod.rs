@@ -32,7 +32,7 @@ impl Picture {
     /// Colour of a pixel.
     ///
     /// # Panics
-    /// Pixels outside.
+    /// `x` or `y` outside of the picture.
     pub fn pixel(&self, x: u32, y: u32) -> [u8; 3] {
         let at = 3 * (y as usize * self.width as usize + x as usize);
         [self.rgb8[at], self.rgb8[at + 1], self.rgb8[at + 2]]

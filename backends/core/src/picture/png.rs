@@ -1,4 +1,4 @@
-//! Pictures in files.
+//! Pictures in files: the feature `png`.
 
 use std::io;
 use std::path::Path;
@@ -11,10 +11,10 @@ use crate::Picture;
 /// Writes a picture as a PNG file: whole, or not at all.
 ///
 /// # Errors
-/// Those of the file system; a picture whose bytes are not as many as its size says.
+/// Those of the file system; a picture whose number of bytes does not fit its size.
 pub fn write_png(path: &Path, picture: &Picture) -> io::Result<()> {
     if picture.rgb8.len() as u64 != 3 * u64::from(picture.width) * u64::from(picture.height) {
-        return Err(io::Error::new(io::ErrorKind::InvalidInput, "a picture has three bytes for every pixel"));
+        return Err(io::Error::new(io::ErrorKind::InvalidInput, "a picture must have three bytes for every pixel"));
     }
     esvo_format::write_atomically(path, |out| {
         PngEncoder::new(out)
@@ -26,7 +26,7 @@ pub fn write_png(path: &Path, picture: &Picture) -> io::Result<()> {
 /// Reads a PNG, JPEG or TGA file as a picture of 8-bit sRGB colours; transparency is dropped.
 ///
 /// # Errors
-/// Those of the file system; what is not a picture.
+/// Those of the file system; a file that is not a picture.
 pub fn read_picture(path: &Path) -> io::Result<Picture> {
     let image = image::open(path).map_err(|error| io::Error::other(format!("{}: {error}", path.display())))?;
     let image = image.into_rgb8();

@@ -1,4 +1,4 @@
-//! Compares what two casters found.
+//! Compares the hits of two casters.
 
 use serde::{Deserialize, Serialize};
 
@@ -18,20 +18,20 @@ pub struct Allowed {
 pub struct Comparison {
     /// Rays compared.
     pub rays: u64,
-    /// Rays of which one caster says hit and the other miss.
+    /// Rays that hit with one caster and miss with the other.
     pub hit_or_miss: u64,
     /// Rays that hit different voxels.
     pub other_voxel: u64,
     /// Largest difference in `t` among rays that hit the same voxel.
     pub max_t_difference: f32,
-    /// The same counted in representable numbers: 0 if all agree in every bit.
+    /// The same difference in representable numbers; 0 if all agree in every bit.
     pub max_t_ulps: u32,
-    /// Frames compared that do not have the same number of rays.
+    /// Frames that did not have the same number of rays.
     pub other_size: u64,
 }
 
 impl Comparison {
-    /// Compares ray by ray. Of frames of different sizes, what both have is compared.
+    /// Compares ray by ray. Of frames of different sizes, the rays that both have are compared.
     pub fn of(ours: &[Hit], theirs: &[Hit]) -> Self {
         let mut all = Self { other_size: u64::from(ours.len() != theirs.len()), ..Self::default() };
         for (a, b) in ours.iter().zip(theirs) {
@@ -42,7 +42,7 @@ impl Comparison {
                 all.other_voxel += 1;
             } else {
                 let difference = (a.t - b.t).abs();
-                // NaN would be lost in a maximum.
+                // A maximum would ignore NaN.
                 all.max_t_difference =
                     all.max_t_difference.max(if difference.is_nan() { f32::MAX } else { difference });
                 all.max_t_ulps = all.max_t_ulps.max(ordinal(a.t).abs_diff(ordinal(b.t)));
@@ -51,7 +51,7 @@ impl Comparison {
         all
     }
 
-    /// Both together.
+    /// The sum of two comparisons.
     pub fn and(self, other: Self) -> Self {
         Self {
             rays: self.rays + other.rays,
@@ -63,18 +63,19 @@ impl Comparison {
         }
     }
 
-    /// Rays that do not end at the same voxel.
+    /// Rays that do not end in the same voxel.
     pub fn mismatches(&self) -> u64 {
         self.hit_or_miss + self.other_voxel
     }
 
-    /// Whether at most `share` of the rays end elsewhere and `t` is within `ulps` representable numbers for the others.
+    /// Whether at most `share` of the rays end elsewhere, and `t` of the others differs by at most `ulps` representable
+    /// numbers.
     pub fn within(&self, share: f64, ulps: u32) -> bool {
         self.other_size == 0 && self.mismatches() as f64 <= share * self.rays as f64 && self.max_t_ulps <= ulps
     }
 }
 
-/// Position of a number among all of its type; both zeros are the same.
+/// Position of a number among all of its type; both zeros have the same.
 fn ordinal(x: f32) -> i32 {
     let bits = x.to_bits();
     let magnitude = (bits & 0x7fff_ffff) as i32;

@@ -1,4 +1,4 @@
-//! How fast a caster is: a quick measure for examples, not the benchmark.
+//! A quick measure of a caster's speed for examples. The benchmark is in the crate `esvo-bench`.
 
 use std::fmt::Write as _;
 use std::sync::Arc;
@@ -8,8 +8,8 @@ use esvo_format::Octree;
 use crate::testing::sample::cameras;
 use crate::{CastError, CastOptions, Caster, View};
 
-/// Loads an octree and tells, in a few lines of text, on which device how many million rays a second are cast: pictures of
-/// 1024 x 768 pixels by the first three of the [`cameras`], the best of five runs, by the caster's own clock.
+/// Loads an octree and returns a few lines of text: the device, and how many million rays per second it casts. Pictures of
+/// 1024 x 768 pixels from the first three of the [`cameras`], the best of five runs, by the caster's own clock.
 ///
 /// # Errors
 /// What the caster said.

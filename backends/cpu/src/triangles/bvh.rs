@@ -1,4 +1,4 @@
-//! A bounding volume hierarchy in the layout that both triangle casters walk: built by `obvhs`, kept as pairs of siblings
+//! A bounding volume hierarchy in the layout that both triangle casters walk: built by `obvhs`, stored as pairs of siblings
 //! in one cache line.
 
 use glam::{DVec3, Vec3A};
@@ -20,21 +20,21 @@ pub(super) struct Node {
     pub(super) first: u32,
 }
 
-/// The hierarchy. Place 0 is the root, place 1 is unused, so that every pair of siblings shares a line of 64 bytes.
+/// The hierarchy. Node 0 is the root and node 1 is unused, so that every pair of siblings shares a cache line of 64 bytes.
 #[derive(Default)]
 pub(super) struct Bvh {
     pub(super) nodes: Vec<Node>,
     /// Triangles in the order of the leaves. One that was split into several boxes occurs several times.
     pub(super) order: Vec<u32>,
-    /// Inner nodes on the longest way from the root: no traversal keeps more siblings waiting.
+    /// Inner nodes on the longest path from the root: the most siblings that a traversal keeps on its stack.
     pub(super) depth: usize,
 }
 
 impl Bvh {
-    /// Over single-precision triangles, large ones split: the fastest to cast, the slowest to build.
+    /// Of single-precision triangles, with large ones split: the fastest to cast, the slowest to build.
     ///
-    /// Of the presets of `obvhs` 0.4 this one gave the most primary rays per second, walked by `obvhs` itself, one core
-    /// (2-core EPYC, Zen 5), 1024x768, mean of four interior cameras, in Mrays/s, on SIBENIK and CONFERENCE:
+    /// Of the presets of `obvhs` 0.4, "very slow" gave the most primary rays per second. In Mrays/s, with the traversal of
+    /// `obvhs`, one core (2-core EPYC, Zen 5), 1024x768, mean of four interior cameras, on SIBENIK and CONFERENCE:
     ///
     /// | preset | CWBVH | BVH2 |
     /// |---|---|---|
@@ -50,8 +50,8 @@ impl Bvh {
         Self::from_obvhs(&build_bvh2_from_tris(&plain, params, &mut Default::default()), indices)
     }
 
-    /// Over boxes, one per entry of `indices`. Inner boxes are exact unions of these, so whatever a box contains, the
-    /// boxes above it contain too.
+    /// Of boxes, one per entry of `indices`. Inner boxes are exact unions, so that what a box contains is contained in the
+    /// boxes of its ancestors.
     pub(super) fn over_boxes(boxes: &[Aabb], indices: &[u32]) -> Self {
         if boxes.is_empty() {
             return Self::default();
@@ -68,7 +68,7 @@ impl Bvh {
             hi: node.aabb().max.into(),
             first,
         };
-        // Depth first, so that a subtree is one piece of memory and the way down moves forward.
+        // Depth first, so that a subtree is contiguous in memory and a descent moves forward.
         let mut nodes = vec![node(&bvh.nodes[0], 0); 2];
         nodes[1].count = 0;
         let mut depth = 0;
@@ -97,8 +97,8 @@ impl Bvh {
     }
 }
 
-/// From mesh units to the space of the hierarchies, where the mesh spans at most `[-1, 1]` around zero: the precision of
-/// single numbers then does not depend on where the mesh lies.
+/// From mesh units to the space of the hierarchies, where the mesh lies in `[-1, 1]`: single precision then does not depend
+/// on the place of the mesh.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Placement {
     pub(super) centre: DVec3,

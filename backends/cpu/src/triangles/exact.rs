@@ -1,10 +1,10 @@
-//! Closest hits in double precision, watertight: what errors are measured against.
+//! Closest hits in double precision, watertight: the reference for errors.
 //!
-//! Triangles are met by the test of Woop, Benthin and Wald (Watertight Ray/Triangle Intersection, JCGT 2013): a shear
-//! takes the ray to an axis, the rest happens in the plane. Rounded products keep their order, so an edge function has
-//! the sign that its rounded corners give it or is zero, and both triangles at an edge see opposite signs. Zero counts
-//! as inside, so no ray passes between two triangles that share an edge or around a corner they surround; in double
-//! precision the zeros need no second look.
+//! The intersection test is that of Woop, Benthin and Wald (Watertight Ray/Triangle Intersection, JCGT 2013): a shear takes
+//! the ray to an axis, and the rest is two-dimensional. Rounding keeps the order of products, so that an edge function is zero
+//! or has the sign that its rounded corners give it, and both triangles at an edge get opposite signs. Zero counts as inside,
+//! so that no ray passes between two triangles that share an edge, or through a corner that triangles surround. In double
+//! precision the zeros need no second test.
 //!
 //! Boxes are single precision, wider than their triangles by [`MARGIN`] on every side.
 
@@ -14,10 +14,10 @@ use obvhs::aabb::Aabb;
 
 use super::bvh::{Bvh, Node, Placement};
 
-/// How far boxes reach beyond their triangles, in the hierarchy's space, where the mesh is at most 2 wide.
+/// How far boxes reach beyond their triangles, in the space of the hierarchy, where the mesh is at most 2 wide.
 ///
-/// Rounding a coordinate to single precision moves it by a sixteenth of that at most, and the slab test in double
-/// precision loses less for an eye within 2^30 mesh sizes.
+/// Rounding a coordinate to single precision moves it by at most a sixteenth of this. The slab test in double precision loses
+/// less, for an eye within 2^30 mesh sizes.
 const MARGIN: f32 = 1.0 / (1 << 20) as f32;
 
 /// The box of a triangle, widened.
@@ -70,7 +70,7 @@ impl Sheared {
         }
         let determinant = u + v + w;
         if determinant == 0.0 {
-            // Seen edge-on, or without area: what lies beside it is hit instead.
+            // Seen edge-on, or without area: a neighbour is hit instead.
             return None;
         }
         let t = (u * a.z + v * b.z + w * c.z) / determinant * self.shear.z;

@@ -1,10 +1,10 @@
-//! Casting triangles: what octrees are measured against, in error and in time.
+//! Casters of triangles, with which octrees are compared in error and in time.
 //!
-//! Two casters over the same triangles. [`TriangleScene::cast`] is fast: single precision, packets of 16 rays.
-//! [`TriangleScene::cast_exact`] is the truth: double precision, watertight. Both take the same rays, and both give `t`
-//! as depth over far depth, as octree casters do.
+//! There are two for the same triangles. [`TriangleScene::cast`] is fast: single precision, packets of 16 rays.
+//! [`TriangleScene::cast_exact`] is exact: double precision, watertight. Both take the same rays, and both give `t` as depth
+//! over far depth, as octree casters do.
 //!
-//! The example `triangles` of this crate measures both on a mesh, beside `obvhs` alone. One thread of a busy 2-core EPYC
+//! The example `triangles` of this crate measures both on a mesh, and `obvhs` alone for comparison. One thread of a busy 2-core EPYC
 //! (Zen 5, AVX-512), 1024x768, four interior cameras, the mean of the best of seven rounds, in millions of rays per second:
 //!
 //! | caster | SIBENIK | CONFERENCE |
@@ -13,8 +13,8 @@
 //! | exact | 2.2 | 2.5 |
 //! | `obvhs` 0.4, BVH2, its own traversal, single rays | 6.6 | 7.7 |
 //!
-//! The second core gave 1.8 times the rays when nothing else used it. Of 3.1 million rays a scene, fast and exact differ in
-//! whether they hit for 2 and 0, and by more than 10^-4 of `t` for 4 and 18.
+//! Two threads gave 1.8 times the rays when nothing else used the second core. Of 3.1 million rays per scene, 2 and 0 hit with
+//! one of fast and exact and miss with the other; `t` differs by more than 10^-4 for 4 and 18.
 
 mod bvh;
 mod exact;
@@ -32,7 +32,7 @@ use rayon::prelude::*;
 
 use bvh::{Bvh, Placement};
 
-/// Most triangles of a scene: splitting may double the boxes, and their places are 32-bit numbers.
+/// Most triangles of a scene: splitting may double the boxes, which are numbered with 32 bits.
 pub const MAX_TRIANGLES: usize = 1 << 29;
 
 /// Triangles, ready to be cast.
@@ -46,14 +46,14 @@ pub struct TriangleScene {
 }
 
 impl TriangleScene {
-    /// Takes triangles in mesh units. Triangles without area are kept, so that indices stay, and never hit.
+    /// Takes triangles in mesh units. Triangles without area are kept, so that indices stay, but rays never hit them.
     ///
     /// # Errors
     /// Coordinates that are not finite or too large to subtract, more than [`MAX_TRIANGLES`] triangles.
     pub fn new(triangles: Vec<[[f64; 3]; 3]>) -> Result<Self, CastError> {
         if triangles.len() > MAX_TRIANGLES {
             return Err(CastError::Device(format!(
-                "{} triangles: the triangle caster takes at most {MAX_TRIANGLES}; cast fewer at a time",
+                "a scene of {} triangles: the triangle caster takes at most {MAX_TRIANGLES}; cast fewer at a time",
                 triangles.len()
             )));
         }
@@ -63,7 +63,7 @@ impl TriangleScene {
         let strange = triangles.iter().position(|t| t.iter().any(|p| !p.is_finite() || p.abs().max_element() > limit));
         if let Some(index) = strange {
             return Err(CastError::Device(format!(
-                "triangle {index} has a corner at {:?}: repair the mesh, coordinates are finite numbers below 1e150",
+                "triangle {index} has its corners at {:?}: coordinates must be finite numbers below 1e150; repair the mesh",
                 triangles[index]
             )));
         }
@@ -87,7 +87,7 @@ impl TriangleScene {
         Ok(Self { triangles, placement, fast, fast_corners, exact: OnceLock::new() })
     }
 
-    /// The triangles, in mesh units, in the order they were given.
+    /// The triangles, in mesh units, in the order in which they were given.
     pub fn triangles(&self) -> &[[DVec3; 3]] {
         &self.triangles
     }
@@ -104,7 +104,7 @@ impl TriangleScene {
     /// Casts a picture in single precision on the threads of the current rayon pool: `hits[y * width + x]`, the first row
     /// on top. Resizes `hits`.
     ///
-    /// Not watertight at corners, and up to a few units in the last place of `f32` off.
+    /// Not watertight at corners; `t` is off by a few units in the last place of `f32`.
     pub fn cast(&self, rays: &CameraRays, hits: &mut Vec<TriangleHit>) {
         hits.clear();
         hits.resize(rays.pixels(), TriangleHit::MISS);
@@ -120,7 +120,7 @@ impl TriangleScene {
         });
     }
 
-    /// Casts a picture as [`cast`](Self::cast) does and tells how long that took.
+    /// Casts a picture as [`cast`](Self::cast) does and returns how long that took.
     pub fn time(&self, rays: &CameraRays) -> Duration {
         let mut hits = Vec::with_capacity(rays.pixels());
         let start = Instant::now();
@@ -154,7 +154,7 @@ impl TriangleScene {
         (self.fast.bytes() + size_of_val(self.fast_corners.as_slice())) as u64
     }
 
-    /// Made when first asked for: whoever only measures time does not pay for it.
+    /// Built at the first use, since measuring time does not need it.
     fn exact_bvh(&self) -> &Bvh {
         self.exact.get_or_init(|| {
             let boxes: Vec<_> = self.triangles.iter().map(|t| exact::wide_box(t, &self.placement)).collect();

@@ -15,20 +15,20 @@ pub(super) const EDGE: usize = 4;
 const LANES: usize = EDGE * EDGE;
 type Lanes = [f32; LANES];
 
-/// What leaving a box is put off by, for the rounding of six products and differences.
+/// Factor on where a ray leaves a box, which covers the rounding of six products and differences.
 const SLACK: f32 = 1.0 + 4.0 * f32::EPSILON;
 
 /// Rays from one eye, lane by lane.
 struct Packet {
     direction: [Lanes; 3],
     inverse: [Lanes; 3],
-    /// Closest `t` so far.
+    /// Closest `t` found so far.
     t: Lanes,
     triangle: [u32; LANES],
     t_near: f32,
 }
 
-/// Casts rows `first_row ..` of a picture, as many as `hits` has room for.
+/// Casts the rows of a picture from `first_row` on that `hits` has room for.
 #[multiversion(targets(
     "x86_64+avx512f+avx512bw+avx512dq+avx512vl+avx2+avx+bmi1+bmi2+lzcnt",
     "x86_64+avx2+avx+bmi1+bmi2+lzcnt",
@@ -61,7 +61,7 @@ pub(super) fn cast_rows(
 }
 
 impl Packet {
-    /// The packet at a pixel; lanes beyond the picture are rays beyond the picture.
+    /// The packet whose first pixel is this one. Lanes beyond the picture have the rays of pixels beyond it.
     #[inline(always)]
     fn new(rays: &CameraRays, scale: f64, x: usize, y: usize) -> Self {
         let vector = |v: DVec3| (v * scale).as_vec3();
@@ -72,7 +72,7 @@ impl Packet {
         for axis in 0..3 {
             for lane in 0..LANES {
                 let d = corner[axis] + dx[axis] * (lane % EDGE) as f32 + dy[axis] * (lane / EDGE) as f32;
-                // Where a ray is parallel to a slab, huge instead of infinite: nothing becomes NaN.
+                // For a ray that is parallel to a slab, the inverse is huge instead of infinite, so that nothing becomes NaN.
                 let d = if d.abs() < f32::MIN_POSITIVE { f32::MIN_POSITIVE.copysign(d) } else { d };
                 direction[axis][lane] = d;
                 inverse[axis][lane] = 1.0 / d;
@@ -134,7 +134,7 @@ impl Packet {
         }
     }
 
-    /// Least `t` at which a ray enters the box before its closest hit; infinite if none does.
+    /// Least `t` at which a ray enters the box before its closest hit; infinite if no ray does.
     #[inline(always)]
     fn enter(&self, node: &Node, eye: [f32; 3]) -> f32 {
         let mut enter = [self.t_near; LANES];
@@ -156,10 +156,10 @@ impl Packet {
         least(first)
     }
 
-    /// Takes the triangle for the rays that meet it before anything else so far.
+    /// Records the triangle for the rays that hit it before their closest hit so far.
     ///
-    /// With the corners as seen from the eye, a ray passes an edge on the side that the sign of `d · (a × b)` says; the
-    /// neighbour at the edge has the same number, negated. Both sides of the triangle count.
+    /// With corners relative to the eye, the sign of `d · (a × b)` tells on which side of an edge a ray passes; the other
+    /// triangle at the edge has the same number, negated. Both sides of the triangle count.
     #[inline(always)]
     fn meet(&mut self, corners: &[Vec3A; 3], place: u32, eye: [f32; 3]) {
         let [a, b, c] = corners.map(|p| p - Vec3A::from(eye));
@@ -180,7 +180,7 @@ impl Packet {
     }
 }
 
-/// The least of the lanes, by halves.
+/// The least of the lanes.
 #[inline(always)]
 fn least(mut lanes: Lanes) -> f32 {
     let mut half = LANES / 2;

@@ -21,7 +21,7 @@ impl Random {
     }
 }
 
-/// Triangles of all shapes in a cube: fat, needles, slivers, without area, and some twice.
+/// Triangles of all shapes in a cube: regular ones, needles, slivers, triangles without area, and some twice.
 fn mixed(random: &mut Random, count: usize) -> Vec<[[f64; 3]; 3]> {
     let mut triangles: Vec<[[f64; 3]; 3]> = Vec::new();
     for k in 0..count {
@@ -86,7 +86,7 @@ fn camera() -> Camera {
     }
 }
 
-/// Every triangle, one after the other.
+/// Tests every triangle, one after the other.
 fn brute_force(scene: &TriangleScene, ray: &ExactRay) -> TriangleHit {
     let Some(sheared) = Sheared::new(ray) else { return TriangleHit::MISS };
     let hits = scene
@@ -132,7 +132,7 @@ fn the_tree_finds_what_trying_every_triangle_finds() {
     }
 }
 
-/// The same by another way: the point where the ray meets the plane, by Cramer's rule, away from the edges.
+/// Compares with another method: the point where the ray meets the plane, by Cramer's rule, away from the edges.
 #[test]
 fn the_triangle_test_agrees_with_cramers_rule() {
     let mut random = Random(99);
@@ -171,7 +171,7 @@ fn no_ray_leaves_a_closed_sphere() {
         scene.cast_exact_ray(&ExactRay { origin, direction, t_min: 0.0, t_max: 1e9 }).is_miss()
     };
     for origin in [DVec3::ZERO, DVec3::new(0.3, -0.2, 0.1), DVec3::new(0.0, 0.5, 0.0), DVec3::new(-0.9, 0.1, 0.2)] {
-        // At every corner and at points of every edge, where the rounding decides.
+        // Rays to every corner and to points of every edge, where rounding decides.
         for triangle in &triangles {
             for k in 0..3 {
                 let (a, b) = (DVec3::from(triangle[k]), DVec3::from(triangle[(k + 1) % 3]));
@@ -187,7 +187,7 @@ fn no_ray_leaves_a_closed_sphere() {
     }
 }
 
-/// The negative control of the two tests above: one triangle less, and rays leave.
+/// The negative control of the two tests above: without one triangle, rays leave.
 #[test]
 fn a_missing_triangle_is_noticed() {
     let whole = TriangleScene::new(sphere(3)).unwrap();
@@ -231,7 +231,7 @@ fn the_fast_caster_agrees_but_for_a_few_rays() {
         let differing = fast.iter().zip(&exact).filter(off).count();
         assert!(differing * 500 <= rays.pixels(), "{differing} of {} rays differ", rays.pixels());
         for (index, (fast, exact)) in fast.iter().zip(&exact).enumerate() {
-            // The index named is one that the ray really meets there.
+            // The ray does meet the triangle of the fast caster at that place.
             if !fast.is_miss() && !off(&(fast, exact)) && fast.triangle != exact.triangle {
                 let met = Sheared::new(&rays.ray_at(index)).unwrap().meet(&scene.triangles()[fast.triangle as usize]);
                 assert!(met.is_none_or(|t| (t - exact.t).abs() < 1e-5), "{index} {fast:?} {exact:?}");
@@ -297,7 +297,7 @@ fn odd_input_is_refused_or_misses() {
     assert_eq!(sphere.normal(0).length().round(), 1.0);
 }
 
-/// Many triangles in one place make trees that no box can part.
+/// No box separates triangles in the same place.
 #[test]
 fn a_pile_of_equal_triangles_is_cast() {
     let triangle = [[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, 0.0]];

@@ -174,7 +174,7 @@ pub fn bad_views_are_refused(subject: &Subject) -> Result<(), Fault> {
 /// Rays start at the root of an object of the loaded octree and nowhere else.
 ///
 /// # Errors
-/// A root that is taken although it is none, or refused although it is one; what the caster said elsewhere.
+/// A slot that is taken although it is no root, or a root that is refused; what the caster said elsewhere.
 pub fn roots_of_no_object_are_refused(subject: &Subject) -> Result<(), Fault> {
     let (two, one) = (two_objects()?, Sample::plain(4, true).octree()?);
     let mut caster = subject.open()?;
