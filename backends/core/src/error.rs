@@ -12,7 +12,10 @@ pub enum CastError {
     #[error("view: {0}")]
     View(String),
     /// Rays would start at a slot that is the root of no object.
-    #[error("root {root} is not the root of an object: the loaded octree has {}; take root_slot of one of its objects", list(.roots))]
+    #[error(
+        "slot {root} is not the root of an object of the loaded octree, whose roots are {}: take root_slot of one of its objects",
+        list(.roots)
+    )]
     Root {
         /// The slot.
         root: u32,
@@ -38,4 +41,20 @@ fn list(slots: &[u32]) -> String {
         text += &format!(", ... ({} in all)", slots.len());
     }
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_wrong_root_is_told_with_the_right_ones() {
+        let text = |roots: &[u32]| CastError::Root { root: 7, roots: roots.to_vec() }.to_string();
+        assert_eq!(
+            text(&[2, 514]),
+            "slot 7 is not the root of an object of the loaded octree, whose roots are 2, 514: take root_slot of one of \
+             its objects"
+        );
+        assert!(text(&[2, 4, 6, 8, 10]).contains("are 2, 4, 6, 8, ... (5 in all): take"));
+    }
 }

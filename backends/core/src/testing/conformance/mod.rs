@@ -10,6 +10,7 @@
 //! const REFERENCE: Subject = Subject::native(|| Ok(Box::new(ReferenceCaster::default())));
 //!
 //! esvo_core::conformance_suite!(reference, super::REFERENCE);
+//! # fn main() {}
 //! ```
 //!
 //! That makes a module `reference` with one test for each of [`CHECKS`]. Engines that run the kernel of [`gpu`](crate::gpu)
