@@ -158,6 +158,13 @@ pub(crate) fn entropy_coded() -> (Block, Vec<u8>, Vec<u8>) {
         let first = block.valid(slot) & block.valid(slot).wrapping_neg();
         block.contour(slot, first, &[0x0de1_ec10 + ((slot as u32 % 3) << 18)]);
     }
+    // A colour for every descriptor, of bytes in which most bits are 0: the encoder takes a Huffman code for them.
+    let mut words = vec![0u32; block.slots()];
+    for slot in (2..588).filter(|slot| block.valid(*slot) != 0) {
+        words[slot] = (words.len() as u32) << 8;
+        words.push((rng.bits() & rng.bits() & rng.bits()) as u32);
+    }
+    block.attachment(5, words.iter().flat_map(|word| word.to_le_bytes()).collect());
     (block, include_bytes!("../frames/plain.zst").to_vec(), include_bytes!("../frames/checksum.zst").to_vec())
 }
 
