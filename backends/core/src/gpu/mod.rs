@@ -1,5 +1,6 @@
-//! What every engine that runs the GPU kernel shares: the kernel's variants and buffers, and the part of an octree that a
-//! device holds.
+//! What every engine that runs the GPU kernel shares: the choice of a device, the variants and buffers of the kernel, and
+//! the part of an octree that a device holds.
 
+pub mod choice;
 pub mod kernel;
 pub mod resident;
