@@ -21,7 +21,7 @@ of the pictures is written to pictures.md in the same folder.
 Example:
   esvo bench pictures --scenes jungle --levels 10 --out pictures")]
 pub(crate) struct BenchPicturesArguments {
-    /// Only these scenes
+    /// Make pictures of these scenes only
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     pub(crate) scenes: Vec<String>,
     /// Levels of the octrees [default: 10 or 11]

@@ -13,10 +13,10 @@ pub(crate) struct Selection {
     /// Read the matrix from a TOML file
     #[arg(long, value_name = "FILE")]
     pub(crate) matrix: Option<PathBuf>,
-    /// Only these scenes
+    /// Measure only these scenes
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     pub(crate) scenes: Vec<String>,
-    /// These levels for every scene
+    /// Build these levels of every scene
     #[arg(long, value_name = "N,...", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=23))]
     levels: Vec<u32>,
     /// Memory limit of the run (of each build in `bench build`) in GB (10^9 bytes); levels that need more are left out

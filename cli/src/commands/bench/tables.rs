@@ -23,13 +23,13 @@ pub(crate) struct TablesArguments {
     /// Measure only these engines
     #[arg(long, value_parser = engine(), value_delimiter = ',')]
     pub(crate) backends: Vec<EngineId>,
-    /// These picture sizes
+    /// Cast pictures of these sizes
     #[arg(long, value_name = "WxH,...", value_delimiter = ',', value_parser = parse_size)]
     pub(crate) resolutions: Vec<[u32; 2]>,
-    /// Viewpoints per scene
+    /// Number of viewpoints per scene
     #[arg(long, value_name = "N")]
     pub(crate) views: Option<usize>,
-    /// Timed rounds per row
+    /// Number of timed rounds per row
     #[arg(long, value_name = "N")]
     pub(crate) rounds: Option<usize>,
     /// Threads of the CPU caster

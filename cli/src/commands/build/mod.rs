@@ -32,7 +32,7 @@ Examples:
   esvo build sibenik.obj -o sibenik-d.esvo --levels 11 --displace 0.05
   esvo build --scene hairball -o hairball.esvo --levels 10 --json")]
 pub(crate) struct BuildArguments {
-    /// The mesh
+    /// The mesh file
     #[arg(required_unless_present = "scene", conflicts_with = "scene")]
     pub(crate) mesh: Option<PathBuf>,
     /// The file to write
