@@ -224,7 +224,7 @@ pub fn two_objects() -> Result<Arc<Octree>, FormatError> {
     let second_objects = second.objects().iter().map(|object| ObjectEntry {
         root_block: object.root_block + blocks,
         root_slot: object.root_slot + slots,
-        ..object.clone()
+        ..*object
     });
     let second_blocks = second.blocks().iter().map(|block| BlockEntry {
         object: 1,
