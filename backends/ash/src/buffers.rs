@@ -127,11 +127,13 @@ pub(crate) fn upload(
 
 #[cfg(test)]
 mod tests {
+    use esvo_core::gpu::kernel::GpuOptions;
+
     use super::*;
 
     /// The device; `None` without one, unless the environment variable `ESVO_REQUIRE_GPU` demands one.
     fn gpu() -> Option<Arc<Gpu>> {
-        match Gpu::open(&crate::GpuOptions::default()) {
+        match Gpu::open(&GpuOptions::default()) {
             Ok(gpu) => Some(Arc::new(gpu)),
             Err(error) if std::env::var_os("ESVO_REQUIRE_GPU").is_some() => panic!("{error}"),
             Err(error) => {

@@ -3,9 +3,9 @@
 use std::time::Duration;
 
 use ash::vk;
+use esvo_core::gpu::kernel::GpuOptions;
 use esvo_core::{CastError, Device};
 
-use crate::GpuOptions;
 use crate::instance::{Adapter, Instance};
 
 /// Timestamps: start and end of the coarse pass, start and end of the main pass.

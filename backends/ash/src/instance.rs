@@ -5,6 +5,7 @@ use std::sync::{Mutex, PoisonError};
 
 use ash::{ext, vk};
 use esvo_core::gpu::choice::{INSTALL_DRIVER, choose};
+use esvo_core::gpu::kernel::GpuOptions;
 use esvo_core::{CastError, Device, DeviceKind};
 
 const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
@@ -111,7 +112,7 @@ impl Instance {
     }
 
     /// The best device that the options allow.
-    pub(crate) fn choose(&self, options: &crate::GpuOptions) -> Result<Adapter, CastError> {
+    pub(crate) fn choose(&self, options: &GpuOptions) -> Result<Adapter, CastError> {
         let mut adapters = self.adapters()?;
         let devices: Vec<Device> = adapters.iter().map(|adapter| adapter.about.clone()).collect();
         Ok(adapters.swap_remove(choose(&devices, options.adapter.as_deref())?))

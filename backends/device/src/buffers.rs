@@ -5,7 +5,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use bytemuck::Pod;
 use wgpu::BufferUsages as Usage;
 
-use crate::{DeviceError, Gpu};
+use crate::error::DeviceError;
+use crate::gpu::Gpu;
 
 /// Data is copied in pieces of this many bytes, so that staging memory stays small.
 const PIECE_BYTES: usize = 64 << 20;

@@ -6,8 +6,8 @@ use esvo_core::Device;
 use esvo_core::gpu::choice::choose;
 use wgpu::{ErrorFilter, Features};
 
-use crate::DeviceError;
 use crate::adapter::{describe, found};
+use crate::error::DeviceError;
 
 /// An open device and its queue.
 pub struct Gpu {

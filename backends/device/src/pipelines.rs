@@ -1,6 +1,7 @@
 //! Shaders, bind groups and compute pipelines.
 
-use crate::{DeviceError, Gpu};
+use crate::error::DeviceError;
+use crate::gpu::Gpu;
 
 /// Entry of a bind group layout: a uniform buffer that compute shaders see.
 ///

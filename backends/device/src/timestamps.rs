@@ -5,7 +5,8 @@ use std::time::Duration;
 
 use wgpu::BufferUsages as Usage;
 
-use crate::{DeviceError, Gpu};
+use crate::error::DeviceError;
+use crate::gpu::Gpu;
 
 /// Two timestamps for each pass of a submission: its start and its end.
 pub struct Timestamps {
