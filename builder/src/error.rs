@@ -32,6 +32,14 @@ pub enum BuildError {
     /// Another process is building the same file.
     #[error("{}: another build uses this folder; wait until it ends or choose another output", .0.display())]
     Busy(PathBuf),
+    /// What an earlier build left for `resume` is damaged.
+    #[error("{}: {source}; remove this folder and start the build anew", folder.display())]
+    Part {
+        /// The folder of the parts.
+        folder: PathBuf,
+        /// The damage.
+        source: esvo_format::FormatError,
+    },
     /// The memory limit is too small for a build on one thread.
     #[error("a memory limit of {} MB is too small for this mesh: it needs at least {} MB", limit / 1_000_000, least.div_ceil(1_000_000))]
     Memory {

@@ -468,13 +468,8 @@ mod files {
         assert_eq!(names(folder.path()), ["a.esvo"]);
     }
 
-    #[test]
-    fn an_interrupted_build_goes_on() {
-        let (mesh, settings) = (bumpy(60), settings(7));
-        let whole = written(&run(&mesh, settings).octree);
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a.esvo");
-        let options = FileOptions { resume: true, ..FileOptions::default() };
+    /// Starts a build that ends before it is finished.
+    fn interrupt(mesh: &Mesh, settings: &BuildSettings, path: &Path, options: &FileOptions) {
         // A panic in the progress callback is the only way for a caller to stop a build, as if its process were killed.
         let calls = AtomicU32::new(0);
         let stop = |_| {
@@ -482,9 +477,19 @@ mod files {
         };
         let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
         let stopped = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
-            one.install(|| build_file(&mesh, &settings, &path, &options, &stop).map(|_| ()))
+            one.install(|| build_file(mesh, settings, path, options, &stop).map(|_| ()))
         }));
         assert!(stopped.is_err(), "it was over too soon");
+    }
+
+    #[test]
+    fn an_interrupted_build_goes_on() {
+        let (mesh, settings) = (bumpy(60), settings(7));
+        let whole = written(&run(&mesh, settings).octree);
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.esvo");
+        let options = FileOptions { resume: true, ..FileOptions::default() };
+        interrupt(&mesh, &settings, &path, &options);
         assert_eq!(names(folder.path()), ["a.esvo.part"]);
         // A record that was truncated, for example by a full disk.
         let journal = folder.path().join("a.esvo.part/journal");
@@ -502,6 +507,30 @@ mod files {
         build_file(&mesh, &settings, &path, &FileOptions::default(), &|_| count(&first)).unwrap();
         let (first, again) = (first.into_inner(), again.into_inner());
         assert!(again < first / 2, "{again} of {first} reports: nothing was taken over");
+    }
+
+    #[test]
+    fn a_build_does_not_go_on_from_damaged_blocks() {
+        let (mesh, settings) = (bumpy(60), settings(7));
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.esvo");
+        let options = FileOptions { resume: true, ..FileOptions::default() };
+        interrupt(&mesh, &settings, &path, &options);
+        let blocks = folder.path().join("a.esvo.part/blocks");
+        let whole = std::fs::read(&blocks).unwrap();
+        for place in [0, 9, whole.len() / 3] {
+            let mut bytes = whole.clone();
+            bytes[place] ^= 4;
+            std::fs::write(&blocks, &bytes).unwrap();
+            let error = build_file(&mesh, &settings, &path, &options, &|_| ()).err().expect("damaged").to_string();
+            for part in ["a.esvo.part: block ", "is damaged", "rule B006", "remove this folder"] {
+                assert!(error.contains(part), "{error}");
+            }
+            assert!(!path.exists() && std::fs::read(&blocks).unwrap() == bytes, "something was written");
+        }
+        std::fs::write(&blocks, &whole).unwrap();
+        assert!(build_file(&mesh, &settings, &path, &options, &|_| ()).unwrap().resumed);
+        assert!(std::fs::read(&path).unwrap() == written(&run(&mesh, settings).octree));
     }
 
     #[test]

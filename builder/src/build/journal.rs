@@ -90,6 +90,7 @@ impl Journal {
             writer.put(&Record::Build(build)).map_err(io)?;
         }
         let store = BlockStore::in_file(blocks, summaries);
+        store.check().map_err(|source| BuildError::Part { folder: folder.clone(), source })?;
         Ok((Self { folder, resumed, finished: Mutex::new(finished), writer: Mutex::new(writer) }, store))
     }
 
@@ -172,7 +173,7 @@ fn fingerprint(mesh: &Mesh, settings: &BuildSettings) -> [u8; 32] {
         hash.update((bytes.len() as u64).to_le_bytes());
         hash.update(bytes);
     };
-    part(concat!(env!("CARGO_PKG_VERSION"), " 1").as_bytes());
+    part(concat!(env!("CARGO_PKG_VERSION"), " 2").as_bytes());
     part(format!("{settings:?}").as_bytes());
     part(bytemuck::cast_slice(&mesh.positions));
     part(bytemuck::cast_slice(&mesh.normals));

@@ -20,7 +20,7 @@ use crate::file::write::{Front, padding, replace_file};
 use crate::file::{BlockEntry, FIRST_SLOT, NO_PARENT, ObjectEntry, PAGE_BYTES};
 use crate::layout::block::Layout;
 use crate::layout::plan::{Plan, PlannedBlock, subtree_slots};
-use crate::{AssembleOptions, FormatError, Octree, Tree, WriteOptions};
+use crate::{AssembleOptions, Broken, FormatError, Octree, Tree, WriteOptions, ids};
 
 /// A far pointer from one block to another.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
@@ -48,6 +48,9 @@ pub struct BlockSummary {
     outer: Vec<Outer>,
     /// Offset in bytes in a store in a file.
     at: u64,
+    /// CRC-32 of the bytes of the block in the store. A block that was damaged in a file would get a right checksum
+    /// when the octree is written.
+    crc: u32,
 }
 
 impl BlockSummary {
@@ -112,6 +115,7 @@ pub fn pack(tree: &Tree, cube: Option<([u32; 3], u32)>, options: &AssembleOption
         far_pointers: layout.far_pointers,
         outer,
         at: 0,
+        crc: crc32fast::hash(bytemuck::cast_slice(&image)),
     };
     Ok(PackedBlock { image, summary })
 }
@@ -146,6 +150,7 @@ impl BlockStore {
     /// A store that keeps the bytes of the blocks in a file, which must be open for reading and writing.
     ///
     /// `summaries` are those of the blocks that are in the file already. Everything after those blocks is overwritten.
+    /// [`check`](Self::check) tells whether the file still has them.
     pub fn in_file(file: File, summaries: Vec<BlockSummary>) -> Self {
         let end = summaries.iter().map(BlockSummary::end).max().unwrap_or(0);
         Self { summaries: Mutex::new(summaries), images: Images::File(Mutex::new(Spill { file, end })) }
@@ -178,6 +183,19 @@ impl BlockStore {
                 number(summaries.len() - 1)
             }
         }
+    }
+
+    /// Reads all blocks of a store in a file and compares them with the checksums in their summaries, in parallel. Blocks
+    /// are also compared when the octree is made; this finds damage before more work is done.
+    ///
+    /// # Errors
+    /// The first block that is damaged (rule B006; the offset is that in the file); those of reading the file.
+    pub fn check(&self) -> Result<(), FormatError> {
+        let summaries = lock(&self.summaries).clone();
+        let results: Vec<Result<(), FormatError>> = (summaries.par_iter().enumerate())
+            .map(|(number, summary)| self.stored(number, summary).map(drop))
+            .collect();
+        results.into_iter().collect()
     }
 
     /// Number of blocks.
@@ -324,21 +342,30 @@ impl BlockStore {
         Ok(Ordered { object, table, numbers, place, summaries })
     }
 
+    /// The bytes of block `number` as they were put.
+    fn stored(&self, number: usize, summary: &BlockSummary) -> Result<Vec<u64>, FormatError> {
+        let spill = match &self.images {
+            Images::Memory(images) => return Ok(lock(images)[number].clone()),
+            Images::File(spill) => spill,
+        };
+        let mut image = vec![0u64; summary.slots as usize];
+        let mut spill = lock(spill);
+        let read = (spill.file.seek(SeekFrom::Start(summary.at)))
+            .and_then(|_| spill.file.read_exact(bytemuck::cast_slice_mut(&mut image)));
+        drop(spill);
+        read.map_err(|e| FormatError::io(Path::new("temporary file of the build"), e))?;
+        if crc32fast::hash(bytemuck::cast_slice(&image)) == summary.crc {
+            return Ok(image);
+        }
+        let what = format!("block {number} of the temporary file of the build is damaged: its checksum differs");
+        Err(Broken::new(ids::BLOCK_CHECKSUM, summary.at, what).into())
+    }
+
     /// The bytes of the block at index `index` of the table, with its index and its far pointers set.
     fn block(&self, ordered: &Ordered, index: usize) -> Result<Vec<u64>, FormatError> {
         let number = ordered.numbers[index] as usize;
         let summary = &ordered.summaries[number];
-        let mut image = match &self.images {
-            Images::Memory(images) => lock(images)[number].clone(),
-            Images::File(spill) => {
-                let mut image = vec![0u64; summary.slots as usize];
-                let mut spill = lock(spill);
-                let read = (spill.file.seek(SeekFrom::Start(summary.at)))
-                    .and_then(|_| spill.file.read_exact(bytemuck::cast_slice_mut(&mut image)));
-                read.map_err(|e| FormatError::io(Path::new("temporary file of the build"), e))?;
-                image
-            }
-        };
+        let mut image = self.stored(number, summary)?;
         let info = (image[0] as u32) as usize;
         image[info] = image[info] & !u64::from(u32::MAX) | index as u64;
         let start = |index: usize| ordered.table[index].image_offset / 8;

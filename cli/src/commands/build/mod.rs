@@ -182,7 +182,7 @@ pub(crate) fn run_build(arguments: &BuildArguments) -> Result<(), Failure> {
     })
     .map_err(|e| match e {
         BuildError::Format(e) => name_file(&arguments.output, e),
-        BuildError::Io { .. } | BuildError::Busy(_) => e.to_string(),
+        BuildError::Io { .. } | BuildError::Busy(_) | BuildError::Part { .. } => e.to_string(),
         _ => format!("{source}: {e}"),
     })?;
     let build = start.elapsed().as_secs_f64();
