@@ -6,7 +6,8 @@
 //! # Reading
 //!
 //! [`Octree::open`] maps a file, [`Octree::from_bytes`] reads a file in memory. Both check everything except the
-//! descriptors. [`Octree::sound`] checks those once; walking a sound octree cannot fail.
+//! descriptors and the checksums of the blocks. [`Octree::sound`] checks the descriptors once; walking a sound octree cannot
+//! fail. [`Octree::intact`] compares the checksums once, in parallel; it reads the whole file. Casters call both.
 //!
 //! ```
 //! # use esvo_format::*;
@@ -20,6 +21,7 @@
 //! # octree.write_to(&mut bytes).unwrap();
 //! # let mut leaves = Vec::new();
 //! let octree = Octree::from_bytes(&bytes)?; // or Octree::open("sibenik.esvo".as_ref())?
+//! octree.intact()?;
 //! octree.sound()?;
 //!
 //! // For every leaf voxel of the first object: its lower corner in mesh space, its edge in octree space, and its colour.
@@ -66,6 +68,9 @@
 //! assert!(esvo_format::validate_bytes(&bytes)?.is_ok());
 //! # Ok::<(), esvo_format::FormatError>(())
 //! ```
+//!
+//! An octree that came from a file is [verified](Octree::verified) before it is written again: checksums and every other
+//! rule. Writing gives blocks new checksums, so damage would be hidden for good.
 //!
 //! # What is where
 //!

@@ -50,6 +50,33 @@ impl Origin {
     }
 }
 
+/// Where the blocks of an octree come from. Decides what is verified before they are used or written again.
+///
+/// Everything that makes an [`Octree`] must name it, and everything that writes one calls [`Octree::verified`]: a writer
+/// gives blocks new checksums, so it would hide damage.
+pub(crate) enum Stored {
+    /// This program made the blocks.
+    Made,
+    /// Blocks of a file whose checksums were compared when they were read, with other tables. Their contents are
+    /// checked before they are written.
+    Taken,
+    /// A file.
+    File {
+        /// The bytes outside its sections and blocks.
+        gaps: Gaps,
+        /// See [`OpenOptions::verify`](crate::OpenOptions::verify).
+        verify: bool,
+    },
+}
+
+/// The bytes of a file outside its sections and blocks, which must be zero (D009).
+pub(crate) enum Gaps {
+    /// They were read: the first that is not zero.
+    Read(Option<Broken>),
+    /// They are in the mapped file, outside these ranges. Ranges are in order: start and end.
+    Unread(Vec<(u64, u64)>),
+}
+
 /// A section that this library does not know. Kept when a file is rewritten.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct UnknownSection {
@@ -64,7 +91,9 @@ pub struct UnknownSection {
 /// An octree: the image, mapped from a file or held in memory, with its object and block tables.
 ///
 /// Opening checks the header, the tables and the info sections. The descriptors are checked by
-/// [`validate`](crate::validate()), or faster by [`sound`](Self::sound), which every caster calls before it walks.
+/// [`validate`](crate::validate()), or faster by [`sound`](Self::sound), which every caster calls before it walks. The
+/// checksums of the blocks are compared by [`intact`](Self::intact), which every caster calls too. Before an octree is
+/// written, [`verified`](Self::verified) checks everything that came from a file.
 pub struct Octree {
     pub(crate) objects: Vec<ObjectEntry>,
     pub(crate) blocks: Vec<BlockEntry>,
@@ -75,11 +104,19 @@ pub struct Octree {
     /// Offsets in the file that the octree was read from.
     pub(crate) origin: Option<Origin>,
     pub(crate) sound: OnceLock<Result<(), Broken>>,
+    pub(crate) stored: Stored,
+    /// Result of comparing the checksums.
+    pub(crate) compared: OnceLock<Result<(), Broken>>,
+    /// Result of [`verified`](Self::verified).
+    pub(crate) verified: OnceLock<Result<(), Broken>>,
 }
 
 impl Octree {
     /// An octree from tables and an image. File offsets, stored sizes and checksums of the blocks are ignored; writing
     /// the octree sets them.
+    ///
+    /// The octree counts as made by this program. A caller that copies slots of another octree must call
+    /// [`verified`](Self::verified) on it first; damage would get right checksums otherwise.
     ///
     /// # Errors
     /// A broken rule of the object table, the block table or an info section, or blocks that do not fill the image.
@@ -91,7 +128,7 @@ impl Octree {
     ) -> Result<Self, FormatError> {
         crate::check::tables::check_objects(&objects, 0)?;
         crate::check::tables::check_blocks(&blocks, 0, &objects, Some(image.len() as u64 * 8))?;
-        Self::new(objects, blocks, String::new(), Vec::new(), Image::Owned(image), None)
+        Self::new(objects, blocks, String::new(), Vec::new(), Image::Owned(image), None, Stored::Made)
     }
 
     /// Reads the parts of the blocks. The tables must have been checked.
@@ -102,6 +139,7 @@ impl Octree {
         unknown: Vec<UnknownSection>,
         image: Image,
         origin: Option<Origin>,
+        stored: Stored,
     ) -> Result<Self, FormatError> {
         let bytes: &[u8] = bytemuck::cast_slice(image.slots());
         let parts = (blocks.iter().enumerate())
@@ -113,7 +151,8 @@ impl Octree {
                 crate::check::tables::block_parts(bytes, start, at, index)
             })
             .collect::<Result<_, Broken>>()?;
-        Ok(Self { objects, blocks, parts, meta, unknown, image, origin, sound: OnceLock::new() })
+        let (sound, compared, verified) = Default::default();
+        Ok(Self { objects, blocks, parts, meta, unknown, image, origin, sound, stored, compared, verified })
     }
 
     /// Offset of byte `at` of the image in the file that the octree was read from. `at` itself if there is no file, or
@@ -150,6 +189,7 @@ impl Octree {
     /// Replaces the metadata. `meta` should be a JSON object.
     pub fn set_meta(&mut self, meta: String) {
         self.meta = meta;
+        self.verified = OnceLock::new();
     }
 
     /// The sections of the file that this library does not know.

@@ -324,7 +324,8 @@ fn what_is_not_there_is_an_error() {
     let small = StreamReader::open(&small_bytes).unwrap();
     refused("does not belong to this file", small.partial_of([&large]));
     // Enough for three blocks.
-    let limited = StreamReader::open_with(&bytes, &OpenOptions { memory_limit: 3 * 8192 }).unwrap();
+    let limited =
+        StreamReader::open_with(&bytes, &OpenOptions { memory_limit: 3 * 8192, ..OpenOptions::default() }).unwrap();
     assert!(limited.partial(&[0]).is_ok());
     refused("memory limit", limited.partial(&(0..9).collect::<Vec<_>>()));
     let blocks: Vec<_> = (0..9).map(|index| limited.read_block(index).unwrap()).collect();

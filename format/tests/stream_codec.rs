@@ -300,7 +300,7 @@ fn damage_under_right_checksums_is_survived() {
             }
         }
         file.seal();
-        let options = OpenOptions { memory_limit: 1 << 24 };
+        let options = OpenOptions { memory_limit: 1 << 24, ..OpenOptions::default() };
         match validate_bytes_with(&file.0, &options) {
             Ok(report) => found += u32::from(!report.is_ok()),
             Err(FormatError::Limit(_)) => found += 1,
@@ -318,16 +318,19 @@ fn damage_under_right_checksums_is_survived() {
 fn claims_cost_no_memory() {
     let (octree, file) = mixed_file();
     let image: u64 = octree.blocks().iter().map(|b| b.image_size).sum();
-    let refused = |limit, bytes: &[u8]| match Octree::from_bytes_with(bytes, &OpenOptions { memory_limit: limit }) {
+    let refused = |limit, bytes: &[u8]| match Octree::from_bytes_with(
+        bytes,
+        &OpenOptions { memory_limit: limit, ..OpenOptions::default() },
+    ) {
         Err(FormatError::Limit(what)) => assert!(what.contains(&image.to_string()), "{what}"),
         Err(other) => panic!("{other}"),
         Ok(_) => panic!("opened within {limit}"),
     };
     refused(image - 1, &file.0);
     refused(0, &file.0);
-    assert!(Octree::from_bytes_with(&file.0, &OpenOptions { memory_limit: image }).is_ok());
+    assert!(Octree::from_bytes_with(&file.0, &OpenOptions { memory_limit: image, ..OpenOptions::default() }).is_ok());
     assert!(matches!(
-        validate_bytes_with(&file.0, &OpenOptions { memory_limit: image - 1 }),
+        validate_bytes_with(&file.0, &OpenOptions { memory_limit: image - 1, ..OpenOptions::default() }),
         Err(FormatError::Limit(_))
     ));
     // The last block claims to decompress from some thousand bytes to 16 GiB.
@@ -338,7 +341,7 @@ fn claims_cost_no_memory() {
     claim.set_u32(at + 56, CODEC_ZSTD);
     claim.set_u64(at + 48, 5000);
     claim.seal();
-    let unlimited = OpenOptions { memory_limit: u64::MAX };
+    let unlimited = OpenOptions { memory_limit: u64::MAX, ..OpenOptions::default() };
     let Err(FormatError::Broken(broken)) = Octree::from_bytes_with(&claim.0, &unlimited) else { panic!("opened") };
     assert_eq!(broken.rule, ids::BLOCK_CODEC);
     // A size that no block can have.

@@ -28,7 +28,7 @@ impl Seek for Stutter<'_> {
     }
 }
 
-const OPTIONS: OpenOptions = OpenOptions { memory_limit: 16 << 20 };
+const OPTIONS: OpenOptions = OpenOptions { memory_limit: 16 << 20, verify: true };
 
 /// All blocks that a reader reads, or its error.
 fn all_blocks<S: esvo_format::RangeRead>(source: S) -> Result<Vec<u64>, String> {

@@ -2,6 +2,7 @@
 
 pub(crate) mod metadata;
 pub(crate) mod report;
+pub(crate) mod stored;
 pub(crate) mod tables;
 pub(crate) mod topology;
 pub(crate) mod validate;

@@ -3,16 +3,15 @@
 use std::ops::ControlFlow;
 use std::path::Path;
 
-use rayon::prelude::*;
-
 use crate::block::BlockParts;
 use crate::check::metadata;
 use crate::check::report::Report;
+use crate::check::stored::{gaps, wrong_checksums};
 use crate::check::topology::{Bits, Step, Visitor, Walked, ones, walk};
 use crate::check::validate_values::check_values;
 use crate::file::open::{Contents, map};
 use crate::file::*;
-use crate::octree::Origin;
+use crate::octree::Stored;
 use crate::{Broken, ChildDescriptor, FormatError, Octree, OpenOptions, ids};
 
 /// Checks a file against every rule. If [`Octree::open`] fails, its error is the only finding.
@@ -31,7 +30,7 @@ pub fn validate_file_with(path: &Path, options: &OpenOptions) -> Result<Report, 
     let mut report = Report::default();
     let result = map(path).and_then(|map| {
         let contents = Contents::read(&map)?;
-        check_gaps(&map, &contents.ranges, &mut report);
+        gaps(&map, &contents.ranges).for_each(|finding| report.add(finding));
         contents.into_mapped(map, options)
     });
     finish(report, result)
@@ -52,7 +51,7 @@ pub fn validate_bytes(bytes: &[u8]) -> Result<Report, FormatError> {
 pub fn validate_bytes_with(bytes: &[u8], options: &OpenOptions) -> Result<Report, FormatError> {
     let mut report = Report::default();
     let result = Contents::read(bytes).and_then(|contents| {
-        check_gaps(bytes, &contents.ranges, &mut report);
+        gaps(bytes, &contents.ranges).for_each(|finding| report.add(finding));
         contents.into_owned(bytes, options)
     });
     finish(report, result)
@@ -75,23 +74,55 @@ pub fn validate(octree: &Octree) -> Report {
     report
 }
 
-fn check_gaps(bytes: &[u8], ranges: &[(u64, u64)], report: &mut Report) {
-    let ends = ranges.iter().map(|range| range.1);
-    let starts = ranges.iter().skip(1).map(|range| range.0).chain([bytes.len() as u64]);
-    for (from, to) in ends.zip(starts) {
-        if let Some(at) = bytes[from as usize..to as usize].iter().position(|b| *b != 0) {
-            report.add(Broken::new(
-                ids::FILE_GAPS,
-                from + at as u64,
-                "a byte outside all sections and blocks is not zero",
-            ));
+impl Octree {
+    /// Whether the blocks of this octree may be written again, with new checksums. Of a file: the checksums of all blocks
+    /// and every other rule, as [`validate`] checks them. Of a [part](crate::StreamReader::partial) of a file, whose
+    /// checksums were compared on reading: every other rule. True for an octree that this program made.
+    ///
+    /// Reads the whole file at the first call; the result is kept. Whatever writes an octree calls this and fails with
+    /// its error: [`write`](Self::write) and its variants, [`oct::write`](crate::oct::write()),
+    /// [`with_ambient_occlusion`](Self::with_ambient_occlusion), [`diff`](crate::diff::diff). Call it too before
+    /// [`slots`](Self::slots) are copied to a new octree. [`OpenOptions::verify`] does not change it.
+    ///
+    /// A mapped file that changes after this call is not noticed.
+    ///
+    /// # Errors
+    /// The first rule of level *must* found broken.
+    pub fn verified(&self) -> Result<(), Broken> {
+        // Not computed within `get_or_init`, see `compared`.
+        if self.verified.get().is_none() {
+            let _ = self.verified.set(verify(self));
         }
+        self.verified.get().cloned().unwrap_or(Ok(()))
     }
+}
+
+fn verify(octree: &Octree) -> Result<(), Broken> {
+    if matches!(octree.stored, Stored::Made) {
+        return Ok(());
+    }
+    octree.compared()?;
+    let mut report = Report::default();
+    check_meta(octree, &mut report);
+    check_contents(octree, &mut report);
+    if report.is_ok() {
+        // The same walk with fewer checks.
+        let _ = octree.sound.set(Ok(()));
+        return Ok(());
+    }
+    // Without an error in the list, warnings have filled it.
+    let first = report.findings.iter().find(|finding| !finding.warning).or(report.findings.first());
+    first.map_or(Ok(()), |finding| Err(finding.broken.clone()))
 }
 
 fn check(octree: &Octree, report: &mut Report) {
     check_meta(octree, report);
-    check_checksums(octree, report);
+    wrong_checksums(octree).into_iter().for_each(|finding| report.add(finding));
+    check_contents(octree, report);
+}
+
+/// Checks all rules except those of the metadata and of the stored bytes.
+fn check_contents(octree: &Octree, report: &mut Report) {
     check_table_order(octree, report);
     let mut walker = Walker::new(octree, std::mem::take(report));
     let walked = walk(octree, &mut walker);
@@ -134,25 +165,6 @@ fn check_meta(octree: &Octree, report: &mut Report) {
             report.add(Broken::new(ids::META_JSON, start + at as u64, format!("the metadata: {what}")));
         }
     }
-}
-
-fn check_checksums(octree: &Octree, report: &mut Report) {
-    // Octrees made in memory have no stored bytes; compressed blocks were checked on reading.
-    let Some(Origin { image: base, compressed: false, .. }) = octree.origin else { return };
-    let image: &[u8] = bytemuck::cast_slice(octree.slots());
-    let broken: Vec<Broken> = (octree.blocks().par_iter().enumerate())
-        .filter(|(_, b)| {
-            crc32fast::hash(&image[b.image_offset as usize..(b.image_offset + b.image_size) as usize]) != b.crc
-        })
-        .map(|(index, b)| {
-            Broken::new(
-                ids::BLOCK_CHECKSUM,
-                base + b.image_offset,
-                format!("block {index} is damaged: its checksum differs"),
-            )
-        })
-        .collect();
-    broken.into_iter().for_each(|finding| report.add(finding));
 }
 
 fn check_table_order(octree: &Octree, report: &mut Report) {

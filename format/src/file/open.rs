@@ -7,10 +7,11 @@ use memmap2::Mmap;
 use rayon::prelude::*;
 
 use crate::check::metadata;
+use crate::check::stored::gaps;
 use crate::check::tables::{check_blocks, check_objects, check_stored, compressed, stored_ranges};
 use crate::file::compression;
 use crate::file::*;
-use crate::octree::{Image, Origin, UnknownSection};
+use crate::octree::{Gaps, Image, Origin, Stored, UnknownSection};
 use crate::{Broken, FormatError, Octree, ids};
 
 /// Default limit of the memory for decompressed blocks: 8 GiB.
@@ -23,11 +24,16 @@ pub struct OpenOptions {
     /// blocks that a [`StreamReader`](crate::StreamReader) loads at once. Mapped files are not limited. Default:
     /// [`DEFAULT_MEMORY_LIMIT`].
     pub memory_limit: u64,
+    /// Whether [`Octree::intact`], and with it every caster that loads the octree, compares the checksums of all blocks.
+    /// Default: true. False is for files that were verified before: casters then read only what they need. Writers
+    /// ([`Octree::verified`]), [`validate`](crate::validate()) and a [`StreamReader`](crate::StreamReader) compare them
+    /// anyway.
+    pub verify: bool,
 }
 
 impl Default for OpenOptions {
     fn default() -> Self {
-        Self { memory_limit: DEFAULT_MEMORY_LIMIT }
+        Self { memory_limit: DEFAULT_MEMORY_LIMIT, verify: true }
     }
 }
 
@@ -52,7 +58,8 @@ impl Octree {
     }
 
     /// Opens a file by mapping it. Checks header, directory, tables, info sections and the checksums of the sections;
-    /// reads nothing else.
+    /// reads nothing else. The checksums of the blocks are compared when the octree is used, see
+    /// [`intact`](Self::intact) and [`verified`](Self::verified).
     ///
     /// If any block is compressed, all blocks are read, checked against their checksums and decompressed in parallel;
     /// the image is then held in memory.
@@ -127,16 +134,18 @@ impl Contents {
         options.check(length as u64)?;
         let mut image = vec![0u64; length / 8];
         bytemuck::cast_slice_mut::<u64, u8>(&mut image).copy_from_slice(&bytes[offset..offset + length]);
-        self.into_octree(Image::Owned(image))
+        let gaps = Gaps::Read(gaps(bytes, &self.ranges).next());
+        self.into_octree(Image::Owned(image), gaps, options)
     }
 
     /// The octree with the image in the map that this was read from, or in memory if any block is compressed.
-    pub(crate) fn into_mapped(self, map: Mmap, options: &OpenOptions) -> Result<Octree, FormatError> {
+    pub(crate) fn into_mapped(mut self, map: Mmap, options: &OpenOptions) -> Result<Octree, FormatError> {
         if self.origin.compressed {
             return self.into_decompressed(&map, options);
         }
         let (offset, bytes) = self.data;
-        self.into_octree(Image::Mapped { map, offset, bytes })
+        let gaps = Gaps::Unread(std::mem::take(&mut self.ranges));
+        self.into_octree(Image::Mapped { map, offset, bytes }, gaps, options)
     }
 
     fn into_decompressed(self, bytes: &[u8], options: &OpenOptions) -> Result<Octree, FormatError> {
@@ -158,11 +167,13 @@ impl Contents {
             .collect();
         // Report the first broken block in table order, whichever thread was first.
         results.into_iter().collect::<Result<(), Broken>>()?;
-        self.into_octree(Image::Owned(image))
+        let gaps = Gaps::Read(gaps(bytes, &self.ranges).next());
+        self.into_octree(Image::Owned(image), gaps, options)
     }
 
-    fn into_octree(self, image: Image) -> Result<Octree, FormatError> {
-        Octree::new(self.objects, self.blocks, self.meta, self.unknown, image, Some(self.origin))
+    fn into_octree(self, image: Image, gaps: Gaps, options: &OpenOptions) -> Result<Octree, FormatError> {
+        let stored = Stored::File { gaps, verify: options.verify };
+        Octree::new(self.objects, self.blocks, self.meta, self.unknown, image, Some(self.origin), stored)
     }
 
     /// Reads and checks everything except info sections and blocks.

@@ -26,8 +26,10 @@ impl Octree {
     /// Writes the file with uncompressed blocks. Writes to a temporary file in the same folder, then renames it: `path`
     /// is either untouched or complete.
     ///
+    /// An octree that came from a file is [verified](Self::verified) first, as writing gives its blocks new checksums.
+    ///
     /// # Errors
-    /// The system's; `path` exists and is not a regular file.
+    /// The system's; the rule that the octree breaks; `path` exists and is not a regular file.
     pub fn write(&self, path: &Path) -> Result<(), FormatError> {
         self.write_with(path, &WriteOptions::default())
     }
@@ -35,16 +37,18 @@ impl Octree {
     /// Like [`write`](Self::write), with options.
     ///
     /// # Errors
-    /// The system's; `path` exists and is not a regular file; a compression level outside 1 to 22, or any without the
+    /// The system's; the rule that the octree breaks; `path` exists and is not a regular file; a compression level outside 1 to 22, or any without the
     /// crate's feature `zstd`.
     pub fn write_with(&self, path: &Path, options: &WriteOptions) -> Result<(), FormatError> {
+        self.verified()?;
         write_atomically(path, |out| self.write_to_with(out, options)).map_err(|e| FormatError::io(path, e))
     }
 
-    /// Writes the file with uncompressed blocks to `out`. The same octree always gives the same bytes.
+    /// Writes the file with uncompressed blocks to `out`. The same octree always gives the same bytes. An octree that came
+    /// from a file is [verified](Self::verified) first.
     ///
     /// # Errors
-    /// Those of `out`.
+    /// Those of `out`; an octree that breaks a rule: [`ErrorKind::InvalidData`], with the [`Broken`](crate::Broken) inside.
     pub fn write_to(&self, out: &mut dyn Write) -> std::io::Result<()> {
         self.write_to_with(out, &WriteOptions::default())
     }
@@ -53,8 +57,10 @@ impl Octree {
     /// Zstandard library, but not on the number of threads. All compressed blocks are held in memory until written.
     ///
     /// # Errors
-    /// Those of `out`; a compression level outside 1 to 22, or any without the crate's feature `zstd`.
+    /// Those of [`write_to`](Self::write_to); a compression level outside 1 to 22, or any without the crate's feature
+    /// `zstd`.
     pub fn write_to_with(&self, out: &mut dyn Write, options: &WriteOptions) -> std::io::Result<()> {
+        self.verified().map_err(|broken| Error::new(ErrorKind::InvalidData, broken))?;
         if !self.meta.is_empty()
             && let Err((at, what)) = metadata::parse(self.meta.as_bytes())
         {

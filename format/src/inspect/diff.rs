@@ -54,10 +54,12 @@ impl Differences {
 /// differences. Time is linear in the size of the octrees.
 ///
 /// # Errors
-/// An octree that is not sound.
+/// An octree of a file that is not [verified](Octree::verified), or one that is not [sound](Octree::sound).
 pub fn diff(a: &Octree, b: &Octree, limit: usize) -> Result<Differences, FormatError> {
-    a.sound()?;
-    b.sound()?;
+    for octree in [a, b] {
+        octree.verified()?;
+        octree.sound()?;
+    }
     let mut compare = Compare { a, b, limit, found: Differences::default(), object: 0 };
     let counts = (a.objects().len(), b.objects().len());
     compare.equal(&[], "number of objects", counts.0, counts.1);

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use crate::check::topology::{Bits, Step, Visitor, walk};
 use crate::file::*;
-use crate::octree::Image;
+use crate::octree::{Image, Stored};
 use crate::{AmbientBlock, Broken, ChildDescriptor, FormatError, MAX_CONTOUR_POINTER, Octree};
 
 /// Words per entry of an attachment directory.
@@ -22,9 +22,10 @@ impl Octree {
     /// stored in [`AmbientBlock`]s, 8 bytes for every pair of slots.
     ///
     /// # Errors
-    /// The octree is not [sound](Self::sound); a block has the largest number of attachments already, or its contours
+    /// The octree came from a file and is not [verified](Self::verified), or is not [sound](Self::sound); a block has the largest number of attachments already, or its contours
     /// get out of reach of the contour pointers; the image would have more than 2^32 slots.
     pub fn with_ambient_occlusion(&self, value: impl Fn(u32, u8) -> u8 + Sync) -> Result<Self, FormatError> {
+        self.verified()?;
         self.sound()?;
         let mut seen = Seen { descriptors: Bits::new(self.slots().len()), enters: Vec::new() };
         walk(self, &mut seen);
@@ -63,7 +64,8 @@ impl Octree {
         for object in &mut objects {
             object.root_slot = blocks[object.root_block as usize].image_offset / 8 + u64::from(FIRST_SLOT);
         }
-        Self::new(objects, blocks, self.meta.clone(), self.unknown.clone(), Image::Owned(image), None)
+        let (meta, unknown) = (self.meta.clone(), self.unknown.clone());
+        Self::new(objects, blocks, meta, unknown, Image::Owned(image), None, Stored::Made)
     }
 }
 

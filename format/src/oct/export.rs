@@ -29,6 +29,7 @@ pub(super) struct Exported {
 }
 
 pub(super) fn export(octree: &Octree) -> Result<Exported, FormatError> {
+    octree.verified()?;
     octree.sound()?;
     let mut exporter = Exporter { octree, file: NewFile::default(), slices: 0, lost: Vec::new() };
     let mut list = vec![0, 0, 1, octree.objects().len() as u32, 0];

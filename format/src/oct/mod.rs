@@ -72,7 +72,8 @@ pub fn from_bytes(bytes: &[u8]) -> Result<Imported, FormatError> {
 /// The file is assembled in memory before it is written.
 ///
 /// # Errors
-/// The system's; an octree that is not [sound](Octree::sound), or too large for the format.
+/// The system's; an octree of a file that is not [verified](Octree::verified), one that is not [sound](Octree::sound), or
+/// one too large for the format.
 pub fn write(octree: &Octree, path: &Path) -> Result<Vec<String>, FormatError> {
     let exported = export::export(octree)?;
     crate::write_atomically(path, |out| exported.file.write_to(out)).map_err(|e| FormatError::io(path, e))?;

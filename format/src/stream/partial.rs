@@ -3,7 +3,7 @@
 
 use crate::check::topology::Bits;
 use crate::file::*;
-use crate::octree::Image;
+use crate::octree::{Image, Stored};
 use crate::stream::block::{Block, file_offset};
 use crate::{Broken, ChildDescriptor, FormatError, Octree, ids};
 
@@ -27,7 +27,7 @@ pub(crate) fn assemble(
     }
     crate::check::tables::check_objects(&kept, 0)?;
     crate::check::tables::check_blocks(&entries, 0, &kept, Some(image.len() as u64 * 8))?;
-    let octree = Octree::new(kept, entries, String::new(), Vec::new(), Image::Owned(image), None)?;
+    let octree = Octree::new(kept, entries, String::new(), Vec::new(), Image::Owned(image), None, Stored::Taken)?;
     octree.sound()?;
     Ok(octree)
 }

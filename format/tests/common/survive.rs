@@ -3,7 +3,7 @@
 use esvo_format::{FormatError, Octree, OpenOptions, stats, validate_bytes_with};
 
 /// The largest image of a vector has 0.3 MiB. Damaged compressed files may claim any size.
-const OPTIONS: OpenOptions = OpenOptions { memory_limit: 16 << 20 };
+const OPTIONS: OpenOptions = OpenOptions { memory_limit: 16 << 20, verify: true };
 
 /// Applies all functions that accept untrusted bytes. Returns whether the bytes are refused.
 pub(crate) fn survive(bytes: &[u8]) -> bool {
