@@ -27,9 +27,14 @@ pub trait Caster: Send {
     /// Loads an octree: checks it, picks kernels by what it [needs](Octree::needs), uploads what casting reads. If that
     /// fails, no octree may be loaded afterwards, neither this one nor the one before.
     ///
+    /// The checks are [`Octree::intact`], which compares the checksums of all blocks of a file, and [`Octree::sound`]. Each
+    /// is made once per octree. For a file that was verified before, the first can be left out: open it with
+    /// [`OpenOptions::verify`](esvo_format::OpenOptions::verify) off.
+    ///
     /// # Errors
-    /// An octree that is not sound, or is larger than the device takes.
+    /// An octree that is damaged or not sound, or is larger than the device takes.
     fn load(&mut self, octree: &Arc<Octree>) -> Result<(), CastError> {
+        octree.intact().map_err(CastError::Damaged)?;
         let roots = Roots::of(octree)?;
         self.load_checked(octree, roots)
     }

@@ -22,6 +22,9 @@ pub enum CastError {
         /// Root slots of the loaded octree, ascending.
         roots: Vec<u32>,
     },
+    /// The bytes of the octree's file are not those that were written.
+    #[error("the octree is damaged: {0}; get the file again, `esvo validate` lists everything")]
+    Damaged(Broken),
     /// The octree breaks a rule of the format.
     #[error("the octree is not sound: {0}")]
     Unsound(#[from] Broken),

@@ -47,7 +47,8 @@
 //!
 //! # Bad input
 //!
-//! [`Caster::load`] takes only octrees that are [sound](esvo_format::Octree::sound), and [`Caster::cast`] only views that are
+//! [`Caster::load`] takes only octrees that are [intact](esvo_format::Octree::intact) and
+//! [sound](esvo_format::Octree::sound), and [`Caster::cast`] only views that are
 //! finite and start at a root of the loaded octree. Everything else is a [`CastError`]; nothing panics.
 //!
 //! # Features

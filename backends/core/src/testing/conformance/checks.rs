@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use esvo_format::Octree;
+use esvo_format::{FormatError, Octree, OpenOptions, ids};
 use glam::{Mat3, Vec3};
 
 use super::broken::{Broken, WAYS};
@@ -220,6 +220,28 @@ pub fn unsound_octrees_are_refused(subject: &Subject) -> Result<(), Fault> {
         caster.load(&good)?;
         caster.cast(&view_of(&good, 0, (9, 7), false)?, &mut Vec::new())?;
     }
+    Ok(())
+}
+
+/// An octree of a file with a changed byte is not loaded, unless checksums are left out; the caster works afterwards.
+///
+/// # Errors
+/// An octree that is taken, or refused for another reason; what the caster said elsewhere.
+pub fn damaged_octrees_are_refused(subject: &Subject) -> Result<(), Fault> {
+    let mut caster = subject.open()?;
+    let good = Sample::plain(3, false).octree()?;
+    let mut file = Vec::new();
+    good.write_to(&mut file).map_err(|source| FormatError::Io { path: "memory".into(), source })?;
+    // The last byte is in the last block: padding, which no caster reads.
+    let last = file.len() - 1;
+    file[last] ^= 1;
+    let result = caster.load(&Arc::new(Octree::from_bytes(&file)?));
+    let right = matches!(&result, Err(CastError::Damaged(broken)) if broken.rule == ids::BLOCK_CHECKSUM);
+    demand(right, || format!("a damaged octree: {result:?}"))?;
+    caster
+        .load(&Arc::new(Octree::from_bytes_with(&file, &OpenOptions { verify: false, ..OpenOptions::default() })?))?;
+    caster.load(&good)?;
+    caster.cast(&view_of(&good, 0, (9, 7), false)?, &mut Vec::new())?;
     Ok(())
 }
 

@@ -206,6 +206,7 @@ macro_rules! conformance_suite {
             bad_views_are_refused
             roots_of_no_object_are_refused
             unsound_octrees_are_refused
+            damaged_octrees_are_refused
             checks_against_another_octree_do_not_count
             nothing_loaded_is_an_error
             nothing_is_left_of_the_frame_before

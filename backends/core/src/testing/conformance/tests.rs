@@ -114,7 +114,7 @@ const REFERENCE: Subject = Subject::native(|| Ok(Box::new(ReferenceCaster::defau
 conformance_suite!(reference, super::REFERENCE);
 
 /// For every check, a caster that fails it.
-const FAILING: [(&str, Subject); 15] = [
+const FAILING: [(&str, Subject); 16] = [
     ("cubes_agree", Subject::native(|| open(Mistake::Forgets))),
     ("contours_agree", Subject::native(|| open(Mistake::Forgets))),
     ("blocks_and_far_pointers_agree", Subject::native(|| open(Mistake::Forgets))),
@@ -125,6 +125,7 @@ const FAILING: [(&str, Subject); 15] = [
     ("bad_views_are_refused", Subject::native(|| open(Mistake::ChecksNothing))),
     ("roots_of_no_object_are_refused", Subject::native(|| open(Mistake::ChecksNothing))),
     ("unsound_octrees_are_refused", Subject::native(|| open(Mistake::ChecksNothing))),
+    ("damaged_octrees_are_refused", Subject::native(|| open(Mistake::ChecksNothing))),
     ("checks_against_another_octree_do_not_count", Subject::native(|| open(Mistake::TakesStaleChecks))),
     ("nothing_loaded_is_an_error", Subject::native(|| open(Mistake::NeedsNoOctree))),
     ("nothing_is_left_of_the_frame_before", Subject::native(|| open(Mistake::Forgets))),
