@@ -3,7 +3,7 @@
 use std::fmt::Display;
 use std::path::Path;
 
-use esvo_format::{FormatError, Octree, ids};
+use esvo_format::{Broken, FormatError, Octree, OpenOptions, ids};
 
 use crate::fail::Failure;
 
@@ -13,14 +13,39 @@ pub(crate) fn name_file(path: &Path, error: impl Display) -> String {
     if error.starts_with(&path) { error } else { format!("{path}: {error}") }
 }
 
-/// Opens an octree and checks that it is sound. If the file is a mesh or an .oct file, the error says so.
-pub(crate) fn open(path: &Path) -> Result<Octree, Failure> {
-    let octree = Octree::open(path).map_err(|error| match wrong_kind(path, &error) {
-        Some(what) => what,
-        None => name_file(path, error),
-    })?;
-    octree.sound().map_err(|e| name_file(path, e))?;
+/// Opens an octree and checks that it is sound. With `verify`, the checksums of all blocks are compared first; without it,
+/// neither here nor by casters. If the file is a mesh or an .oct file, the error says so.
+pub(crate) fn open(path: &Path, verify: bool) -> Result<Octree, Failure> {
+    let options = OpenOptions { verify, ..OpenOptions::default() };
+    let octree = Octree::open_with(path, &options).map_err(|error| not_opened(path, error))?;
+    octree.intact().and_then(|()| octree.sound()).map_err(|broken| damaged(path, &broken))?;
     Ok(octree)
+}
+
+/// Opens an octree and checks every rule: for commands that write an octree or compare two.
+pub(crate) fn open_verified(path: &Path) -> Result<Octree, Failure> {
+    let octree = Octree::open(path).map_err(|error| not_opened(path, error))?;
+    octree.verified().map_err(|broken| damaged(path, &broken))?;
+    Ok(octree)
+}
+
+/// The error for a file that was not opened.
+pub(crate) fn not_opened(path: &Path, error: FormatError) -> String {
+    if let Some(what) = wrong_kind(path, &error) {
+        return what;
+    }
+    // Another copy of a file of another kind or version does not help.
+    let strange = [ids::IDENTIFIER, ids::MAJOR_VERSION, ids::REQUIRED_FEATURES, ids::SECTION_REQUIRED];
+    match &error {
+        FormatError::Broken(broken) if !strange.contains(&broken.rule) => damaged(path, broken),
+        _ => name_file(path, error),
+    }
+}
+
+/// The error for a file that breaks a rule.
+pub(crate) fn damaged(path: &Path, broken: &Broken) -> String {
+    let name = path.display();
+    format!("{name}: {broken}; get the file again, or list all damage: esvo validate {name}")
 }
 
 /// The error for a mesh or an .oct file in place of an octree. `None` for other errors and other extensions.

@@ -10,7 +10,7 @@ use esvo_core::ambient::{Ambient as Values, AmbientSettings};
 use esvo_engines::{EngineId, OpenOptions};
 
 use crate::fail::{Failure, print};
-use crate::files::{check_extension, check_not_input, check_output, name_file, open};
+use crate::files::{check_extension, check_not_input, check_output, name_file, open_verified};
 use crate::values::engine;
 use crate::words::count;
 
@@ -20,6 +20,7 @@ use crate::words::count;
 From each leaf voxel, rays are cast into the half space above its surface, more of them near the normal (cosine-weighted).
 The share of rays that hit nothing is stored with the voxel; `esvo render` darkens voxels by it. The octree must have
 normals. Use the cpu engine, which casts many rays at once: GPU engines take long, as this command gives them few at a time.
+The octree is checked against every rule first; if it is damaged, nothing is written.
 
 Examples:
   esvo ambient sibenik.esvo -o sibenik-ao.esvo
@@ -58,7 +59,7 @@ pub(crate) fn run_ambient(arguments: &AmbientArguments) -> Result<(), Failure> {
     check_output(&arguments.output)?;
     check_extension(&arguments.output, "esvo", "octrees are written as .esvo")?;
     check_not_input(&arguments.output, &arguments.input)?;
-    let octree = Arc::new(open(&arguments.input)?);
+    let octree = Arc::new(open_verified(&arguments.input)?);
     let progress = Progress::terminal();
     let mut caster = arguments.backend.open(&OpenOptions::default())?;
     let leaves: u64 = octree.objects().iter().map(|o| o.leaf_voxels).sum();

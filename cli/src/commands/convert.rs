@@ -6,7 +6,7 @@ use clap::Args;
 use esvo_format::{WriteOptions, oct};
 
 use crate::fail::{Failure, print};
-use crate::files::{check_output, extension, name_file, open};
+use crate::files::{check_output, extension, name_file, open_verified};
 use crate::words::size;
 
 /// A kind of file, given by the extension.
@@ -20,7 +20,7 @@ enum Kind {
 #[derive(Debug, Args)]
 #[command(after_help = "\
 The extension tells the kind of a file. Contours, block-compressed colours and normals are copied bit for bit. Data that the
-other kind of file cannot store is listed.
+other kind of file cannot store is listed. An .esvo is checked against every rule first; if it is damaged, nothing is written.
 
 Examples:
   esvo convert sibenik.oct -o sibenik.esvo
@@ -47,7 +47,7 @@ pub(crate) fn run_convert(arguments: &ConvertArguments) -> Result<(), Failure> {
     check_output(&arguments.output)?;
     let input = |e| name_file(&arguments.input, e);
     let (octree, mut lost) = match from {
-        Kind::Esvo => (open(&arguments.input)?, Vec::new()),
+        Kind::Esvo => (open_verified(&arguments.input)?, Vec::new()),
         Kind::Oct => {
             let imported = oct::open(&arguments.input).map_err(input)?;
             imported.octree.sound().map_err(|e| name_file(&arguments.input, e))?;

@@ -7,14 +7,15 @@ use clap::Args;
 use esvo_format::diff;
 
 use crate::fail::{Failure, print};
-use crate::files::open;
+use crate::files::open_verified;
 use crate::words::count;
 
 /// Compare the octrees of two files, whatever their layout.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Compares objects, transforms, topology, contours, colours and normals. Ignores blocks, pointers, compression, metadata and
-unknown sections. Exit code 0 if the octrees are the same; 1 if they differ, with a list of the first differences.
+unknown sections. Both files are checked against every rule first. Exit code 0 if the octrees are the same; 1 if they differ, with a list of the
+first differences, or if a file is damaged.
 
 Example:
   esvo diff before.esvo after.esvo")]
@@ -32,7 +33,7 @@ pub(crate) struct DiffArguments {
 }
 
 pub(crate) fn run_diff(arguments: &DiffArguments) -> Result<(), Failure> {
-    let (first, second) = (open(&arguments.first)?, open(&arguments.second)?);
+    let (first, second) = (open_verified(&arguments.first)?, open_verified(&arguments.second)?);
     let names = format!("{} and {}", arguments.first.display(), arguments.second.display());
     let differences =
         diff::diff(&first, &second, arguments.limit).map_err(|e| format!("{names}: cannot be compared: {e}"))?;

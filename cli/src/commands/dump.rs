@@ -4,14 +4,18 @@ use std::fmt::Display;
 use std::path::PathBuf;
 
 use clap::Args;
+use esvo_format::file::NO_PARENT;
 use esvo_format::{FormatError, Octree, dump};
 
 use crate::fail::{Failure, print};
-use crate::files::{name_file, wrong_kind};
+use crate::files::{damaged, name_file, not_opened};
 
 /// Show the layout of a file: its tables, the slots of a block, or a voxel.
 #[derive(Debug, Args)]
 #[command(after_help = "\
+The checksums of the blocks that are shown and of the blocks above them are compared; the tables show parts of all blocks. Of
+a damaged file, as much is shown as can be read, and the exit code is 1.
+
 Examples:
   esvo dump sibenik.esvo                     the object and block tables
   esvo dump sibenik.esvo --block 0           all slots of block 0 with their meaning
@@ -32,21 +36,46 @@ pub(crate) struct DumpArguments {
     /// Print JSON
     #[arg(long)]
     pub(crate) json: bool,
+    /// Check the file against every rule of the specification, whatever is shown
+    #[arg(long)]
+    pub(crate) verify: bool,
 }
 
 pub(crate) fn run_dump(arguments: &DumpArguments) -> Result<(), Failure> {
-    let named =
-        |error: FormatError| wrong_kind(&arguments.file, &error).unwrap_or_else(|| name_file(&arguments.file, error));
-    // Soundness is not checked: a dump serves to find the damage in a file.
-    let octree = Octree::open(&arguments.file).map_err(named)?;
-    if let Some(block) = arguments.block {
-        return show(&dump::block(&octree, block).map_err(named)?, arguments.json);
-    }
-    if let Some(path) = &arguments.path {
-        let path = dump::parse_path(path)?;
-        return show(&dump::node(&octree, arguments.object, &path).map_err(named)?, arguments.json);
-    }
-    show(&dump::tables(&octree), arguments.json)
+    let path = &arguments.file;
+    let octree = Octree::open(path).map_err(|error| not_opened(path, error))?;
+    // Shown before it is verified: a dump serves to find the damage in a file.
+    let (shown, block) = match (arguments.block, &arguments.path) {
+        (Some(block), _) => (dump::block(&octree, block).map(|found| show(&found, arguments.json)), Some(block)),
+        (None, Some(slots)) => match dump::node(&octree, arguments.object, &dump::parse_path(slots)?) {
+            Ok(node) => (Ok(show(&node, arguments.json)), Some(node.block as usize)),
+            Err(error) => (Err(error), None),
+        },
+        (None, None) => (Ok(show(&dump::tables(&octree), arguments.json)), None),
+    };
+    let shown = match shown {
+        Ok(shown) => shown,
+        // Damage explains it best.
+        Err(FormatError::Broken(broken)) => {
+            return Err(damaged(path, &octree.intact().err().unwrap_or(broken)).into());
+        }
+        Err(other) => return Err(name_file(path, other).into()),
+    };
+    let verified = if arguments.verify {
+        octree.verified().map_err(FormatError::from)
+    } else {
+        block.map_or_else(|| octree.intact().map_err(FormatError::from), |block| check_from_root(&octree, block))
+    };
+    verified.map_err(|error| not_opened(path, error))?;
+    shown
+}
+
+/// Compares the checksums of a block and of the blocks above it, whose pointers lead to it.
+fn check_from_root(octree: &Octree, block: usize) -> Result<(), FormatError> {
+    octree.check_block(block)?;
+    let parent = octree.blocks()[block].parent;
+    // Parents have lower indices.
+    if parent == NO_PARENT { Ok(()) } else { check_from_root(octree, parent as usize) }
 }
 
 fn show(dump: &(impl Display + serde::Serialize), json: bool) -> Result<(), Failure> {

@@ -9,22 +9,33 @@ use esvo_format::{Octree, Stats};
 use serde_json::{Value, json};
 
 use crate::fail::{Failure, print};
-use crate::files::open;
+use crate::files::{open, open_verified};
 use crate::words::{count, size};
 
 /// Show the contents of a file: levels, voxels, bytes by kind.
 #[derive(Debug, Args)]
-#[command(after_help = "Example:\n  esvo info sibenik.esvo --json")]
+#[command(after_help = "\
+The checksums of all blocks are compared first, as all blocks are counted. A damaged file is refused with exit code 1.
+
+Example:
+  esvo info sibenik.esvo --json")]
 pub(crate) struct InfoArguments {
     /// The file
     pub(crate) file: PathBuf,
     /// Print JSON
     #[arg(long)]
     pub(crate) json: bool,
+    /// Check the file against every rule of the specification first
+    #[arg(long, conflicts_with = "no_verify")]
+    pub(crate) verify: bool,
+    /// Do not compare the checksums of the blocks: for a file that was verified before
+    #[arg(long)]
+    pub(crate) no_verify: bool,
 }
 
 pub(crate) fn run_info(arguments: &InfoArguments) -> Result<(), Failure> {
-    let octree = open(&arguments.file)?;
+    let octree =
+        if arguments.verify { open_verified(&arguments.file)? } else { open(&arguments.file, !arguments.no_verify)? };
     let stats = esvo_format::stats(&octree);
     if arguments.json {
         return print(&(serde_json::to_string_pretty(&as_json(&octree, &stats))? + "\n"));

@@ -74,6 +74,10 @@ pub(crate) struct RenderArguments {
     /// What to show
     #[arg(long, value_enum, default_value_t = ViewMode::Shaded)]
     pub(crate) view_mode: ViewMode,
+    /// Do not compare the checksums of the blocks: for a file that was verified before, e.g. by `esvo validate`. Only what
+    /// the picture needs is then read from an uncompressed file
+    #[arg(long)]
+    pub(crate) no_verify: bool,
 }
 
 /// What a picture shows.
@@ -98,7 +102,7 @@ pub(crate) fn run_render(arguments: &RenderArguments) -> Result<(), Failure> {
             format!("--max-voxel-pixels {}: expected 0 or a positive number", arguments.max_voxel_pixels).into()
         );
     }
-    let octree = Arc::new(open(&arguments.file)?);
+    let octree = Arc::new(open(&arguments.file, !arguments.no_verify)?);
     let camera = camera(arguments, &octree)?;
     let options = CastOptions {
         contours: !arguments.no_contours,

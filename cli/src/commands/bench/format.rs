@@ -13,7 +13,8 @@ use crate::fail::{Failure, complain, print};
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Builds octrees of a procedural mesh, or reads the given files; stores them uncompressed and compressed, validates them, and
-writes a large file of copies of the first to the temporary folder ($TMPDIR), which is removed afterwards. Uses one core.
+writes a large file of copies of the first to the temporary folder ($TMPDIR), which is removed afterwards. Uses one core,
+and two to compare the checksums of the large file, which every caster does on loading.
 Prints tables and writes report.json and tables.md to results/<machine>/<date>-format/.
 
 Examples:
