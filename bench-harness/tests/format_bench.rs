@@ -17,7 +17,10 @@ fn everything_is_measured_written_and_read_back() {
     assert_eq!(stored, [None, Some(1), Some(3), Some(9)]);
     assert!(report.storage.iter().all(|row| row.file_bytes <= report.storage[0].file_bytes));
     let names: Vec<_> = report.validation.iter().map(|row| row.name.as_str()).collect();
-    assert_eq!(names, ["contours, colours, normals", "descriptors alone", "large file"]);
+    let large = "large file, checksums alone";
+    let checksums = [format!("{large}, 1 thread"), format!("{large}, 2 threads")];
+    assert_eq!(names[..3], ["contours, colours, normals", "descriptors alone", "large file"]);
+    assert_eq!(names[3..], checksums);
     assert!((3 << 20..5 << 20).contains(&report.large.file_bytes), "{}", report.large.file_bytes);
     assert!(report.validation.iter().all(|row| row.time.seconds.len() >= 5 && row.time.best() > 0.0));
 

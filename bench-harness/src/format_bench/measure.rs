@@ -48,6 +48,10 @@ pub(super) fn all(
     copies(&first.octree, options.large_bytes).and_then(|octree| octree.write(&path)).map_err(BenchError::Format)?;
     progress.say("validating the large file");
     validation.push(validate(options, "large file", &path)?);
+    for threads in [1, 2] {
+        progress.say(format!("comparing the checksums of the large file, {threads} threads"));
+        validation.push(checksums(options, &path, threads)?);
+    }
     progress.say("reading the large file");
     let large = access(options, &path)?;
     Ok(FormatReport {
@@ -112,6 +116,16 @@ fn validate(options: &FormatBenchOptions, name: &str, path: &Path) -> Result<Val
         ));
     }
     Ok(ValidationRow { name: name.into(), file_bytes: length(path)?, time })
+}
+
+/// Opens a file by mapping it and compares the checksums of its blocks, which every caster does when it loads an octree.
+fn checksums(options: &FormatBenchOptions, path: &Path, threads: usize) -> Result<ValidationRow, BenchError> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+    let pool = pool.map_err(|e| BenchError::scene("large file", e))?;
+    let run = || Ok(Octree::open(path)?.intact()?);
+    let (time, ()) = pool.install(|| time(options, run))?;
+    let name = format!("large file, checksums alone, {threads} thread{}", if threads == 1 { "" } else { "s" });
+    Ok(ValidationRow { name, file_bytes: length(path)?, time })
 }
 
 fn length(path: &Path) -> Result<u64, BenchError> {

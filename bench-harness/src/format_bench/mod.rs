@@ -1,5 +1,5 @@
-//! `esvo bench format`: the time that the file format takes on one core to store an octree, to validate it, and to read one
-//! block of a large file.
+//! `esvo bench format`: the time that the file format takes on one core to store an octree, to validate it, to read one
+//! block of a large file, and on one and two cores to compare the checksums of its blocks.
 //!
 //! Octrees are built from a procedural mesh, so that results can be compared. The large file consists of copies of one of
 //! them as objects; it is written to a temporary folder and removed afterwards. Files are in the page cache when they are
@@ -110,10 +110,11 @@ pub struct StorageRow {
     pub read: Timed,
 }
 
-/// Validation of one file against every rule, checksums included.
+/// Validation of one file against every rule, checksums included; or opening it and comparing the checksums alone.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct ValidationRow {
-    /// Name of the octree, or `large file`.
+    /// Name of the octree, or `large file`, followed by what is checked and the number of threads if that is not everything on
+    /// one thread.
     pub name: String,
     /// Size of the file in bytes.
     pub file_bytes: u64,
