@@ -56,8 +56,14 @@ fn damaged() -> impl Iterator<Item = (String, Vec<u8>, Vec<u8>, Vec<usize>)> {
         let (name, whole) = &files[flip % files.len()];
         let mut bytes = whole.clone();
         let places: Vec<usize> = (0..=flip / files.len() % 2)
-            // One in four in what is before the blocks, which is mostly shorter than they are.
-            .map(|_| rng.below(if rng.chance(64) { 1024.min(whole.len() as u64) } else { whole.len() as u64 }) as usize)
+            .map(|_| {
+                // One in four in what is before the blocks, which is mostly shorter than they are. Half of the others are
+                // moved to the next byte that is not zero: most of a small file is padding.
+                let (early, value) = (rng.chance(64), rng.chance(128));
+                let place = rng.below(if early { 1024.min(whole.len() as u64) } else { whole.len() as u64 }) as usize;
+                let next = whole[place..].iter().position(|byte| *byte != 0).filter(|_| value && !early);
+                place + next.unwrap_or(0)
+            })
             .collect();
         for &place in &places {
             bytes[place] ^= 1 + rng.below(255) as u8;
