@@ -57,12 +57,16 @@ fn damaged() -> impl Iterator<Item = (String, Vec<u8>, Vec<u8>, Vec<usize>)> {
         let mut bytes = whole.clone();
         let places: Vec<usize> = (0..=flip / files.len() % 2)
             .map(|_| {
-                // One in four in what is before the blocks, which is mostly shorter than they are. Half of the others are
-                // moved to the next byte that is not zero: most of a small file is padding.
-                let (early, value) = (rng.chance(64), rng.chance(128));
-                let place = rng.below(if early { 1024.min(whole.len() as u64) } else { whole.len() as u64 }) as usize;
-                let next = whole[place..].iter().position(|byte| *byte != 0).filter(|_| value && !early);
-                place + next.unwrap_or(0)
+                // A quarter in what is before the blocks, which is mostly shorter than they are; a quarter anywhere; half at
+                // a byte that is not zero, as most of a small file is padding. The last such bytes are values of voxels.
+                let (kind, place) = (rng.below(4), rng.below(whole.len() as u64) as usize);
+                let value = match kind {
+                    0 => return place % 1024,
+                    1 => None,
+                    2 => whole[place..].iter().position(|byte| *byte != 0).map(|ahead| place + ahead),
+                    _ => whole[..whole.len() - place / 4].iter().rposition(|byte| *byte != 0),
+                };
+                value.unwrap_or(place)
             })
             .collect();
         for &place in &places {
