@@ -65,7 +65,7 @@ impl Octree {
     /// Compares the checksum of an existing block with its stored bytes. Octrees made in memory have none, and those of
     /// compressed files were compared on reading.
     fn block_checksum(&self, index: usize) -> Result<(), Broken> {
-        if !self.origin.is_some_and(|origin| !origin.compressed) {
+        if self.origin.is_none_or(|origin| origin.compressed) {
             return Ok(());
         }
         let block = &self.blocks()[index];
