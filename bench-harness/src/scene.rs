@@ -5,17 +5,19 @@ use std::time::Instant;
 
 use esvo_builder::{BuildSettings, DisplaceOptions, Mesh};
 use esvo_core::Camera;
-use esvo_scenes::{CameraSpec, FoundScene, SceneEntry, SceneManifest, SceneVariant, locate_scene};
+use esvo_scenes::{CameraSpec, FoundScene, SceneEntry, SceneManifest, SceneVariant, StandIn, locate_scene};
 use serde::{Deserialize, Serialize};
 
 use crate::BenchError;
 
 /// A scene with its mesh in memory.
 pub struct Scene {
-    /// As in the manifest.
+    /// As in the manifest; for [`SceneVariant::Other`] followed by what the mesh is: see [`title`].
     pub name: String,
-    /// Which of its two meshes this is.
+    /// Which of its meshes this is.
     pub variant: SceneVariant,
+    /// What the mesh is called if it has the listed file's name but not its content: `another mesh, cube.obj, sha256 ...`.
+    pub other: Option<String>,
     /// Whether the file is the one that the manifest names, or which generator made the mesh.
     pub identity: String,
     /// Credit line.
@@ -91,53 +93,81 @@ pub fn settings(entry: &SceneEntry) -> BuildSettings {
     }
 }
 
-/// The mesh of a scene and a description of its source. The real mesh is used if it is found and `stand_in` is false; its file
-/// is not hashed.
-///
-/// # Errors
-/// As for [`Scene::load`].
-pub fn mesh(entry: &SceneEntry, scenes_dir: Option<&Path>, stand_in: bool) -> Result<(Mesh, String), BenchError> {
-    let failed = |what: String| BenchError::scene(&entry.name, what);
-    let found = if stand_in { None } else { esvo_scenes::find_scene_file(entry, scenes_dir) };
-    if let Some(path) = found {
-        let mesh = esvo_builder::import::load_mesh(&path).map_err(|e| failed(e.to_string()))?;
-        return Ok((mesh, path.file_name().unwrap_or_default().to_string_lossy().into_owned()));
+/// The name of a scene in tables, records and messages: `SIBENIK`, or `SIBENIK: another mesh, cube.obj, sha256 0123456789ab` if
+/// its mesh is not the listed one.
+pub fn title(name: &str, other: Option<&str>) -> String {
+    other.map_or_else(|| name.to_owned(), |other| format!("{name}: {other}"))
+}
+
+/// The name by which figures of the paper and its authors are found; empty for a mesh that they were not measured on.
+pub(crate) fn compared_as(name: &str, mesh: SceneVariant) -> &str {
+    if mesh == SceneVariant::Other { "" } else { name }
+}
+
+/// Where the mesh of a scene comes from.
+pub struct SceneSource<'a> {
+    entry: &'a SceneEntry,
+    /// The mesh file; `None`: the stand-in.
+    found: Option<FoundScene<'a>>,
+}
+
+impl<'a> SceneSource<'a> {
+    /// The real mesh's file if it is found and `stand_in` is false, otherwise the stand-in. The file is hashed, but not loaded.
+    ///
+    /// # Errors
+    /// A mesh file that exists but cannot be read.
+    pub fn find(entry: &'a SceneEntry, scenes_dir: Option<&Path>, stand_in: bool) -> Result<Self, BenchError> {
+        let locate = || locate_scene(entry, scenes_dir).map_err(|e| BenchError::scene(&entry.name, e));
+        Ok(Self { entry, found: if stand_in { None } else { locate()? } })
     }
-    generate(entry)
-}
 
-/// The stand-in of a scene, and a description of its generator.
-fn generate(entry: &SceneEntry) -> Result<(Mesh, String), BenchError> {
-    let missing = || {
-        BenchError::scene(
-            &entry.name,
-            "its mesh was not found, and it has no stand-in; give the folder of the mesh by --scenes-dir",
-        )
-    };
-    let stand_in = entry.stand_in.as_ref().ok_or_else(missing)?;
-    let mesh = stand_in.generate().ok_or_else(missing)?;
-    Ok((mesh, format!("procedural, generator {}, seed {}", stand_in.generator, stand_in.seed)))
-}
+    /// Which mesh it is.
+    pub fn variant(&self) -> SceneVariant {
+        self.found.as_ref().map_or(SceneVariant::StandIn, FoundScene::variant)
+    }
 
-/// Viewpoints of a scene: those of the real mesh if it is found and `stand_in` is false, otherwise those of the stand-in.
-///
-/// # Errors
-/// A mesh file that exists but cannot be read.
-pub fn cameras(
-    entry: &SceneEntry,
-    scenes_dir: Option<&Path>,
-    stand_in: bool,
-) -> Result<(SceneVariant, Vec<NamedView>), BenchError> {
-    let found = if stand_in { None } else { locate(entry, scenes_dir)? };
-    let (variant, specs) = match &found {
-        Some(found) => (SceneVariant::Real, &found.mesh.cameras[..]),
-        None => (SceneVariant::StandIn, entry.cameras(SceneVariant::StandIn)),
-    };
-    Ok((variant, specs.iter().map(named_view).collect()))
-}
+    /// What the mesh is called if it is not the listed one, as in [`Scene::other`].
+    pub fn other(&self) -> Option<String> {
+        self.found.as_ref().and_then(FoundScene::other_name)
+    }
 
-fn locate<'a>(entry: &'a SceneEntry, scenes_dir: Option<&Path>) -> Result<Option<FoundScene<'a>>, BenchError> {
-    locate_scene(entry, scenes_dir).map_err(|e| BenchError::scene(&entry.name, e))
+    /// The mesh in one line: whether the file is the one that the manifest names, or which generator makes the mesh.
+    pub fn identity(&self) -> String {
+        match (&self.found, &self.entry.stand_in) {
+            (Some(found), _) => found.identity.to_string(),
+            (None, Some(made)) => format!("procedural, generator {}, seed {}", made.generator, made.seed),
+            (None, None) => "absent".into(),
+        }
+    }
+
+    /// The mesh in a few words, as octree files store it: the name of the file, the generator, or what another mesh is called.
+    pub fn source(&self) -> String {
+        let name = |found: &FoundScene| found.path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        self.other().or_else(|| self.found.as_ref().map(name)).unwrap_or_else(|| self.identity())
+    }
+
+    /// All viewpoints, in the units of the mesh. For another mesh: those of the listed one.
+    pub fn views(&self) -> Vec<NamedView> {
+        let specs = match &self.found {
+            Some(found) => &found.mesh.cameras[..],
+            None => self.entry.cameras(SceneVariant::StandIn),
+        };
+        specs.iter().map(named_view).collect()
+    }
+
+    /// Reads or generates the mesh.
+    ///
+    /// # Errors
+    /// A mesh file that cannot be read; a scene without a mesh file and without a stand-in.
+    pub fn load(&self) -> Result<Mesh, BenchError> {
+        let failed = |what: &dyn ToString| BenchError::scene(&self.entry.name, what.to_string());
+        if let Some(found) = &self.found {
+            return esvo_builder::import::load_mesh(&found.path).map_err(|e| failed(&e));
+        }
+        self.entry.stand_in.as_ref().and_then(StandIn::generate).ok_or_else(|| {
+            failed(&"its mesh was not found, and it has no stand-in; give the folder of the mesh by --scenes-dir")
+        })
+    }
 }
 
 impl Scene {
@@ -147,35 +177,29 @@ impl Scene {
     /// # Errors
     /// A mesh file that exists but cannot be read; a scene without a mesh file and without a stand-in.
     pub fn load(entry: &SceneEntry, scenes_dir: Option<&Path>, views: usize) -> Result<Self, BenchError> {
-        let failed = |what: String| BenchError::scene(&entry.name, what);
         let start = Instant::now();
-        let found = locate(entry, scenes_dir)?;
-        let (variant, mesh, identity, cameras) = match &found {
-            Some(found) => {
-                let mesh = esvo_builder::import::load_mesh(&found.path).map_err(|e| failed(e.to_string()))?;
-                (SceneVariant::Real, mesh, found.identity.to_string(), &found.mesh.cameras[..])
-            }
-            None => {
-                let (mesh, identity) = generate(entry)?;
-                (SceneVariant::StandIn, mesh, identity, entry.cameras(SceneVariant::StandIn))
-            }
-        };
-        let views: Vec<_> = cameras.iter().take(views).map(named_view).collect();
-        if views.is_empty() {
-            return Err(failed("the manifest has no viewpoints for it".into()));
+        let source = SceneSource::find(entry, scenes_dir, false)?;
+        let mesh = source.load()?;
+        let (variant, other) = (source.variant(), source.other());
+        let mut all = source.views();
+        all.truncate(views);
+        if all.is_empty() {
+            return Err(BenchError::scene(&entry.name, "the manifest has no viewpoints for it"));
         }
         Ok(Self {
-            name: entry.name.clone(),
+            name: title(&entry.name, other.as_deref()),
             variant,
-            identity,
+            identity: source.identity(),
             credit: match variant {
                 SceneVariant::Real => entry.credit.clone(),
                 SceneVariant::StandIn => "generated".into(),
+                SceneVariant::Other => "unknown".into(),
             },
+            other,
             publish: entry.publish || variant == SceneVariant::StandIn,
             mesh,
             displaced: entry.displaced,
-            views,
+            views: all,
             settings: settings(entry),
             seconds: start.elapsed().as_secs_f64(),
         })

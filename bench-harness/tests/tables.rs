@@ -172,6 +172,34 @@ fn markdown() {
     insta::assert_snapshot!(tables::to_markdown(&fake_report()));
 }
 
+/// Whatever a scene is called, no figure of the paper or its authors stands next to a mesh that they were not measured on.
+#[test]
+fn another_mesh_is_named_and_has_no_figures_of_the_paper_next_to_it() {
+    let mut report = fake_report();
+    let figures = ["contours, paper", "contours, authors"];
+    let rows = |report: &PaperReport| {
+        let tables = tables::tables(report);
+        let rows = tables.iter().flat_map(|t| t.rows.iter().map(|row| row.join(" | ")));
+        rows.collect::<Vec<_>>()
+    };
+    let paper_of = |rows: &[String]| rows.iter().filter(|row| figures.iter().any(|f| row.contains(f))).count();
+    assert!(paper_of(&rows(&report)) >= 2);
+    report.scenes.truncate(1);
+    report.scenes[0].mesh = SceneVariant::Other;
+    for name in ["SIBENIK", "SIBENIK: another mesh, sibenik.obj, sha256 0123456789ab"] {
+        report.scenes[0].name = name.into();
+        let rows = rows(&report);
+        assert_eq!(paper_of(&rows), 0, "{rows:?}");
+        let table2 = rows.iter().filter(|row| row.contains("| other mesh | "));
+        // The last columns of Table 2 are the paper's.
+        assert!(table2.clone().count() >= 2 && table2.clone().all(|row| row.ends_with(" | -")), "{rows:?}");
+        assert!(!rows.iter().any(|row| row.contains("real mesh")));
+    }
+    let json = report.to_json();
+    assert!(json.contains("\"mesh\": \"other\""), "{json}");
+    assert!(PaperReport::from_json(&json).unwrap() == report);
+}
+
 #[test]
 fn the_record_survives_json() {
     let report = fake_report();

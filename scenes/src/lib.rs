@@ -28,8 +28,8 @@ mod manifest;
 pub use camera::CameraSpec;
 pub use generate::procedural;
 pub use locate::{
-    DEFAULT_SCENES_DIR, FileIdentity, FoundScene, SCENES_VARIABLE, SceneVariant, find_scene_file, locate_scene,
-    locate_scene_in, scene_dirs, sha256_of,
+    DEFAULT_SCENES_DIR, FileIdentity, FoundScene, SCENES_VARIABLE, SceneVariant, find_scene_file, known_sha256_of,
+    locate_scene, locate_scene_in, scene_dirs, sha256_of,
 };
 pub use manifest::{
     BuildSettings, MANIFEST_VERSION, ManifestError, MeshFile, MeshPart, SceneEntry, SceneManifest, StandIn,

@@ -1,8 +1,11 @@
 //! Finding real meshes on this machine and identifying them by their hashes.
 
+use std::collections::HashMap;
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
+use std::sync::{LazyLock, Mutex, PoisonError};
+use std::time::SystemTime;
 
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
@@ -15,22 +18,26 @@ pub const SCENES_VARIABLE: &str = "ESVO_SCENES";
 /// The directory that is searched last for scenes, relative to the current directory.
 pub const DEFAULT_SCENES_DIR: &str = "../shared/scenes";
 
-/// Which of a scene's two meshes was measured: tables always name it. Stored as `real` or `stand-in`.
+/// Which mesh of a scene was measured: tables always name it. Stored as `real`, `stand-in` or `other`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SceneVariant {
-    /// The mesh that the manifest lists.
+    /// The mesh that the manifest of the paper's scenes lists: its SHA-256 is equal.
     Real,
     /// The procedural mesh that is used if the real mesh is not found.
     StandIn,
+    /// Any other mesh: a file with the real mesh's name but another SHA-256, or a mesh of the user's own manifest. Figures of the
+    /// paper and its authors are not comparable with it.
+    Other,
 }
 
 impl SceneVariant {
-    /// Its name in tables: `real mesh` or `stand-in`.
+    /// Its name in tables: `real mesh`, `stand-in` or `other mesh`.
     pub fn title(self) -> &'static str {
         match self {
             Self::Real => "real mesh",
             Self::StandIn => "stand-in",
+            Self::Other => "other mesh",
         }
     }
 }
@@ -40,6 +47,7 @@ impl std::fmt::Display for SceneVariant {
         f.write_str(match self {
             Self::Real => "real",
             Self::StandIn => "stand-in",
+            Self::Other => "other",
         })
     }
 }
@@ -81,10 +89,31 @@ impl std::fmt::Display for FileIdentity {
 pub struct FoundScene<'a> {
     /// Where it is.
     pub path: PathBuf,
-    /// The copy in the manifest, found by its file name. Its cameras are in the units of this file.
+    /// The copy in the manifest that has the file's SHA-256, or the one of its file name if no copy has it. Its cameras are in the
+    /// units of this copy.
     pub mesh: &'a MeshFile,
-    /// Whether its content is that in the manifest. If not, show this as a warning.
+    /// Whether its content is that in the manifest. If not, it is another mesh: see [`FoundScene::other_name`].
     pub identity: FileIdentity,
+    /// SHA-256 of the file, 64 lower-case hexadecimal digits.
+    pub sha256: String,
+}
+
+impl FoundScene<'_> {
+    /// Real if the content is that in the manifest.
+    pub fn variant(&self) -> SceneVariant {
+        if self.identity == FileIdentity::Listed { SceneVariant::Real } else { SceneVariant::Other }
+    }
+
+    /// How a mesh that is not listed is called after the scene's name: `another mesh, cube.obj, sha256 0123456789ab`. Names the
+    /// file that differs: the mesh or one of its parts. `None` if the content is that in the manifest.
+    pub fn other_name(&self) -> Option<String> {
+        let FileIdentity::Modified { path, found, .. } = &self.identity else { return None };
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        Some(match found {
+            Some(found) => format!("another mesh, {name}, sha256 {}", &found[..12.min(found.len())]),
+            None => format!("another mesh, without {name}"),
+        })
+    }
 }
 
 /// The directories that are searched, in order: the explicit one, `$ESVO_SCENES`, `../shared/scenes`.
@@ -108,20 +137,30 @@ pub fn locate_scene<'a>(entry: &'a SceneEntry, explicit_dir: Option<&Path>) -> i
     locate_scene_in(entry, &scene_dirs(explicit_dir))
 }
 
-/// Like [`locate_scene`], but searches only the given directories.
+/// Like [`locate_scene`], but searches only the given directories. Hashes are kept while the program runs, see
+/// [`known_sha256_of`].
 pub fn locate_scene_in<'a>(entry: &'a SceneEntry, dirs: &[PathBuf]) -> io::Result<Option<FoundScene<'a>>> {
-    let Some((path, dir, mesh)) = find(entry, dirs) else { return Ok(None) };
-    let files = std::iter::once((&mesh.file, &mesh.sha256)).chain(mesh.parts.iter().map(|p| (&p.file, &p.sha256)));
+    let Some((path, dir, named)) = find(entry, dirs) else { return Ok(None) };
+    let sha256 = known_sha256_of(&path)?;
+    // The content decides, not the name: the file may be another copy of the list.
+    let mesh = entry.meshes.iter().find(|m| m.sha256 == sha256).unwrap_or(named);
     let mut identity = FileIdentity::Listed;
-    for (file, expected) in files {
-        let path = dir.join(file);
-        let found = if path.is_file() { Some(sha256_of(&path)?) } else { None };
-        if found.as_ref() != Some(expected) {
-            identity = FileIdentity::Modified { path, expected: expected.clone(), found };
+    if mesh.sha256 != sha256 {
+        identity = FileIdentity::Modified {
+            path: path.clone(),
+            expected: mesh.sha256.clone(),
+            found: Some(sha256.clone()),
+        };
+    }
+    for part in mesh.parts.iter().take_while(|_| mesh.sha256 == sha256) {
+        let path = dir.join(&part.file);
+        let found = if path.is_file() { Some(known_sha256_of(&path)?) } else { None };
+        if found.as_ref() != Some(&part.sha256) {
+            identity = FileIdentity::Modified { path, expected: part.sha256.clone(), found };
             break;
         }
     }
-    Ok(Some(FoundScene { path, mesh, identity }))
+    Ok(Some(FoundScene { path, mesh, identity, sha256 }))
 }
 
 fn find<'a, 'd>(entry: &'a SceneEntry, dirs: &'d [PathBuf]) -> Option<(PathBuf, &'d Path, &'a MeshFile)> {
@@ -148,12 +187,32 @@ pub fn sha256_of(path: &Path) -> io::Result<String> {
     Ok(hash.finalize().iter().map(|b| format!("{b:02x}")).collect())
 }
 
+/// Like [`sha256_of`], but reads a file once while the program runs, unless its size or its time of modification has changed.
+pub fn known_sha256_of(path: &Path) -> io::Result<String> {
+    type Known = HashMap<PathBuf, (u64, SystemTime, String)>;
+    static KNOWN: LazyLock<Mutex<Known>> = LazyLock::new(Mutex::default);
+    let known = || KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
+    let annotate = |e: io::Error| io::Error::new(e.kind(), format!("cannot read {}: {e}", path.display()));
+    let path = path.canonicalize().map_err(annotate)?;
+    let metadata = path.metadata().map_err(annotate)?;
+    // Without a time of modification, a change would not be seen.
+    let Ok(modified) = metadata.modified() else { return sha256_of(&path) };
+    if let Some((size, time, sha256)) = known().get(&path) {
+        if (*size, *time) == (metadata.len(), modified) {
+            return Ok(sha256.clone());
+        }
+    }
+    let sha256 = sha256_of(&path)?;
+    known().insert(path, (metadata.len(), modified, sha256.clone()));
+    Ok(sha256)
+}
+
 impl SceneEntry {
-    /// The viewpoints of a variant, in the units of its mesh. For [`SceneVariant::Real`] those of the preferred copy; those of
+    /// The viewpoints of a variant, in the units of its mesh. For [`SceneVariant::Real`] and [`SceneVariant::Other`] those of the preferred copy; those of
     /// other copies are in [`FoundScene::mesh`]. Empty if the scene has no such variant.
     pub fn cameras(&self, variant: SceneVariant) -> &[CameraSpec] {
         match variant {
-            SceneVariant::Real => self.meshes.first().map_or(&[], |m| &m.cameras),
+            SceneVariant::Real | SceneVariant::Other => self.meshes.first().map_or(&[], |m| &m.cameras),
             SceneVariant::StandIn => self.stand_in.as_ref().map_or(&[], |s| &s.cameras),
         }
     }

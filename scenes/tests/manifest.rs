@@ -133,5 +133,25 @@ fn files_are_found_and_compared() {
     write("a/a.bin", "abc");
     write("a/a.obj", "abcd");
     assert!(matches!(identity(), FileIdentity::Modified { found: Some(_), .. }));
+    // What the file is called does not matter.
+    let found = locate_scene_in(scene, &dirs).expect("readable").expect("found");
+    assert_eq!(found.variant(), SceneVariant::Other);
+    assert_eq!(found.other_name().as_deref(), Some("another mesh, a.obj, sha256 88d4266fd4e6"));
+    assert_eq!(found.sha256, "88d4266fd4e6338d13b845fcf289579d209c897823b9217da3e161936f031589");
     assert_eq!(find_scene_file(scene, Some(dir.path())), Some(dir.path().join("a/a.obj")));
+}
+
+/// A listed copy under the name of another one is still the listed one, with its own cameras.
+#[test]
+fn the_content_decides_which_copy_a_file_is() {
+    let dir = tempfile::tempdir().expect("a temporary directory");
+    let second = GOOD.find("[[scene.mesh]]").map(|at| &GOOD[at..]).expect("a mesh");
+    let second = second.replace("a/a.obj", "b.obj").replace("\"one\"", "\"two\"").replace("ba7816bf", "00000000");
+    let without_parts = |text: &str| text.lines().filter(|l| !l.starts_with("parts")).collect::<Vec<_>>().join("\n");
+    let manifest = parse(&without_parts(&format!("{GOOD}{second}"))).expect("good");
+    let scene = &manifest.scenes[0];
+    std::fs::write(dir.path().join("b.obj"), "abc").expect("writable");
+    let found = locate_scene_in(scene, &[dir.path().to_owned()]).expect("readable").expect("found");
+    assert_eq!((found.variant(), found.other_name()), (SceneVariant::Real, None));
+    assert_eq!(found.mesh.cameras[0].name, "one");
 }

@@ -73,7 +73,7 @@ pub fn run_build_bench(
         complete: false,
     };
     let clock = Clock::start(matrix.time_limit_seconds);
-    let mut runner = BuildRun { options, progress, clock, file: scratch.file("octree.esvo"), report, save };
+    let mut runner = BuildRun { options, progress, clock, file: scratch.file("octree.esvo"), entries: Vec::new(), report, save };
     for (entry, levels) in entries {
         runner.scene(entry, levels)?;
     }
@@ -91,6 +91,8 @@ struct BuildRun<'a> {
     clock: Clock,
     /// The file of the octree that is being built or measured.
     file: PathBuf,
+    /// Names in the manifest of the report's scenes.
+    entries: Vec<String>,
     report: BuildReport,
     save: &'a mut dyn FnMut(&BuildReport) -> Result<(), BenchError>,
 }
@@ -115,6 +117,7 @@ impl BuildRun<'_> {
         let scene = Scene::load(entry, scenes_dir, matrix.views)?;
         let size = matrix.picture_size(scene.views.len());
         self.report.scenes.push(SceneBuilds::new(&scene, size));
+        self.entries.push(entry.name.clone());
         let mut ladder =
             Ladder { stand_in: scene.variant == SceneVariant::StandIn, truth: SceneTruth::new(scene, size) };
         let mut kinds = matrix.contours.clone();
@@ -145,7 +148,8 @@ impl BuildRun<'_> {
             return Ok(Some(refused));
         }
         let load = proc::load();
-        let ended = self.build(&name, ladder.stand_in, level, kind, &format!("at {level} levels"));
+        let scene = self.report.scenes.len() - 1;
+        let ended = self.build(scene, ladder.stand_in, level, kind, &format!("at {level} levels"));
         let build = match ended? {
             Ended::Stopped(limit, why) => {
                 self.remove();
@@ -187,7 +191,7 @@ impl BuildRun<'_> {
             }
             let load = proc::load();
             let what = format!("at {levels} levels, round {}", round + 1);
-            let ended = self.build(&name, stand_in, levels, kind, &what);
+            let ended = self.build(s, stand_in, levels, kind, &what);
             self.remove();
             let Ended::Done(build) = ended? else { continue };
             let row = &mut self.report.scenes[s].rows[r];
@@ -209,21 +213,22 @@ impl BuildRun<'_> {
         Ok(())
     }
 
+    /// Builds an octree of a scene, given by its index in the report.
     fn build(
         &self,
-        scene: &str,
+        scene: usize,
         stand_in: bool,
         levels: u32,
         contours: Contours,
         what: &str,
     ) -> Result<Ended, BenchError> {
-        self.progress.say(format!("{scene}: building {}, {what}", contours.title()));
+        self.progress.say(format!("{}: building {}, {what}", self.report.scenes[scene].name, contours.title()));
         let matrix = &self.options.matrix;
         let left = self.clock.left().max(1.0);
         let job = BuildJob {
             program: &self.options.program,
             scenes_dir: self.options.scenes_dir.as_deref(),
-            scene,
+            scene: &self.entries[scene],
             stand_in,
             levels,
             contours,

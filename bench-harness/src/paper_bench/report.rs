@@ -76,9 +76,10 @@ impl DeviceRecord {
 /// Everything about one scene.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct SceneReport {
-    /// Name in the manifest, and in the paper's tables if it is one of the paper's scenes.
+    /// Name in the manifest, and in the paper's tables if it is one of the paper's scenes; followed by what the mesh is if it is
+    /// not the listed one.
     pub name: String,
-    /// Which of the scene's two meshes was measured.
+    /// Which of the scene's meshes was measured.
     pub mesh: SceneVariant,
     /// Triangles of that mesh.
     pub triangles: u64,

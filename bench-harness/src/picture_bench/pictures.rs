@@ -47,7 +47,7 @@ pub struct PictureBenchOptions {
 /// One picture. Its left half shows the octree, its right half the triangles.
 #[derive(Clone, Debug)]
 pub struct PicturePair {
-    /// Name of the scene, with `-D` if it is displaced.
+    /// Name of the scene, with `-D` if it is displaced; followed by what the mesh is if it is not the listed one.
     pub scene: String,
     /// Name of the viewpoint.
     pub view: String,
@@ -153,9 +153,10 @@ impl Shown {
         let hits = cast_solid(&self.scene.mesh, &self.triangles, &rays);
         let [left, right] = [octree, shade_mesh(&self.scene.mesh, &rays, &hits)].map(|p| smaller(&p));
         let error = image_error(&right, &left).ok_or_else(|| failed("an empty picture".into()))?;
-        let name = format!("{}-{}-{levels}.png", slug(title), slug(view));
+        let title = scene::title(title, self.scene.other.as_deref());
+        let name = format!("{}-{}-{levels}.png", slug(&title), slug(view));
         Ok(PicturePair {
-            scene: title.into(),
+            scene: title,
             view: view.into(),
             levels,
             voxels: esvo_format::stats(&self.octree).voxels,

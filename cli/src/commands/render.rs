@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
+use esvo_bench::scene::SceneSource;
 use esvo_bench::{Progress, scene};
 use esvo_core::camera::viewpoint;
 use esvo_core::picture::write_png;
@@ -196,14 +197,21 @@ fn camera(arguments: &RenderArguments, octree: &Octree) -> Result<Camera, Failur
     };
     let manifest = esvo_scenes::SceneManifest::builtin()?;
     let entry = scene::buildable(&manifest, name)?;
-    let (variant, views) = scene::cameras(entry, arguments.scenes_dir.as_deref(), arguments.stand_in)?;
+    let source = SceneSource::find(entry, arguments.scenes_dir.as_deref(), arguments.stand_in)?;
+    let views = source.views();
     let index = arguments.view.wrapping_sub(1);
     let view =
         views.get(index).ok_or_else(|| format!("--view {}: {name} has views 1 to {}", arguments.view, views.len()))?;
-    if variant == SceneVariant::StandIn && !arguments.stand_in {
-        let what =
-            "its mesh was not found, so this is a viewpoint of its stand-in; give the mesh's folder by --scenes-dir";
-        complain("warning", &format!("--scene {name}: {what}"));
+    match (source.variant(), source.other()) {
+        (_, Some(other)) => {
+            let what = "not the mesh that the manifest lists; the viewpoints are those of the listed one";
+            complain("warning", &format!("--scene {name}: {other}: {what}"));
+        }
+        (SceneVariant::StandIn, None) if !arguments.stand_in => {
+            let what = "its mesh was not found, so this is a viewpoint of its stand-in; give the mesh's folder by --scenes-dir";
+            complain("warning", &format!("--scene {name}: {what}"));
+        }
+        _ => {}
     }
     let mut camera = view.camera;
     camera.fov_degrees = fov.unwrap_or(camera.fov_degrees);

@@ -7,6 +7,7 @@ use crate::build_bench::peers::{Authors, Termination, TheirError};
 use crate::build_bench::plan::Contours;
 use crate::build_bench::record::BuildReport;
 use crate::error::depth::Summary;
+use crate::scene::compared_as;
 use crate::text::{TextTable, short};
 
 /// The builds that the authors' builder was measured on too.
@@ -33,7 +34,7 @@ pub(super) fn beside_authors(report: &BuildReport, authors: &Authors) -> TextTab
         "Bytes and time: theirs divided by ours, so that ours is better above 1. Counts are in millions.".into(),
     ];
     for (scene, row) in rows(report).filter(|(_, r)| r.contours == Contours::On) {
-        let Some(theirs) = authors.build(&scene.name, row.levels) else { continue };
+        let Some(theirs) = authors.build(compared_as(&scene.name, scene.mesh), row.levels) else { continue };
         let comparable = theirs.own_mesh == (scene.mesh == SceneVariant::Real);
         if theirs.own_mesh && !comparable {
             continue;

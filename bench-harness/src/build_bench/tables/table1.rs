@@ -4,6 +4,7 @@ use super::millions;
 use crate::build_bench::plan::{BuildMatrix, Contours};
 use crate::build_bench::record::{BuildReport, BuildRow, Limit};
 use crate::paper_bench::paper::Paper;
+use crate::scene::compared_as;
 use crate::text::{TextTable, or_dash, short};
 
 /// The levels of the paper's Table 1.
@@ -45,10 +46,11 @@ pub(super) fn table1(report: &BuildReport, paper: &Paper) -> TextTable {
                 table.rows.push(row);
             }
         }
-        if TABLE1_LEVELS.iter().any(|&l| paper.build(&scene.name, l).is_some()) {
+        let known = compared_as(&scene.name, scene.mesh);
+        if TABLE1_LEVELS.iter().any(|&l| paper.build(known, l).is_some()) {
             for (index, name) in ["MiB", "seconds"].into_iter().enumerate() {
                 let mut row = vec![scene.name.clone(), "contours, paper".into(), name.into()];
-                let figure = |l| paper.build(&scene.name, l).map(|both| short(<[f64; 2]>::from(both)[index]));
+                let figure = |l| paper.build(known, l).map(|both| short(<[f64; 2]>::from(both)[index]));
                 row.extend(TABLE1_LEVELS.map(|l| or_dash(figure(l))));
                 table.rows.push(row);
             }

@@ -4,6 +4,7 @@ use esvo_scenes::SceneVariant;
 
 use crate::paper_bench::paper::Paper;
 use crate::paper_bench::report::{PaperReport, Table1Row};
+use crate::scene::compared_as;
 use crate::text::{TextTable, or_dash, short};
 
 /// Table 1: MiB, seconds and bytes per voxel.
@@ -37,11 +38,12 @@ pub(super) fn table1(report: &PaperReport, paper: &Paper) -> TextTable {
             row.push(format!("{:.2}", largest.bytes_per_voxel()));
             table.rows.push(row);
         }
-        if let Some((bytes, largest)) = paper.bytes_per_voxel(&scene.name) {
-            let triangles = or_dash(paper.triangles(&scene.name).map(|t| t.to_string()));
+        let known = compared_as(&scene.name, scene.mesh);
+        if let Some((bytes, largest)) = paper.bytes_per_voxel(known) {
+            let triangles = or_dash(paper.triangles(known).map(|t| t.to_string()));
             let mut row = vec![String::new(), "contours, paper".to_string(), triangles];
             row.extend(levels.iter().map(|&l| {
-                or_dash(paper.build(&scene.name, l).map(|(mb, s)| format!("{} MiB {} s", short(mb), short(s))))
+                or_dash(paper.build(known, l).map(|(mb, s)| format!("{} MiB {} s", short(mb), short(s))))
             }));
             row.push(format!("{bytes:.2} at {largest}"));
             table.rows.push(row);

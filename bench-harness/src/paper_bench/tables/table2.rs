@@ -5,6 +5,7 @@ use esvo_core::DeviceKind;
 use crate::paper_bench::matrix::Variant;
 use crate::paper_bench::paper::Paper;
 use crate::paper_bench::report::{DeviceRecord, PaperReport, SceneReport};
+use crate::scene::compared_as;
 use crate::text::{TextTable, or_dash, short};
 
 /// Table 2 for one device: millions of rays per second.
@@ -48,7 +49,8 @@ pub(super) fn table2(report: &PaperReport, paper: &Paper, device: &DeviceRecord)
             any = true;
             row.extend(own);
             if with_paper {
-                row.extend(variants.iter().map(|&v| or_dash(paper.mrays(&scene.name, size, v).map(short))));
+                let known = compared_as(&scene.name, scene.mesh);
+                row.extend(variants.iter().map(|&v| or_dash(paper.mrays(known, size, v).map(short))));
             }
             table.rows.push(row);
         }

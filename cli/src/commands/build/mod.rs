@@ -7,6 +7,7 @@ use std::time::Instant;
 
 use clap::{Args, ValueEnum};
 use esvo_bench::build_summary::{BuildSeconds, BuildSummary};
+use esvo_bench::scene::SceneSource;
 use esvo_bench::system::peak_bytes;
 use esvo_bench::{Progress, scene};
 use esvo_builder::import::{ImportError, load_mesh};
@@ -157,8 +158,10 @@ pub(crate) fn run_build(arguments: &BuildArguments) -> Result<(), Failure> {
         check_not_input(&arguments.output, mesh)?;
     }
     let progress = Progress::terminal();
+    // Hashing the file is no part of the time of the import.
+    let found = scene.map(|scene| found(arguments, scene)).transpose()?;
     let start = Instant::now();
-    let (mesh, source) = mesh(arguments, scene, &progress)?;
+    let (mesh, source) = mesh(arguments, found.as_ref(), &progress)?;
     let mesh =
         arguments.displacement.apply(mesh, &source, settings.levels, scene.is_some_and(|scene| scene.displaced))?;
     let import = start.elapsed().as_secs_f64();
@@ -214,10 +217,20 @@ pub(crate) fn run_build(arguments: &BuildArguments) -> Result<(), Failure> {
     ))
 }
 
+/// Where the mesh of a scene comes from. Warns if it is another mesh than the one that the manifest lists.
+fn found<'a>(arguments: &BuildArguments, scene: &'a SceneEntry) -> Result<SceneSource<'a>, Failure> {
+    let source = SceneSource::find(scene, arguments.scenes_dir.as_deref(), arguments.stand_in)?;
+    if let Some(other) = source.other() {
+        let what = "not the mesh that the manifest lists, so its octree is not comparable with those of others";
+        complain("warning", &format!("--scene {}: {other}: {what}", scene.name));
+    }
+    Ok(source)
+}
+
 /// The mesh and its name.
 fn mesh(
     arguments: &BuildArguments,
-    scene: Option<&SceneEntry>,
+    scene: Option<&SceneSource>,
     progress: &Progress,
 ) -> Result<(Mesh, String), Failure> {
     if let Some(path) = &arguments.mesh {
@@ -226,10 +239,10 @@ fn mesh(
         return Ok((mesh, path.file_name().unwrap_or_default().to_string_lossy().into_owned()));
     }
     // clap requires one of the two.
-    let entry = scene.ok_or("neither a mesh nor a scene is given")?;
-    progress.say(format!("reading {}", entry.name));
-    let (mesh, source) = scene::mesh(entry, arguments.scenes_dir.as_deref(), arguments.stand_in)?;
-    Ok((mesh, source))
+    let scene = scene.ok_or("neither a mesh nor a scene is given")?;
+    let source = scene.source();
+    progress.say(format!("reading {source}"));
+    Ok((scene.load()?, source))
 }
 
 /// The error of the importer; it also says what to do if the file is an octree already.
