@@ -5,7 +5,7 @@
 //! use esvo_bench::paper_bench::{PaperBenchOptions, run_paper_bench, tables};
 //! use esvo_bench::{Matrix, Progress};
 //!
-//! let options = PaperBenchOptions { matrix: Matrix::default_run(), scenes_dir: None, threads: None };
+//! let options = PaperBenchOptions { matrix: Matrix::default_run(), scenes_dir: None, manifest: None, threads: None };
 //! let outcome = run_paper_bench(&options, &Progress::terminal())?;
 //! print!("{}", tables::to_text(&outcome.report));
 //! # Ok::<(), esvo_bench::BenchError>(())
@@ -25,6 +25,7 @@
 //! - [`scene`]: from a scene's name to its mesh and viewpoints. [`matrix_parts`]: scenes and levels of a matrix.
 //! - [`error`]: depth error and image error (FLIP). [`timing`]: samples, medians and quartiles.
 //! - [`text`]: tables as text and Markdown. [`output`]: the only writer of records, tables and pictures.
+//! - [`ray_files`]: rays and hits in files, and comparing hits.
 //! - [`build_summary`]: what `esvo build --json` prints. `growth`: predicting the next level. `units`: bytes.
 //! - [`system`]: machine, clock, processes, temporary folders; the only reader of `/proc`.
 //! - [`BenchError`]: all errors. [`Progress`]: the line on the terminal.
@@ -41,6 +42,7 @@ pub mod output;
 pub mod paper_bench;
 pub mod picture_bench;
 mod progress;
+pub mod ray_files;
 pub mod scene;
 pub mod system;
 pub mod text;

@@ -6,6 +6,7 @@ use std::time::Instant;
 use esvo_builder::{BuildSettings, DisplaceOptions, Mesh};
 use esvo_core::Camera;
 use esvo_scenes::{CameraSpec, FoundScene, SceneEntry, SceneManifest, SceneVariant, StandIn, locate_scene};
+use glam::{DMat4, DVec4};
 use serde::{Deserialize, Serialize};
 
 use crate::BenchError;
@@ -43,6 +44,15 @@ pub struct NamedView {
     pub name: String,
     /// In mesh units.
     pub camera: Camera,
+}
+
+/// The manifest of the paper's scenes, or one of the user's own.
+///
+/// # Errors
+/// A file that cannot be read or is no manifest.
+pub fn manifest(own: Option<&Path>) -> Result<SceneManifest, BenchError> {
+    let read = own.map_or_else(SceneManifest::builtin, SceneManifest::load);
+    read.map_err(|e| BenchError::scene("manifest", e))
 }
 
 /// The scene of that name in the manifest.
@@ -162,7 +172,15 @@ impl<'a> SceneSource<'a> {
     pub fn load(&self) -> Result<Mesh, BenchError> {
         let failed = |what: &dyn ToString| BenchError::scene(&self.entry.name, what.to_string());
         if let Some(found) = &self.found {
-            return esvo_builder::import::load_mesh(&found.path).map_err(|e| failed(&e));
+            let mut mesh = esvo_builder::import::load_mesh(&found.path).map_err(|e| failed(&e))?;
+            if let Some(rows) = found.mesh.transform {
+                let row = |i: usize| DVec4::from_array(rows[i]);
+                mesh.transform(&DMat4::from_cols(row(0), row(1), row(2), DVec4::W).transpose());
+            }
+            return Ok(mesh);
+        }
+        if let (Some(folder), Some(mesh)) = (&self.entry.folder, self.entry.meshes.first()) {
+            return Err(failed(&format!("{} does not exist", folder.join(&mesh.file).display())));
         }
         self.entry.stand_in.as_ref().and_then(StandIn::generate).ok_or_else(|| {
             failed(&"its mesh was not found, and it has no stand-in; give the folder of the mesh by --scenes-dir")
@@ -193,6 +211,7 @@ impl Scene {
             credit: match variant {
                 SceneVariant::Real => entry.credit.clone(),
                 SceneVariant::StandIn => "generated".into(),
+                SceneVariant::Other if entry.folder.is_some() && !entry.credit.is_empty() => entry.credit.clone(),
                 SceneVariant::Other => "unknown".into(),
             },
             other,

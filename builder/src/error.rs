@@ -40,6 +40,13 @@ pub enum BuildError {
         /// The damage.
         source: esvo_format::FormatError,
     },
+    /// The folder of a build that is to be continued holds the parts of another one.
+    #[error(
+        "{}: holds the finished parts of another build (another mesh, other settings or another version of esvo); continue that \
+         build, choose another output, or remove this folder",
+        .0.display()
+    )]
+    OtherWork(PathBuf),
     /// The memory limit is too small for a build on one thread.
     #[error("a memory limit of {} MB is too small for this mesh: it needs at least {} MB", limit / 1_000_000, least.div_ceil(1_000_000))]
     Memory {

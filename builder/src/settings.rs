@@ -10,8 +10,9 @@ use crate::BuildError;
 #[serde(rename_all = "kebab-case")]
 pub enum TextureTest {
     /// One colour and one normal for each triangle's part of the voxel, taken at its centroid and filtered to the voxel's
-    /// size. This is what `color-error` and `normal-error` mean in the authors' builder. Detail within a single triangle
-    /// does not count, so a large flat wall may show its texture no finer than its shape requires.
+    /// size. Detail within a single triangle does not count, so a large flat wall may show its texture no finer than its
+    /// shape requires. The authors' builder does more: it compares with the least and greatest of all texels, vertex colours
+    /// and normals in the voxel, after decoding the block that stores its attributes. No setting here does that yet.
     #[default]
     Samples,
     /// Bounds of all texels, vertex colours and normals on the surface in the voxel, at the resolution of the finest voxels.
@@ -33,7 +34,8 @@ pub enum Preset {
     Fine,
 }
 
-/// Settings of a build. The error bounds have the same meaning as in the authors' builder, so that builds can be compared.
+/// Settings of a build. The error bounds have the units of those in the authors' builder; what colours and normals are compared
+/// with differs, see [`TextureTest`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct BuildSettings {

@@ -501,7 +501,7 @@ mod files {
             calls.fetch_add(1, Ordering::Relaxed);
         };
         let file = build_file(&mesh, &settings, &path, &options, &|_| count(&again)).unwrap();
-        assert!(file.resumed);
+        assert!(file.resumed && file.resumed_voxels > 0);
         assert!(std::fs::read(&path).unwrap() == whole);
         assert_eq!(names(folder.path()), ["a.esvo"]);
         build_file(&mesh, &settings, &path, &FileOptions::default(), &|_| count(&first)).unwrap();
@@ -548,6 +548,31 @@ mod files {
         assert!(!file.resumed);
         assert!(std::fs::read(&path).unwrap() == written(&run(&mesh, settings(6)).octree));
         assert_eq!(names(&part), ["notes.txt"], "what others put there stays, and nothing else");
+    }
+
+    #[test]
+    fn the_parts_of_another_build_are_kept() {
+        let mesh = bumpy(20);
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.esvo");
+        let part = folder.path().join("a.esvo.part");
+        let options = FileOptions { resume: true, ..FileOptions::default() };
+        // Stop a build of five levels after its first report.
+        let stopped = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
+            build_file(&mesh, &settings(5), &path, &options, &|p| assert!(p.done < 0.01)).map(|_| ())
+        }));
+        assert!(stopped.is_err());
+        let contents = || ["journal", "blocks"].map(|name| std::fs::read(part.join(name)).unwrap());
+        let before = contents();
+        for (mesh, settings) in [(&mesh, settings(6)), (&bumpy(21), settings(5))] {
+            let error = build_file(mesh, &settings, &path, &options, &|_| ()).err().unwrap();
+            assert!(matches!(error, BuildError::OtherWork(_)), "{error}");
+            assert!(contents() == before && !path.exists());
+        }
+        std::fs::write(part.join("journal"), [7; 100]).unwrap();
+        let error = build_file(&mesh, &settings(5), &path, &options, &|_| ()).err().unwrap();
+        assert!(matches!(error, BuildError::OtherWork(_)), "a file of somebody else: {error}");
+        assert_eq!(contents()[0], [7; 100]);
     }
 
     #[test]

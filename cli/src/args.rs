@@ -9,8 +9,10 @@ use crate::commands::completions::CompletionsArguments;
 use crate::commands::convert::ConvertArguments;
 use crate::commands::diff::DiffArguments;
 use crate::commands::dump::DumpArguments;
+use crate::commands::hits::HitsArguments;
 use crate::commands::info::InfoArguments;
 use crate::commands::man::ManArguments;
+use crate::commands::rays::RaysArguments;
 use crate::commands::render::RenderArguments;
 use crate::commands::validate::ValidateArguments;
 use crate::version::long_version;
@@ -44,6 +46,8 @@ pub(crate) enum Command {
     Convert(ConvertArguments),
     Ambient(AmbientArguments),
     Render(RenderArguments),
+    Rays(RaysArguments),
+    Hits(HitsArguments),
     Bench(Box<BenchArguments>),
     Completions(CompletionsArguments),
     Man(ManArguments),

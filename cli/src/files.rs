@@ -86,6 +86,14 @@ pub(crate) fn check_output(path: &Path) -> Result<(), Failure> {
     if !folder.is_dir() {
         return Err(format!("{}: the folder {} does not exist; make it first", path.display(), folder.display()).into());
     }
+    let link = std::fs::read_link(path).ok().filter(|_| !path.exists());
+    if let Some(target) = link {
+        let (name, target) = (path.display(), target.display());
+        return Err(format!(
+            "{name}: is a link to {target}, which does not exist; remove the link or give another name"
+        )
+        .into());
+    }
     if path.is_dir() {
         return Err(format!("{}: is a folder; give the name of a file", path.display()).into());
     }
@@ -97,7 +105,11 @@ pub(crate) fn check_output(path: &Path) -> Result<(), Failure> {
     if std::fs::metadata(path).is_ok_and(|m| m.permissions().readonly()) {
         return Err(format!("{}: is read-only; give another name or make it writable", path.display()).into());
     }
-    Ok(())
+    // Output is written under a temporary name first, next to the file that a link leads to.
+    let resolved = path.canonicalize().ok();
+    let folder = resolved.as_deref().and_then(Path::parent).unwrap_or(folder);
+    esvo_bench::output::check_writable(folder)
+        .map_err(|e| format!("{}: nothing can be written to its folder: {e}", path.display()).into())
 }
 
 /// Rejects an output that is the same file as the input, also through links.

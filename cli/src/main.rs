@@ -4,8 +4,11 @@ mod args;
 mod commands;
 mod fail;
 mod files;
+mod memory;
+mod signals;
 mod values;
 mod version;
+mod view;
 mod words;
 
 use std::process::ExitCode;
@@ -27,13 +30,7 @@ fn quiet_device_selection() {
 
 fn main() -> ExitCode {
     quiet_device_selection();
-    // On an interrupt, remove temporary files and end child processes.
-    let interrupted = ctrlc::set_handler(|| {
-        esvo_format::remove_temporaries();
-        esvo_bench::interrupted();
-        std::process::exit(130);
-    });
-    if let Err(error) = interrupted {
+    if let Err(error) = signals::end_tidily() {
         complain("warning", &format!("cannot handle interrupts, which may leave temporary files: {error}"));
     }
     let result = match Arguments::parse().command {
@@ -45,6 +42,8 @@ fn main() -> ExitCode {
         Command::Convert(arguments) => commands::convert::run_convert(&arguments),
         Command::Ambient(arguments) => commands::ambient::run_ambient(&arguments),
         Command::Render(arguments) => commands::render::run_render(&arguments),
+        Command::Rays(arguments) => commands::rays::run_rays(&arguments),
+        Command::Hits(arguments) => commands::hits::run_hits(&arguments),
         Command::Bench(arguments) => commands::bench::run_bench(&arguments),
         Command::Completions(arguments) => commands::completions::run_completions(&arguments, Arguments::command()),
         Command::Man(arguments) => commands::man::run_man(&arguments, Arguments::command()),

@@ -53,6 +53,63 @@ fn settings_out_of_range() {
 }
 
 #[test]
+fn options_that_contradict_each_other() {
+    let folder = Folder::with_octree();
+    for options in [
+        &["--no-contours", "--contour-error", "12"][..],
+        &["--no-colors", "--color-error", "12"],
+        &["--no-normals", "--normal-error", "0.1"],
+        &["--preset", "fast", "--paper", "sibenik"],
+    ] {
+        folder.fails(&[&["build", "box.obj", "-o", "x.esvo"], options].concat(), 2, "cannot be used with");
+    }
+    let scene = ["build", "-o", "x.esvo", "--scene", "fairy"];
+    folder.fails(&[&scene[..], &["--stand-in", "--scenes-dir", "."]].concat(), 2, "cannot be used with");
+    folder.fails(&[&scene[..], &["--manifest", "a.toml", "--scenes-dir", "."]].concat(), 2, "cannot be used with");
+    let render = ["render", "box.esvo", "-o", "x.png"];
+    folder.fails(&[&render[..], &["--scene", "fairy", "--up", "0,0,1"]].concat(), 2, "cannot be used with");
+    let twice = ["--camera=0,0,9,0,0,-1,50", "--fov", "60"];
+    folder.fails(&[&render[..], &twice].concat(), 1, "give only one of them");
+}
+
+#[test]
+fn the_advice_on_up_is_not_parallel_either() {
+    let folder = Folder::with_octree();
+    for (direction, up) in [("0,0,1", "0,0,1"), ("0,1,0", "0,1,0"), ("1,0,0", "1,0,0"), ("1,1,1", "-1,-1,-1")] {
+        let camera = format!("--camera=0,0,0,{direction}");
+        let out = folder.run(&["render", "box.esvo", "-o", "x.png", &camera, "--size", "4x4", &format!("--up={up}")]);
+        let error = String::from_utf8_lossy(&out.stderr).into_owned();
+        let advice = error.trim_end().rsplit(' ').next().unwrap();
+        folder.ok(&["render", "box.esvo", "-o", "x.png", &camera, "--size", "4x4", "--up", advice]);
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn a_link_to_nothing_is_no_output() {
+    let folder = Folder::with_octree();
+    std::os::unix::fs::symlink("absent/x.esvo", folder.path("link.esvo")).unwrap();
+    folder.fails(&["build", "box.obj", "-o", "link.esvo"], 1, "is a link to absent/x.esvo, which does not exist");
+    // A link to a file is written through.
+    std::os::unix::fs::symlink("box.esvo", folder.path("good.esvo")).unwrap();
+    folder.ok(&["build", "box.obj", "-o", "good.esvo", "-l", "4"]);
+    assert!(folder.path("good.esvo").is_symlink());
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn pictures_without_memory_are_one_line() {
+    let folder = Folder::with_octree();
+    let script =
+        format!("ulimit -v 3000000; exec {} render box.esvo -o x.png --size 16384x16384", env!("CARGO_BIN_EXE_esvo"));
+    let out = std::process::Command::new("sh").args(["-c", &script]).current_dir(folder.path("")).output().unwrap();
+    let error = String::from_utf8_lossy(&out.stderr).into_owned();
+    assert_eq!(out.status.code(), Some(1), "{error}");
+    assert!(error.starts_with("error: --size 16384x16384: needs ") && error.lines().count() == 1, "{error}");
+    assert!(!folder.path("x.png").exists());
+}
+
+#[test]
 fn meshes() {
     let folder = Folder::new();
     let build = |name: &str, what: &str| folder.fails(&["build", name, "-o", "x.esvo"], 1, what);

@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 use common::Folder;
 
 /// All commands, by the names of their pages.
-const PAGES: [&str; 16] = [
+const PAGES: [&str; 18] = [
     "esvo",
     "esvo-ambient",
     "esvo-bench",
@@ -20,8 +20,10 @@ const PAGES: [&str; 16] = [
     "esvo-convert",
     "esvo-diff",
     "esvo-dump",
+    "esvo-hits",
     "esvo-info",
     "esvo-man",
+    "esvo-rays",
     "esvo-render",
     "esvo-validate",
 ];

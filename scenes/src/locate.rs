@@ -57,6 +57,13 @@ impl std::fmt::Display for SceneVariant {
 pub enum FileIdentity {
     /// All hashes agree.
     Listed,
+    /// The mesh of a manifest of the user's own: it has the hash that the manifest gives, if it gives one.
+    Own {
+        /// The file.
+        path: PathBuf,
+        /// Its hash.
+        sha256: String,
+    },
     /// A file differs from the one in the manifest: results cannot be compared with those of others.
     Modified {
         /// The file that differs.
@@ -72,6 +79,7 @@ impl std::fmt::Display for FileIdentity {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::Listed => f.write_str("as listed in the manifest"),
+            Self::Own { path, sha256 } => write!(f, "the user's own, {}, sha256 {sha256}", path.display()),
             Self::Modified { path, expected, found: Some(found) } => write!(
                 f,
                 "{} is modified: its sha256 is {found}, the manifest names {expected}; results are not comparable with others",
@@ -126,7 +134,7 @@ pub fn scene_dirs(explicit: Option<&Path>) -> Vec<PathBuf> {
 
 /// The path of the scene's real mesh, or `None` if no copy is in any of [`scene_dirs`]. Does not read the file.
 pub fn find_scene_file(entry: &SceneEntry, explicit_dir: Option<&Path>) -> Option<PathBuf> {
-    find(entry, &scene_dirs(explicit_dir)).map(|(path, _, _)| path)
+    find(entry, &dirs_of(entry, explicit_dir)).map(|(path, _, _)| path)
 }
 
 /// Finds the scene's real mesh and compares its hashes with the manifest. `Ok(None)` if it is not found: use the stand-in.
@@ -134,7 +142,12 @@ pub fn find_scene_file(entry: &SceneEntry, explicit_dir: Option<&Path>) -> Optio
 /// # Errors
 /// A file that exists but cannot be read; the message names it.
 pub fn locate_scene<'a>(entry: &'a SceneEntry, explicit_dir: Option<&Path>) -> io::Result<Option<FoundScene<'a>>> {
-    locate_scene_in(entry, &scene_dirs(explicit_dir))
+    locate_scene_in(entry, &dirs_of(entry, explicit_dir))
+}
+
+/// Where the meshes of a scene are searched: for a manifest of the user's own, in its folder only.
+fn dirs_of(entry: &SceneEntry, explicit_dir: Option<&Path>) -> Vec<PathBuf> {
+    entry.folder.as_ref().map_or_else(|| scene_dirs(explicit_dir), |folder| vec![folder.clone()])
 }
 
 /// Like [`locate_scene`], but searches only the given directories. Hashes are kept while the program runs, see
@@ -145,20 +158,21 @@ pub fn locate_scene_in<'a>(entry: &'a SceneEntry, dirs: &[PathBuf]) -> io::Resul
     // The content decides, not the name: the file may be another copy of the list.
     let mesh = entry.meshes.iter().find(|m| m.sha256 == sha256).unwrap_or(named);
     let mut identity = FileIdentity::Listed;
-    if mesh.sha256 != sha256 {
-        identity = FileIdentity::Modified {
-            path: path.clone(),
-            expected: mesh.sha256.clone(),
-            found: Some(sha256.clone()),
-        };
+    let listed = mesh.sha256 == sha256 || mesh.sha256.is_empty();
+    if !listed {
+        identity =
+            FileIdentity::Modified { path: path.clone(), expected: mesh.sha256.clone(), found: Some(sha256.clone()) };
     }
-    for part in mesh.parts.iter().take_while(|_| mesh.sha256 == sha256) {
+    for part in mesh.parts.iter().take_while(|_| listed) {
         let path = dir.join(&part.file);
         let found = if path.is_file() { Some(known_sha256_of(&path)?) } else { None };
         if found.as_ref() != Some(&part.sha256) {
             identity = FileIdentity::Modified { path, expected: part.sha256.clone(), found };
             break;
         }
+    }
+    if entry.folder.is_some() && identity == FileIdentity::Listed {
+        identity = FileIdentity::Own { path: path.clone(), sha256: sha256.clone() };
     }
     Ok(Some(FoundScene { path, mesh, identity, sha256 }))
 }
@@ -197,10 +211,10 @@ pub fn known_sha256_of(path: &Path) -> io::Result<String> {
     let metadata = path.metadata().map_err(annotate)?;
     // Without a time of modification, a change would not be seen.
     let Ok(modified) = metadata.modified() else { return sha256_of(&path) };
-    if let Some((size, time, sha256)) = known().get(&path) {
-        if (*size, *time) == (metadata.len(), modified) {
-            return Ok(sha256.clone());
-        }
+    if let Some((size, time, sha256)) = known().get(&path)
+        && (*size, *time) == (metadata.len(), modified)
+    {
+        return Ok(sha256.clone());
     }
     let sha256 = sha256_of(&path)?;
     known().insert(path, (metadata.len(), modified, sha256.clone()));

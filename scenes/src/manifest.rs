@@ -36,26 +36,38 @@ pub struct SceneEntry {
     pub paper: bool,
     /// Number of triangles that the paper states.
     pub paper_triangles: Option<u64>,
-    /// What the scene is or tests, in one line.
+    /// What the scene is or tests, in one line. Empty if the manifest does not say.
+    #[serde(default)]
     pub about: String,
-    /// Where to get the mesh.
+    /// Where to get the mesh. Empty if the manifest does not say.
+    #[serde(default)]
     pub source: String,
-    /// Credit line to print wherever a picture or a table of the real mesh is published.
+    /// Credit line to print wherever a picture or a table of the real mesh is published. Empty if the manifest does not say.
+    #[serde(default)]
     pub credit: String,
-    /// Whether pictures of the real mesh may be published. Pictures of stand-ins always may.
+    /// Whether pictures of the real mesh may be published; true if the manifest does not say. Pictures of stand-ins always may.
+    #[serde(default = "yes")]
     pub publish: bool,
     /// Whether the mesh must be displaced by the height maps of its materials before it is built.
     #[serde(default)]
     pub displaced: bool,
     /// Why the scene cannot be measured: tables list it as left out with this reason. Absent: it can be measured.
     pub unsupported: Option<String>,
-    /// The paper's settings of the builder for this scene.
+    /// The paper's settings of the builder for this scene; those of most of its scenes if the manifest does not say.
+    #[serde(default)]
     pub build: BuildSettings,
     /// Copies of the real mesh, the preferred one first. Empty if none is known.
     #[serde(default, rename = "mesh")]
     pub meshes: Vec<MeshFile>,
     /// The procedural stand-in, if there is one.
     pub stand_in: Option<StandIn>,
+    /// For scenes of a manifest of the user's own: the folder that the manifest is in, to which paths are relative.
+    #[serde(skip)]
+    pub folder: Option<PathBuf>,
+}
+
+fn yes() -> bool {
+    true
 }
 
 /// Errors at which the paper's builder stops dividing voxels.
@@ -70,14 +82,25 @@ pub struct BuildSettings {
     pub contour_error: f64,
 }
 
+impl Default for BuildSettings {
+    /// 16, 0.01 and 15: those of most of the paper's scenes.
+    fn default() -> Self {
+        Self { color_error: 16.0, normal_error: 0.01, contour_error: 15.0 }
+    }
+}
+
 /// A mesh file, and viewpoints in its units.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MeshFile {
-    /// Path relative to the directory of scenes, with `/`.
+    /// Path relative to the directory of scenes, with `/`; in a manifest of the user's own, to the manifest's folder.
     pub file: String,
-    /// SHA-256 of the file, 64 lower-case hexadecimal digits.
+    /// SHA-256 of the file, 64 lower-case hexadecimal digits. Only a manifest of the user's own may leave it out: empty.
+    #[serde(default)]
     pub sha256: String,
+    /// First three rows of the matrix that is applied to the vertices: `x' = m[0] * (x, y, z, 1)`. Absent: none. Cameras are in
+    /// the space behind it.
+    pub transform: Option<[[f64; 4]; 3]>,
     /// Number of triangles, if known.
     pub triangles: Option<u64>,
     /// Other files with parts of the geometry (buffers of a glTF file).
@@ -151,11 +174,33 @@ pub enum ManifestError {
 }
 
 impl SceneManifest {
-    /// Reads and validates a manifest file.
+    /// Reads and validates a manifest of the user's own. Paths of its meshes are relative to the folder that it is in. Names of the
+    /// paper's scenes are refused, so that no figure of the paper is compared with another mesh. Hashes and cameras may be left out.
+    ///
+    /// # Errors
+    /// A file that cannot be read or is no manifest; the text says where and what is wrong.
     pub fn load(path: &Path) -> Result<Self, ManifestError> {
         let text =
             std::fs::read_to_string(path).map_err(|source| ManifestError::Read { path: path.to_owned(), source })?;
-        Self::parse(&text, path)
+        let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let mut manifest = Self::read(&text, path)?;
+        let invalid = |what| ManifestError::Invalid { path: path.to_owned(), what };
+        let builtin = Self::builtin()?;
+        for scene in &mut manifest.scenes {
+            if builtin.scene(&scene.name).is_some() || scene.paper {
+                return Err(invalid(format!(
+                    "scene \"{}\": the names of esvo's own scenes and `paper` are taken; give another name",
+                    scene.name
+                )));
+            }
+            scene.folder = Some(folder.to_owned());
+        }
+        manifest.validate().map_err(invalid)?;
+        Ok(manifest)
+    }
+
+    fn read(text: &str, path: &Path) -> Result<Self, ManifestError> {
+        toml::from_str(text).map_err(|source| ManifestError::Parse { path: path.to_owned(), source: Box::new(source) })
     }
 
     /// The manifest of the paper's scenes, which is part of this crate.
@@ -165,8 +210,7 @@ impl SceneManifest {
 
     /// Reads and validates a manifest from text. `path` is used in error messages only.
     pub fn parse(text: &str, path: &Path) -> Result<Self, ManifestError> {
-        let manifest: Self = toml::from_str(text)
-            .map_err(|source| ManifestError::Parse { path: path.to_owned(), source: Box::new(source) })?;
+        let manifest = Self::read(text, path)?;
         manifest.validate().map_err(|what| ManifestError::Invalid { path: path.to_owned(), what })?;
         Ok(manifest)
     }
@@ -213,9 +257,16 @@ impl SceneEntry {
             }
         }
         for mesh in &self.meshes {
-            check_file(&mesh.file, &mesh.sha256)?;
+            if self.folder.is_none() || !mesh.sha256.is_empty() {
+                check_hash(&mesh.file, &mesh.sha256)?;
+            }
+            check_file(&mesh.file)?;
+            if mesh.transform.is_some_and(|rows| !rows.iter().flatten().all(|x| x.is_finite())) {
+                return Err(format!("mesh {}: `transform` has numbers that are not finite", mesh.file));
+            }
             for part in &mesh.parts {
-                check_file(&part.file, &part.sha256)?;
+                check_file(&part.file)?;
+                check_hash(&part.file, &part.sha256)?;
             }
             self.check_cameras(&mesh.cameras).map_err(|what| format!("mesh {}: {what}", mesh.file))?;
         }
@@ -235,7 +286,7 @@ impl SceneEntry {
     }
 
     fn check_cameras(&self, cameras: &[CameraSpec]) -> Result<(), String> {
-        if cameras.is_empty() && self.unsupported.is_none() {
+        if cameras.is_empty() && self.unsupported.is_none() && self.folder.is_none() {
             return Err("has no `cameras`, which only a scene marked `unsupported` may lack".into());
         }
         let mut names = HashSet::new();
@@ -246,12 +297,16 @@ impl SceneEntry {
     }
 }
 
-fn check_file(file: &str, sha256: &str) -> Result<(), String> {
+fn check_file(file: &str) -> Result<(), String> {
     // A manifest must not be able to point outside the directory of scenes.
     let plain = Path::new(file).components().all(|c| matches!(c, Component::Normal(_)));
     if file.is_empty() || !plain || file.contains('\\') {
         return Err(format!("`file` \"{file}\" must be a relative path with `/`, without `..`"));
     }
+    Ok(())
+}
+
+fn check_hash(file: &str, sha256: &str) -> Result<(), String> {
     if sha256.len() != 64 || !sha256.bytes().all(|b| matches!(b, b'0'..=b'9' | b'a'..=b'f')) {
         return Err(format!("`sha256` of {file} must be 64 lower-case hexadecimal digits"));
     }

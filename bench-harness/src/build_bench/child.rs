@@ -21,6 +21,8 @@ pub(crate) struct BuildJob<'a> {
     pub(crate) program: &'a Path,
     /// The folder that is searched first for real meshes.
     pub(crate) scenes_dir: Option<&'a Path>,
+    /// The manifest of the scenes; `None`: the one of the paper's scenes.
+    pub(crate) manifest: Option<&'a Path>,
     /// Name of the scene.
     pub(crate) scene: &'a str,
     /// Whether the scene's stand-in is built instead of its real mesh.
@@ -54,13 +56,16 @@ impl BuildJob<'_> {
         let mut command = Command::new(self.program);
         command.arg("build").arg("--json").args(["--scene", self.scene]);
         command.arg("--levels").arg(self.levels.to_string()).arg("--output").arg(self.output);
+        if let Some(file) = self.manifest {
+            command.arg("--manifest").arg(file);
+        }
         if self.stand_in {
             command.arg("--stand-in");
         }
         if self.contours == Contours::Off {
             command.arg("--no-contours");
         }
-        if let Some(folder) = self.scenes_dir {
+        if let Some(folder) = self.scenes_dir.filter(|_| !self.stand_in) {
             command.arg("--scenes-dir").arg(folder);
         }
         command

@@ -15,7 +15,7 @@ mod tables;
 
 use std::path::PathBuf;
 
-use esvo_scenes::{SceneEntry, SceneManifest, SceneVariant};
+use esvo_scenes::{SceneEntry, SceneVariant};
 
 use crate::matrix_parts::LeftOut;
 use crate::scene::{self, Scene};
@@ -40,6 +40,8 @@ pub struct BuildBenchOptions {
     pub matrix: BuildMatrix,
     /// The folder that is searched first for real meshes.
     pub scenes_dir: Option<PathBuf>,
+    /// The manifest of the scenes; `None`: the one of the paper's scenes.
+    pub manifest: Option<PathBuf>,
     /// The program whose `build` command is run: usually the `esvo` that is running.
     pub program: PathBuf,
 }
@@ -57,7 +59,7 @@ pub fn run_build_bench(
 ) -> Result<BuildReport, BenchError> {
     let matrix = &options.matrix;
     matrix.validate().map_err(|what| BenchError::Matrix { file: matrix.name.clone(), what })?;
-    let manifest = SceneManifest::builtin().map_err(|e| BenchError::scene("manifest", e))?;
+    let manifest = scene::manifest(options.manifest.as_deref())?;
     // Check all names first: an unknown scene must not end the run after an hour.
     let entries = (matrix.scenes.iter())
         .map(|wanted| Ok((scene::buildable(&manifest, &wanted.name)?, &wanted.levels[..])))
@@ -73,7 +75,8 @@ pub fn run_build_bench(
         complete: false,
     };
     let clock = Clock::start(matrix.time_limit_seconds);
-    let mut runner = BuildRun { options, progress, clock, file: scratch.file("octree.esvo"), entries: Vec::new(), report, save };
+    let mut runner =
+        BuildRun { options, progress, clock, file: scratch.file("octree.esvo"), entries: Vec::new(), report, save };
     for (entry, levels) in entries {
         runner.scene(entry, levels)?;
     }
@@ -228,6 +231,7 @@ impl BuildRun<'_> {
         let job = BuildJob {
             program: &self.options.program,
             scenes_dir: self.options.scenes_dir.as_deref(),
+            manifest: self.options.manifest.as_deref(),
             scene: &self.entries[scene],
             stand_in,
             levels,

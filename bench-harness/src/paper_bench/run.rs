@@ -4,11 +4,10 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use esvo_core::exact::CameraRays;
-use esvo_core::{CastError, View};
+use esvo_core::{CastError, DeviceKind, View};
 use esvo_cpu::triangles::TriangleScene;
 use esvo_engines::{EngineId, OpenOptions};
 use esvo_format::Octree;
-use esvo_scenes::SceneManifest;
 
 use crate::matrix_parts::{LeftOut, SceneLevels};
 use crate::output::NamedPicture;
@@ -33,6 +32,8 @@ pub struct PaperBenchOptions {
     pub matrix: Matrix,
     /// The folder that is searched first for real meshes.
     pub scenes_dir: Option<PathBuf>,
+    /// The manifest of the scenes; `None`: the one of the paper's scenes.
+    pub manifest: Option<PathBuf>,
     /// Threads of the CPU caster; `None`: one per core.
     pub threads: Option<usize>,
 }
@@ -52,7 +53,7 @@ impl PaperBenchOptions {
 /// A scene that does not exist, or a mesh that cannot be used.
 pub fn run_paper_bench(options: &PaperBenchOptions, progress: &Progress) -> Result<PaperOutcome, BenchError> {
     options.matrix.validate().map_err(|what| BenchError::Matrix { file: options.matrix.name.clone(), what })?;
-    let manifest = SceneManifest::builtin().map_err(|e| BenchError::scene("manifest", e))?;
+    let manifest = scene::manifest(options.manifest.as_deref())?;
     let wanted = (options.matrix.scenes.iter())
         .map(|wanted| Ok((wanted, scene::entry(&manifest, &wanted.name)?)))
         .collect::<Result<Vec<_>, BenchError>>()?;
@@ -152,6 +153,13 @@ impl PaperRun<'_> {
         let triangles = TriangleScene::new(corners).map_err(|e| BenchError::scene(&scene.name, e))?;
         let mut truth = TriangleTruth::new(mesh, &triangles);
 
+        let limit = self.options.matrix.memory_gb;
+        let held = resident_bytes() as f64;
+        if held > limit * GB {
+            let why = format!("its mesh takes {:.2} GB of memory, and the limit is {limit}; see --memory", held / GB);
+            self.refuse(&scene.name, &wanted.levels, &[Some(why.clone()), Some(why)]);
+            return Ok(report);
+        }
         let variants = &self.options.matrix.variants;
         let wanted_kinds = [false, true]
             .map(|contours| variants.iter().any(|v| *v != Variant::Triangles && (*v != Variant::Cubical) == contours));
@@ -269,9 +277,19 @@ impl PaperRun<'_> {
             self.progress.say(format!("{}: checking {}", scene.name, engine.backend.name()));
             for kind in [Variant::Cubical, Variant::Contours] {
                 let Some(octree) = pair.of(kind) else { continue };
-                if let Err(e) = engine.caster(kind).load(octree) {
+                // A GPU has memory of its own, and the processor's engines share the octree.
+                let copies = engine.caster(kind).device().kind == DeviceKind::SoftwareGpu;
+                let needed = resident_bytes() + if copies { octree.slots().len() as u64 * 8 } else { 0 };
+                let limit = self.options.matrix.memory_gb;
+                let failed = if copies && needed as f64 > limit * GB {
+                    let needed = needed as f64 / GB;
+                    Some(format!("would take about {needed:.2} GB of memory, and the limit is {limit}; see --memory"))
+                } else {
+                    engine.caster(kind).load(octree).err().map(|e| e.to_string())
+                };
+                if let Some(reason) = failed {
                     let what = format!("{}, {}, {}", scene.name, engine.backend.name(), kind.title());
-                    self.left_out.push(LeftOut { what, reason: e.to_string() });
+                    self.left_out.push(LeftOut { what, reason });
                     unloaded.push((engine.backend, kind));
                 }
             }

@@ -6,4 +6,4 @@ pub(crate) mod proc;
 pub(crate) mod process;
 pub(crate) mod scratch;
 
-pub use proc::peak_bytes;
+pub use proc::{available_bytes, ignores_signal, peak_bytes};

@@ -21,6 +21,17 @@ pub(crate) fn status_bytes(process: &str, key: &str) -> Option<u64> {
     status.lines().find_map(|line| kilobytes(line.strip_prefix(key)?))
 }
 
+/// Whether this process ignores the signal of that number, 1 to 64; false if the system does not say.
+pub fn ignores_signal(number: u32) -> bool {
+    let mask = field("/proc/self/status", "SigIgn").and_then(|text| u64::from_str_radix(&text, 16).ok());
+    mask.is_some_and(|mask| (1..=64).contains(&number) && mask >> (number - 1) & 1 == 1)
+}
+
+/// Memory that the machine can still give, in bytes; `None` if the system does not say.
+pub fn available_bytes() -> Option<u64> {
+    kilobytes(&field("/proc/meminfo", "MemAvailable")?)
+}
+
 /// Bytes that this process holds in memory, or 0 if the system does not say.
 pub(crate) fn resident_bytes() -> u64 {
     status_bytes("self", "VmRSS:").unwrap_or(0)
@@ -59,6 +70,9 @@ mod tests {
         assert!(peak_bytes() >= resident_bytes() / 2);
         assert_eq!(status_bytes("self", "Nothing:"), None);
         assert_eq!(status_bytes("0", "VmRSS:"), None);
+        // Signal 13, a closed pipe, is ignored by all Rust programs; 9 cannot be ignored.
+        assert!(ignores_signal(13) && !ignores_signal(9) && !ignores_signal(0));
+        assert!(available_bytes().is_some_and(|bytes| bytes > 1 << 20));
         assert!(mapped_bytes(&std::env::current_exe().unwrap()).is_some_and(|bytes| bytes > 0));
     }
 

@@ -19,6 +19,9 @@ use crate::{BuildError, BuildSettings, Mesh};
 /// The files in the folder: first the journal, second the blocks.
 const FILES: [&str; 2] = ["journal", "blocks"];
 
+/// Bytes of the first record with its length and CRC-32.
+const FIRST_RECORD: usize = 12 + 1 + 32;
+
 /// A record of the journal. The first is `Build`; any number of the others follow.
 #[derive(Serialize, Deserialize)]
 enum Record {
@@ -35,7 +38,8 @@ type Finished = (Option<Tree>, u64);
 
 pub(crate) struct Journal {
     folder: PathBuf,
-    resumed: bool,
+    /// Voxels of the cubes that an earlier build had finished.
+    resumed: u64,
     /// Cubes that an earlier build had finished and that have not been taken yet.
     finished: Mutex<HashMap<u32, Finished>>,
     writer: Mutex<Writer>,
@@ -59,11 +63,16 @@ impl Journal {
             |name| OpenOptions::new().read(true).write(true).create(true).truncate(false).open(folder.join(name));
         let mut file = open(FILES[0]).map_err(io)?;
         file.try_lock().map_err(|_| BuildError::Busy(folder.clone()))?;
-        let blocks = open(FILES[1]).map_err(io)?;
         let mut bytes = Vec::new();
         file.read_to_end(&mut bytes).map_err(io)?;
-
         let build = fingerprint(mesh, settings);
+        let first = Records { bytes: &bytes, at: 0 }.next();
+        // A build that was stopped while it wrote its first record leaves a piece of it and no blocks.
+        let begun = bytes.len() < FIRST_RECORD && folder.join(FILES[1]).metadata().map_or(0, |m| m.len()) == 0;
+        if !matches!(first, Some((Record::Build(other), _)) if other == build) && !begun {
+            return Err(BuildError::OtherWork(folder));
+        }
+        let blocks = open(FILES[1]).map_err(io)?;
         let (mut summaries, mut finished) = (Vec::new(), HashMap::new());
         let mut end = 0;
         let mut same = false;
@@ -84,7 +93,7 @@ impl Journal {
         }
         file.set_len(end as u64).map_err(io)?;
         file.seek(SeekFrom::End(0)).map_err(io)?;
-        let resumed = same && !finished.is_empty();
+        let resumed = if same { finished.values().map(|(_, voxels)| voxels).sum() } else { 0 };
         let mut writer = Writer { file, blocks: summaries.len() };
         if !same {
             writer.put(&Record::Build(build)).map_err(io)?;
@@ -94,8 +103,8 @@ impl Journal {
         Ok((Self { folder, resumed, finished: Mutex::new(finished), writer: Mutex::new(writer) }, store))
     }
 
-    /// Whether finished parts of an earlier build were found.
-    pub(crate) fn resumed(&self) -> bool {
+    /// Voxels of the finished parts of an earlier build that were found.
+    pub(crate) fn resumed(&self) -> u64 {
         self.resumed
     }
 

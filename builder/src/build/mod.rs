@@ -55,6 +55,8 @@ pub struct BuiltFile {
     pub stats: BuildStats,
     /// Whether an earlier, interrupted build had finished some of the voxels.
     pub resumed: bool,
+    /// Number of the voxels that were taken over from it.
+    pub resumed_voxels: u64,
 }
 
 /// How a file is built and written.
@@ -65,8 +67,8 @@ pub struct FileOptions {
     /// The metadata section, a JSON object. If empty, the builder writes its own.
     pub meta: String,
     /// Keep finished parts in a folder next to the file, named like the file plus `.part`. If the folder exists already and
-    /// belongs to the same mesh and settings, the build continues from there. The folder is removed when the file is
-    /// complete.
+    /// belongs to the same mesh and settings, the build continues from there; if it belongs to another build, it is kept and
+    /// [`BuildError::OtherWork`] is returned. The folder is removed when the file is complete.
     pub resume: bool,
     /// Bytes of memory that the build may use, including the mesh. If that is not enough for all threads, fewer are used.
     pub memory_limit: Option<u64>,
@@ -132,6 +134,9 @@ fn build_file_here(
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let (store, journal) = if options.resume {
         let (journal, store) = Journal::open(path, mesh, settings)?;
+        if journal.resumed() > 0 {
+            progress(Progress { done: 0.0, voxels: 0, resumed: journal.resumed() });
+        }
         (store, Some(journal))
     } else {
         let file = tempfile::tempfile_in(folder).map_err(|e| BuildError::io(folder, e))?;
@@ -142,11 +147,16 @@ fn build_file_here(
     let own = metadata(settings, mesh);
     let meta = if options.meta.is_empty() { &own } else { &options.meta };
     let object = store.write(root, surface.octree_to_mesh, meta, path, &options.write)?;
-    let resumed = journal.as_ref().is_some_and(Journal::resumed);
+    let resumed_voxels = journal.as_ref().map_or(0, Journal::resumed);
     if let Some(journal) = journal {
         journal.remove()?;
     }
-    Ok(BuiltFile { object, stats: stats(mesh, &surface, prepare, voxelize, watch.lap()), resumed })
+    Ok(BuiltFile {
+        object,
+        stats: stats(mesh, &surface, prepare, voxelize, watch.lap()),
+        resumed: resumed_voxels > 0,
+        resumed_voxels,
+    })
 }
 
 /// Bytes that one thread may need for the blocks in work, as measured on meshes of a million triangles.

@@ -7,4 +7,7 @@ pub struct Progress {
     pub done: f64,
     /// Number of voxels built so far.
     pub voxels: u64,
+    /// Number of voxels that are taken over from an earlier, interrupted build. Not 0 only in the first report of a build that
+    /// goes on from one.
+    pub resumed: u64,
 }

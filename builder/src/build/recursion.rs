@@ -452,6 +452,6 @@ impl<'a> Recursion<'a> {
         let parts = 1u64 << (3 * (PARALLEL_LEVELS - level));
         let done = self.done.fetch_add(parts, Ordering::Relaxed) + parts;
         let voxels = self.voxels.fetch_add(voxels, Ordering::Relaxed) + voxels;
-        (self.progress)(Progress { done: done as f64 / (1u64 << (3 * PARALLEL_LEVELS)) as f64, voxels });
+        (self.progress)(Progress { done: done as f64 / (1u64 << (3 * PARALLEL_LEVELS)) as f64, voxels, resumed: 0 });
     }
 }

@@ -42,9 +42,11 @@ pub(super) fn table1(report: &PaperReport, paper: &Paper) -> TextTable {
         if let Some((bytes, largest)) = paper.bytes_per_voxel(known) {
             let triangles = or_dash(paper.triangles(known).map(|t| t.to_string()));
             let mut row = vec![String::new(), "contours, paper".to_string(), triangles];
-            row.extend(levels.iter().map(|&l| {
-                or_dash(paper.build(known, l).map(|(mb, s)| format!("{} MiB {} s", short(mb), short(s))))
-            }));
+            row.extend(
+                levels.iter().map(|&l| {
+                    or_dash(paper.build(known, l).map(|(mb, s)| format!("{} MiB {} s", short(mb), short(s))))
+                }),
+            );
             row.push(format!("{bytes:.2} at {largest}"));
             table.rows.push(row);
         }

@@ -65,7 +65,12 @@ pub(crate) fn run_bench_build(arguments: &BenchBuildArguments) -> Result<(), Fai
     selection.check()?;
     check_writable(&arguments.out)?;
     let program = std::env::current_exe().map_err(|e| format!("this program cannot find itself: {e}"))?;
-    let options = BuildBenchOptions { matrix, scenes_dir: selection.scenes_dir.clone(), program };
+    let options = BuildBenchOptions {
+        matrix,
+        scenes_dir: selection.scenes_dir.clone(),
+        manifest: selection.manifest.clone(),
+        program,
+    };
     let progress = Progress::terminal();
     let report =
         run_build_bench(&options, &progress, &mut |report| write_build_record(report, &arguments.out).map(drop));
@@ -91,8 +96,9 @@ fn matrix(arguments: &BenchBuildArguments) -> Result<BuildMatrix, Failure> {
         None if arguments.full => BuildMatrix::full_run(),
         None => BuildMatrix::default_run(),
     };
-    if !selection.scenes.is_empty() {
-        matrix.select_scenes(&selection.scenes);
+    let names = selection.names()?;
+    if !names.is_empty() {
+        matrix.select_scenes(&names);
     }
     selection.apply(&mut matrix.scenes, &mut matrix.memory_gb, &mut matrix.time_limit_seconds);
     match arguments.contours {

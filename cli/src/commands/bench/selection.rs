@@ -28,6 +28,9 @@ pub(crate) struct Selection {
     /// Folder that is searched first for real meshes; then $ESVO_SCENES, then ../shared/scenes
     #[arg(long, value_name = "FOLDER")]
     pub(crate) scenes_dir: Option<PathBuf>,
+    /// Read the scenes from this manifest of your own instead of the paper's: see scenes/README.md. Without --scenes, all of them
+    #[arg(long, value_name = "FILE", conflicts_with = "scenes_dir")]
+    pub(crate) manifest: Option<PathBuf>,
     /// Print the record as JSON instead of the tables
     #[arg(long)]
     pub(crate) json: bool,
@@ -40,6 +43,18 @@ impl Selection {
             Some(folder) => Err(format!("--scenes-dir {}: is not a folder", folder.display()).into()),
             None => Ok(()),
         }
+    }
+
+    /// Names of the scenes to measure; empty: those of the matrix.
+    ///
+    /// # Errors
+    /// A manifest that cannot be used.
+    pub(crate) fn names(&self) -> Result<Vec<String>, Failure> {
+        if self.manifest.is_none() || self.matrix.is_some() || !self.scenes.is_empty() {
+            return Ok(self.scenes.clone());
+        }
+        let manifest = esvo_bench::scene::manifest(self.manifest.as_deref())?;
+        Ok(manifest.scenes.iter().map(|scene| scene.name.clone()).collect())
     }
 
     /// Replaces levels and limits of a matrix by those that are given.

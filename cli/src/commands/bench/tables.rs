@@ -51,6 +51,7 @@ pub(crate) fn run_bench_tables(arguments: &TablesArguments) -> Result<(), Failur
     let options = PaperBenchOptions {
         matrix,
         scenes_dir: selection.scenes_dir.clone(),
+        manifest: selection.manifest.clone(),
         threads: arguments.threads.map(Into::into),
     };
     let progress = Progress::terminal();
@@ -87,8 +88,9 @@ fn matrix(arguments: &TablesArguments) -> Result<Matrix, Failure> {
         None if arguments.full => Matrix::full_run(),
         None => Matrix::default_run(),
     };
-    if !selection.scenes.is_empty() {
-        matrix.select_scenes(&selection.scenes);
+    let names = selection.names()?;
+    if !names.is_empty() {
+        matrix.select_scenes(&names);
     }
     selection.apply(&mut matrix.scenes, &mut matrix.memory_gb, &mut matrix.time_limit_seconds);
     if !arguments.backends.is_empty() {

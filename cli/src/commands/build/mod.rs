@@ -25,7 +25,7 @@ use crate::words::{count, size};
 #[derive(Debug, Args)]
 #[command(after_help = "\
 A voxel is divided until its shape, colour and normal are within the three allowed errors (--contour-error, --color-error,
---normal-error), or to the deepest level. The defaults are those of the paper's authors.
+--normal-error), or to the deepest level. The default numbers are those of the paper's authors.
 
 Examples:
   esvo build conference.obj -o conference.esvo --levels 12 --paper conference
@@ -46,15 +46,17 @@ pub(crate) struct BuildArguments {
     #[arg(long)]
     pub(crate) no_contours: bool,
     /// Allowed error of the shape: the diagonal of a voxel at this level [default: 15]
-    #[arg(long, value_name = "LEVEL")]
+    #[arg(long, value_name = "LEVEL", conflicts_with = "no_contours")]
     pub(crate) contour_error: Option<f64>,
     /// Allowed error of a colour channel in steps of 1/256 [default: 16]
-    #[arg(long, value_name = "STEPS")]
+    #[arg(long, value_name = "STEPS", conflicts_with = "no_colors")]
     pub(crate) color_error: Option<f64>,
     /// Allowed error of a component of the unit normal [default: 0.01]
-    #[arg(long, value_name = "X")]
+    #[arg(long, value_name = "X", conflicts_with = "no_normals")]
     pub(crate) normal_error: Option<f64>,
-    /// What colours and normals are compared with: one sample for each triangle in a voxel, as the authors do, or all texels
+    /// What colours and normals are compared with: one sample for each triangle in a voxel, or all texels. Neither is exactly the
+    /// authors' test, which compares with the least and greatest of all texels, vertex colours and normals after decoding the
+    /// stored block
     #[arg(long, value_name = "TEST")]
     pub(crate) texture_test: Option<TextureTest>,
     /// Use a preset of the errors above; options given next to it take precedence
@@ -71,7 +73,8 @@ pub(crate) struct BuildArguments {
     pub(crate) no_normals: bool,
     #[command(flatten)]
     pub(crate) displacement: Displacement,
-    /// Keep finished parts in OUTPUT.part, and continue from there if an earlier build of the same octree was interrupted
+    /// Keep finished parts in OUTPUT.part, and continue from there if an earlier build of the same octree was interrupted. Parts of
+    /// another build are kept and refused
     #[arg(long)]
     pub(crate) resume: bool,
     /// Memory limit in GB (10^9 bytes); with little memory, fewer threads work at once
@@ -88,11 +91,14 @@ pub(crate) struct BuildArguments {
     #[arg(long, value_name = "NAME")]
     pub(crate) scene: Option<String>,
     /// Build the scene's procedural stand-in, even if the real mesh is found
-    #[arg(long, requires = "scene")]
+    #[arg(long, requires = "scene", conflicts_with = "scenes_dir")]
     pub(crate) stand_in: bool,
     /// Folder that is searched first for real meshes; then $ESVO_SCENES, then ../shared/scenes
     #[arg(long, value_name = "FOLDER", requires = "scene")]
     pub(crate) scenes_dir: Option<PathBuf>,
+    /// Read the scene from this manifest of your own instead of the paper's: see scenes/README.md
+    #[arg(long, value_name = "FILE", requires = "scene", conflicts_with = "scenes_dir")]
+    pub(crate) manifest: Option<PathBuf>,
     /// Print time, memory and the result as JSON
     #[arg(long)]
     pub(crate) json: bool,
@@ -103,7 +109,7 @@ pub(crate) struct BuildArguments {
 pub(crate) enum Preset {
     /// Quick and coarse: contour error 12, colour error 32, normal error 0.1
     Fast,
-    /// The authors' defaults: 15, 16, 0.01
+    /// The authors' default numbers: 15, 16, 0.01
     Balanced,
     /// Small files: 13, 64, 0.25
     Small,
@@ -141,8 +147,10 @@ impl From<TextureTest> for esvo_builder::TextureTest {
 }
 
 pub(crate) fn run_build(arguments: &BuildArguments) -> Result<(), Failure> {
-    let manifest = SceneManifest::builtin()?;
-    let scene = arguments.scene.as_ref().map(|name| scene::buildable(&manifest, name)).transpose()?;
+    let manifest = scene::manifest(None)?;
+    let own = arguments.manifest.as_deref().map(|file| scene::manifest(Some(file))).transpose()?;
+    let scene =
+        arguments.scene.as_ref().map(|name| scene::buildable(own.as_ref().unwrap_or(&manifest), name)).transpose()?;
     let settings = settings(arguments, &manifest, scene)?;
     settings.check()?;
     check_output(&arguments.output)?;
@@ -181,11 +189,18 @@ pub(crate) fn run_build(arguments: &BuildArguments) -> Result<(), Failure> {
         memory_limit: arguments.memory_limit.map(|gigabytes| (gigabytes * 1e9) as u64),
     };
     let built = esvo_builder::build_file(&mesh, &settings, &arguments.output, &options, &|p| {
+        if p.resumed > 0 {
+            let parts =
+                format!("{}.part, which holds {}", arguments.output.display(), count(p.resumed, "finished voxel"));
+            complain("note", &format!("going on from {parts}"));
+        }
         progress.fraction(&what, p.done, &format!("{:.1} M voxels", p.voxels as f64 / 1e6));
     })
     .map_err(|e| match e {
         BuildError::Format(e) => name_file(&arguments.output, e),
-        BuildError::Io { .. } | BuildError::Busy(_) | BuildError::Part { .. } => e.to_string(),
+        BuildError::Io { .. } | BuildError::Busy(_) | BuildError::OtherWork(_) | BuildError::Part { .. } => {
+            e.to_string()
+        }
         _ => format!("{source}: {e}"),
     })?;
     let build = start.elapsed().as_secs_f64();

@@ -1,0 +1,149 @@
+//! The options that tell which rays are cast: camera, scene, size of the picture.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use esvo_bench::scene::{self, SceneSource};
+use esvo_core::camera::viewpoint;
+use esvo_core::{Camera, CastOptions, View};
+use esvo_format::Octree;
+use esvo_scenes::SceneVariant;
+use glam::DVec3;
+
+use crate::fail::{Failure, complain};
+use crate::values::{parse_numbers, parse_size};
+
+/// A view of an octree.
+#[derive(Debug, Args)]
+pub(crate) struct ViewArguments {
+    /// Eye and viewing direction: ex,ey,ez,fx,fy,fz, optionally followed by the field of view in degrees
+    #[arg(long, value_name = "NUMBERS", allow_hyphen_values = true, conflicts_with = "scene")]
+    pub(crate) camera: Option<String>,
+    /// The direction that is up in the picture
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, default_value = "0,1,0", conflicts_with = "scene")]
+    pub(crate) up: String,
+    /// Field of view over the shorter side in degrees [default: 60]
+    #[arg(long, value_name = "DEGREES")]
+    pub(crate) fov: Option<f64>,
+    /// Take the camera from the manifest of this scene
+    #[arg(long, value_name = "NAME")]
+    pub(crate) scene: Option<String>,
+    /// Number of the camera in the manifest, from 1
+    #[arg(long, value_name = "K", default_value_t = 1, requires = "scene")]
+    pub(crate) view: usize,
+    /// Take the cameras of the scene's procedural stand-in even if the real mesh is found
+    #[arg(long, requires = "scene", conflicts_with = "scenes_dir")]
+    pub(crate) stand_in: bool,
+    /// Folder that is searched first for the real mesh; its cameras are taken if it is found
+    #[arg(long, value_name = "FOLDER", requires = "scene")]
+    pub(crate) scenes_dir: Option<PathBuf>,
+    /// Read the scene from this manifest of your own instead of the paper's: see scenes/README.md
+    #[arg(long, value_name = "FILE", requires = "scene", conflicts_with = "scenes_dir")]
+    pub(crate) manifest: Option<PathBuf>,
+    /// Size of the picture
+    #[arg(long, value_name = "WxH", default_value = "1024x768", value_parser = parse_size)]
+    pub(crate) size: [u32; 2],
+    /// Ignore contours: draw voxels as cubes
+    #[arg(long)]
+    pub(crate) no_contours: bool,
+    /// Rays end at voxels of this size in pixels; 0: at leaves only
+    #[arg(long, value_name = "PIXELS", default_value_t = 1.0)]
+    pub(crate) max_voxel_pixels: f32,
+}
+
+impl ViewArguments {
+    /// Rejects values that are wrong for every octree.
+    pub(crate) fn check(&self) -> Result<(), Failure> {
+        let pixels = self.max_voxel_pixels;
+        if pixels >= 0.0 && pixels.is_finite() {
+            return Ok(());
+        }
+        Err(format!("--max-voxel-pixels {pixels}: expected 0 or a positive number").into())
+    }
+
+    /// The camera and the view of the first object of an octree.
+    pub(crate) fn view(&self, octree: &Octree, beam: bool) -> Result<(Camera, View), Failure> {
+        let camera = camera(self, octree)?;
+        let options = CastOptions { contours: !self.no_contours, beam, max_voxel_pixels: self.max_voxel_pixels };
+        let root = octree.objects()[0].root_slot as u32;
+        let view = View::new(&camera, octree.octree_to_mesh(0), root, self.size.into(), &options)?;
+        Ok((camera, view))
+    }
+}
+
+/// The axis that is farthest from a direction.
+fn across(direction: DVec3) -> &'static str {
+    let [x, y, z] = direction.abs().to_array();
+    match () {
+        () if y <= x && y <= z => "0,1,0",
+        () if z <= x => "0,0,1",
+        () => "1,0,0",
+    }
+}
+
+fn camera(arguments: &ViewArguments, octree: &Octree) -> Result<Camera, Failure> {
+    let up: [f64; 3] = parse_numbers(&arguments.up)
+        .and_then(|n| n.try_into().ok())
+        .ok_or_else(|| format!("--up {}: expected three numbers, e.g. 0,1,0", arguments.up))?;
+    if up == [0.0; 3] {
+        return Err(format!("--up {}: is not a direction; expected one, e.g. 0,1,0", arguments.up).into());
+    }
+    let wide = |option: String, degrees: f64| -> Result<f64, Failure> {
+        let fits = degrees > 0.0 && degrees < 180.0;
+        if fits {
+            Ok(degrees)
+        } else {
+            Err(format!("{option}: the field of view must be between 0 and 180 degrees").into())
+        }
+    };
+    let fov = arguments.fov.map(|degrees| wide(format!("--fov {degrees}"), degrees)).transpose()?;
+    if let Some(text) = &arguments.camera {
+        let n = parse_numbers(text).filter(|n| n.len() == 6 || n.len() == 7).ok_or_else(|| {
+            format!(
+                "--camera {text}: expected six numbers, eye and direction, or seven with the field of view: ex,ey,ez,fx,fy,fz,60"
+            )
+        })?;
+        let (eye, forward) = ([n[0], n[1], n[2]], [n[3], n[4], n[5]]);
+        if n.len() == 7 && arguments.fov.is_some() {
+            return Err(format!("--camera {text}: has a field of view, and so has --fov; give only one of them").into());
+        }
+        let own = n.get(6).map(|degrees| wide(format!("--camera {text}"), *degrees)).transpose()?;
+        let Some(direction) = DVec3::from(forward).try_normalize() else {
+            return Err(format!("--camera {text}: the direction (fourth to sixth number) is zero").into());
+        };
+        if DVec3::from(up).normalize_or_zero().cross(direction).length() < 1e-9 {
+            let what = "is parallel to the viewing direction; give another direction, e.g. --up";
+            return Err(format!("--up {}: {what} {}", arguments.up, across(direction)).into());
+        }
+        let (near, far) = viewpoint::planes(octree, eye);
+        if !far.is_finite() {
+            return Err(format!("--camera {text}: the eye is too far away").into());
+        }
+        return Ok(Camera { eye, forward, up, fov_degrees: fov.or(own).unwrap_or(60.0), near, far });
+    }
+    let Some(name) = &arguments.scene else {
+        let [width, height] = arguments.size.map(f64::from);
+        return Ok(viewpoint::overview(octree, up, fov.unwrap_or(60.0), width / height));
+    };
+    let manifest = scene::manifest(arguments.manifest.as_deref())?;
+    let entry = scene::buildable(&manifest, name)?;
+    let source = SceneSource::find(entry, arguments.scenes_dir.as_deref(), arguments.stand_in)?;
+    let views = source.views();
+    let index = arguments.view.wrapping_sub(1);
+    let view =
+        views.get(index).ok_or_else(|| format!("--view {}: {name} has views 1 to {}", arguments.view, views.len()))?;
+    match (source.variant(), source.other()) {
+        (_, Some(other)) => {
+            let what = "not the mesh that the manifest lists; the viewpoints are those of the listed one";
+            complain("warning", &format!("--scene {name}: {other}: {what}"));
+        }
+        (SceneVariant::StandIn, None) if !arguments.stand_in => {
+            let what = "its mesh was not found, so this is a viewpoint of its stand-in; give the mesh's folder by --scenes-dir";
+            complain("warning", &format!("--scene {name}: {what}"));
+        }
+        _ => {}
+    }
+    let mut camera = view.camera;
+    camera.fov_degrees = fov.unwrap_or(camera.fov_degrees);
+    Ok(camera)
+}
