@@ -74,7 +74,7 @@ pub use build::{BuildStats, Built, BuiltFile, FileOptions, Progress, build, buil
 pub use displace::{DisplaceOptions, displace};
 pub use error::BuildError;
 pub use mesh::maps::{HeightMap, LinearMip, LinearTexture, NormalMap, UvTransform, mapped_normal};
-pub use mesh::{Material, Mesh, MipLevel, Texture};
+pub use mesh::{Material, Mesh, MipLevel, Texture, Wrap};
 pub use settings::{BuildSettings, Preset, TextureTest};
 
 #[cfg(doctest)]

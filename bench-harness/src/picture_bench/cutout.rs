@@ -44,7 +44,7 @@ fn is_hole(mesh: &Mesh, triangle: usize, ray: &ExactRay, t: f64) -> bool {
 mod tests {
     use std::sync::Arc;
 
-    use esvo_builder::{Material, MipLevel, Texture};
+    use esvo_builder::{Material, MipLevel, Texture, Wrap};
     use esvo_core::Camera;
 
     use super::*;
@@ -53,7 +53,7 @@ mod tests {
     fn mesh() -> Mesh {
         let square = |z: f64| [[-1.0, -1.0, z], [1.0, -1.0, z], [1.0, 1.0, z], [-1.0, 1.0, z]];
         let texels = vec![[255, 255, 255, 0], [255, 255, 255, 0], [255, 255, 255, 255], [255, 255, 255, 255]];
-        let texture = Texture { mips: vec![MipLevel { width: 4, height: 1, texels }] };
+        let texture = Texture { mips: vec![MipLevel { width: 4, height: 1, texels }], wrap: [Wrap::Repeat; 2] };
         let cut = Material { texture: Some(Arc::new(texture)), alpha_cutoff: Some(0.5), ..Material::default() };
         Mesh {
             positions: [square(0.0), square(-1.0)].concat(),

@@ -125,7 +125,7 @@ fn barycentric([a, b, c]: [DVec3; 3], flat: DVec3, point: DVec3) -> [f32; 3] {
 mod tests {
     use std::sync::Arc;
 
-    use esvo_builder::{LinearMip, LinearTexture, MipLevel, NormalMap, Texture, UvTransform};
+    use esvo_builder::{LinearMip, LinearTexture, MipLevel, NormalMap, Texture, UvTransform, Wrap};
 
     use super::*;
 
@@ -162,7 +162,7 @@ mod tests {
         mesh.normals = vec![[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]];
         mesh.uvs = vec![[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]];
         let texels = vec![[255, 0, 0, 255], [0, 255, 0, 255], [0, 0, 255, 255], [255, 255, 255, 255]];
-        let texture = Texture { mips: vec![MipLevel { width: 2, height: 2, texels }] };
+        let texture = Texture { mips: vec![MipLevel { width: 2, height: 2, texels }], wrap: [Wrap::Repeat; 2] };
         mesh.materials[0] = Material { base_color: [1.0; 4], texture: Some(Arc::new(texture)), ..Material::default() };
         // The centres of the texels lie at 0.25 and 0.75 of the coordinates.
         let at = |x: f64, y: f64| surface(&mesh, 0, DVec3::new(x, y, 0.0), 1e-6);
@@ -180,7 +180,7 @@ mod tests {
         mesh.uvs = vec![[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]];
         // (1, 0, 1) all over: half-way between the tangent, which is x here, and the normal.
         let level = LinearMip { width: 1, height: 1, texels: vec![[65535, 32768, 65535]] };
-        let texture = Arc::new(LinearTexture { mips: vec![level] });
+        let texture = Arc::new(LinearTexture { mips: vec![level], wrap: [Wrap::Repeat; 2] });
         mesh.materials[0].normal_map = Some(NormalMap { texture, scale: 1.0, uv_transform: UvTransform::IDENTITY });
         let normal = surface(&mesh, 0, DVec3::new(0.5, 0.5, 0.0), 0.01).normal.normalize();
         assert!(normal.abs_diff_eq(DVec3::new(1.0, 0.0, 1.0).normalize(), 1e-4), "{normal}");

@@ -194,10 +194,11 @@ fn fingerprint(mesh: &Mesh, settings: &BuildSettings) -> [u8; 32] {
     for material in &mesh.materials {
         part(format!("{:?} {:?}", material.base_color, material.alpha_cutoff).as_bytes());
         if let Some(texture) = &material.texture {
+            part(format!("{:?}", texture.wrap).as_bytes());
             part(bytemuck::cast_slice(&texture.mips[0].texels));
         }
         if let Some(map) = &material.normal_map {
-            part(format!("{} {:?}", map.scale, map.uv_transform.rows).as_bytes());
+            part(format!("{} {:?} {:?}", map.scale, map.uv_transform.rows, map.texture.wrap).as_bytes());
             part(bytemuck::cast_slice(&map.texture.mips[0].texels));
         }
     }

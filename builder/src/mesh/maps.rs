@@ -14,13 +14,16 @@ use std::sync::Arc;
 
 use glam::{Vec2, Vec3};
 
-use super::texture::{TextureError, check_size, halve, mip_level, neighbours, wrap};
+use super::texture::{TextureError, check_size, fold, halve, mip_level, neighbours};
+use super::wrap::Wrap;
 
 /// An image of `N` linear channels with all its mip levels, 16 bits each: 0 stands for 0, 65535 for 1.
 #[derive(Clone, Debug)]
 pub struct LinearTexture<const N: usize> {
     /// Mip levels, the full image first. Each has half the size of the previous one (rounded down, at least 1).
     pub mips: Vec<LinearMip<N>>,
+    /// How it is read at coordinates outside 0..=1, along `u` and `v`.
+    pub wrap: [Wrap; 2],
 }
 
 /// One mip level of a [`LinearTexture`]: row-major, first row on top.
@@ -51,30 +54,36 @@ impl<const N: usize> LinearTexture<N> {
         {
             mips.push(last.halved());
         }
-        Ok(Self { mips })
+        Ok(Self { mips, wrap: [Wrap::Repeat; 2] })
     }
 
-    /// The channels at `uv` (wrapping; `v` downwards from the first row), 0..=1.
+    /// The same texture, read in another way at coordinates outside 0..=1.
+    #[must_use]
+    pub fn with_wrap(self, wrap: [Wrap; 2]) -> Self {
+        Self { wrap, ..self }
+    }
+
+    /// The channels at `uv` (`v` downwards from the first row; outside 0..=1 by `wrap`), 0..=1.
     ///
     /// `footprint_texels` is the width of the area to average, in texels of the full image. 1 or less reads the full image
     /// with bilinear filtering; more blends the two mip levels whose texels are nearest in size. Coordinates or footprints
     /// that are infinite or NaN are taken as 0.
     #[must_use]
     pub fn sample(&self, uv: [f32; 2], footprint_texels: f32) -> [f32; N] {
-        let uv = wrap(uv);
+        let uv = fold(uv, self.wrap);
         let (fine, blend) = mip_level(footprint_texels, self.mips.len());
-        let near = self.mips[fine].bilinear(uv);
+        let near = self.mips[fine].bilinear(uv, self.wrap);
         let Some(blend) = blend else { return near };
-        let far = self.mips[fine + 1].bilinear(uv);
+        let far = self.mips[fine + 1].bilinear(uv, self.wrap);
         std::array::from_fn(|c| near[c] + (far[c] - near[c]) * blend)
     }
 }
 
 impl<const N: usize> LinearMip<N> {
-    /// Bilinear interpolation at `uv` in 0..=1, wrapping at the edges.
-    fn bilinear(&self, [u, v]: [f32; 2]) -> [f32; N] {
-        let (x0, x1, fx) = neighbours(u, self.width);
-        let (y0, y1, fy) = neighbours(v, self.height);
+    /// Bilinear interpolation at `uv` in 0..=1.
+    fn bilinear(&self, [u, v]: [f32; 2], [wrap_u, wrap_v]: [Wrap; 2]) -> [f32; N] {
+        let (x0, x1, fx) = neighbours(u, self.width, wrap_u);
+        let (y0, y1, fy) = neighbours(v, self.height, wrap_v);
         let texel = |x: usize, y: usize| self.texels[y * self.width as usize + x].map(f32::from);
         let [a, b, c, d] = [texel(x0, y0), texel(x1, y0), texel(x0, y1), texel(x1, y1)];
         std::array::from_fn(|i| {

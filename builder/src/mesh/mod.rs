@@ -4,6 +4,7 @@ pub mod maps;
 mod material;
 pub(crate) mod texture;
 pub(crate) mod transform;
+mod wrap;
 
 use glam::{DMat4, DVec3};
 
@@ -12,6 +13,7 @@ use transform::{mirrors, normal_matrix, transform_normal, transform_tangent};
 
 pub use material::Material;
 pub use texture::{MAX_TEXTURE_SIDE, MipLevel, Texture, TextureError};
+pub use wrap::Wrap;
 
 /// Most triangles, and most vertices, that one mesh may have. Instances in a glTF scene can multiply a small file into
 /// more triangles than fit into memory; this limit stops that.
@@ -26,7 +28,8 @@ pub struct Mesh {
     pub positions: Vec<[f64; 3]>,
     /// Unit shading normals per vertex, or empty. If empty, the geometric normals are used.
     pub normals: Vec<[f32; 3]>,
-    /// Texture coordinates per vertex, or empty. `v` grows downwards from the first row of the image; coordinates wrap.
+    /// Texture coordinates per vertex, or empty. `v` grows downwards from the first row of the image; outside
+    /// 0..=1 the [`Wrap`] of the texture counts.
     pub uvs: Vec<[f32; 2]>,
     /// Vertex colours in linear RGB, 0..=1, or empty. They multiply the material's colour.
     pub colors: Vec<[f32; 3]>,

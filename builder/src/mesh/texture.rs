@@ -5,6 +5,8 @@ use std::sync::LazyLock;
 use esvo_format::srgb::decode_f64 as srgb_to_linear;
 use rayon::prelude::*;
 
+use super::wrap::Wrap;
+
 /// Most texels per side of a texture.
 pub const MAX_TEXTURE_SIDE: u32 = 1 << 14;
 
@@ -13,6 +15,8 @@ pub const MAX_TEXTURE_SIDE: u32 = 1 << 14;
 pub struct Texture {
     /// Mip levels, the full image first. Each has half the size of the previous one (rounded down, at least 1).
     pub mips: Vec<MipLevel>,
+    /// How it is read at coordinates outside 0..=1, along `u` and `v`.
+    pub wrap: [Wrap; 2],
 }
 
 /// One mip level: row-major RGBA, first row on top.
@@ -118,7 +122,13 @@ impl Texture {
             mips.push(MipLevel { width, height, texels: texels.collect() });
             previous = averages;
         }
-        Ok(Self { mips })
+        Ok(Self { mips, wrap: [Wrap::Repeat; 2] })
+    }
+
+    /// The same texture, read in another way at coordinates outside 0..=1.
+    #[must_use]
+    pub fn with_wrap(self, wrap: [Wrap; 2]) -> Self {
+        Self { wrap, ..self }
     }
 
     /// Smallest and largest alpha of the full image.
@@ -127,28 +137,28 @@ impl Texture {
         self.mips[0].texels.iter().fold((255, 0), |(low, high), t| (low.min(t[3]), high.max(t[3])))
     }
 
-    /// Colour at `uv` (wrapping; `v` downwards from the first row) as linear RGB and alpha, 0..=1.
+    /// Colour at `uv` (`v` downwards from the first row; outside 0..=1 by `wrap`) as linear RGB and alpha, 0..=1.
     ///
     /// `footprint_texels` is the width of the area to average, in texels of the full image. 1 or less reads the full image
     /// with bilinear filtering; more blends the two mip levels whose texels are nearest in size. Interpolation is weighted
     /// by alpha. Coordinates or footprints that are infinite or NaN are taken as 0.
     #[must_use]
     pub fn sample(&self, uv: [f32; 2], footprint_texels: f32) -> [f32; 4] {
-        let uv = wrap(uv);
+        let uv = fold(uv, self.wrap);
         let (fine, blend) = mip_level(footprint_texels, self.mips.len());
-        let near = self.mips[fine].bilinear(uv);
+        let near = self.mips[fine].bilinear(uv, self.wrap);
         match blend {
-            Some(t) => mix(near, self.mips[fine + 1].bilinear(uv), t),
+            Some(t) => mix(near, self.mips[fine + 1].bilinear(uv, self.wrap), t),
             None => near,
         }
     }
 }
 
 impl MipLevel {
-    /// Bilinear interpolation at `uv` in 0..=1, wrapping at the edges.
-    fn bilinear(&self, [u, v]: [f32; 2]) -> [f32; 4] {
-        let (x0, x1, fx) = neighbours(u, self.width);
-        let (y0, y1, fy) = neighbours(v, self.height);
+    /// Bilinear interpolation at `uv` in 0..=1.
+    fn bilinear(&self, [u, v]: [f32; 2], [wrap_u, wrap_v]: [Wrap; 2]) -> [f32; 4] {
+        let (x0, x1, fx) = neighbours(u, self.width, wrap_u);
+        let (y0, y1, fy) = neighbours(v, self.height, wrap_v);
         let decode = decode_table();
         let texel = |x: usize, y: usize| linear(decode, self.texels[y * self.width as usize + x]);
         let corners = [
@@ -170,10 +180,10 @@ pub(crate) fn check_size(width: u32, height: u32, texel_bytes: usize, found: usi
     if found != expected { Err(TextureError::Length { width, height, found, expected }) } else { Ok(()) }
 }
 
-/// Wraps coordinates to 0..=1; 0 for those that are infinite or NaN.
+/// Folds coordinates into 0..=1; 0 for those that are infinite or NaN.
 #[inline]
-pub(crate) fn wrap(uv: [f32; 2]) -> [f32; 2] {
-    uv.map(|x| if x.is_finite() { x - x.floor() } else { 0.0 })
+pub(crate) fn fold([u, v]: [f32; 2], [wrap_u, wrap_v]: [Wrap; 2]) -> [f32; 2] {
+    [wrap_u.fold(u), wrap_v.fold(v)]
 }
 
 /// The finer one of the two mip levels (of `mips`) to blend for a footprint, and the weight of the next level if above 0.
@@ -187,10 +197,14 @@ pub(crate) fn mip_level(footprint_texels: f32, mips: usize) -> (usize, Option<f3
 }
 
 /// The two texels around `u` (in 0..=1) on an axis of `size` texels, and the interpolation weight of the second.
-pub(crate) fn neighbours(u: f32, size: u32) -> (usize, usize, f32) {
+pub(crate) fn neighbours(u: f32, size: u32, wrap: Wrap) -> (usize, usize, f32) {
     let x = u * size as f32 - 0.5;
     let floor = x.floor();
     let last = size as usize - 1;
+    if wrap != Wrap::Repeat {
+        let texel = |at: f32| wrap.texel(at as i64, size) as usize;
+        return (texel(floor), texel(floor + 1.0), x - floor);
+    }
     // `floor` is -1 at the near edge and `size` - 1 at most; the minimum guards against rounding.
     let first = if floor < 0.0 { last } else { (floor as usize).min(last) };
     let second = if first == last { 0 } else { first + 1 };
@@ -374,6 +388,22 @@ mod tests {
         // Wrapping, both ways.
         assert_near(t.sample([-0.25, 1.75], 1.0), [0.0, 0.0, 1.0, 1.0], 0.0);
         assert_near(t.sample([100.75, -99.25], 1.0), [0.0, 0.0, 1.0, 1.0], 0.0);
+    }
+
+    #[test]
+    fn edges_continue_as_asked() {
+        let t = texture(4, 1, &[BLACK, BLACK, WHITE, WHITE]);
+        let at = |wrap: Wrap, u: f32| t.clone().with_wrap([wrap; 2]).sample([u, 0.5], 1.0)[0];
+        for (wrap, expected) in [
+            (Wrap::Repeat, [0.5, 1.0, 0.5, 0.0]),
+            (Wrap::Mirror, [0.0, 0.0, 1.0, 1.0]),
+            (Wrap::Clamp, [0.0, 0.0, 1.0, 1.0]),
+        ] {
+            for (u, expected) in [0.0, -0.125, 1.0, 1.125].into_iter().zip(expected) {
+                assert!((at(wrap, u) - expected).abs() < 1e-6, "{wrap:?} {u}: {}", at(wrap, u));
+            }
+        }
+        assert_eq!((at(Wrap::Mirror, 1.875), at(Wrap::Clamp, 1.875)), (0.0, 1.0));
     }
 
     #[test]

@@ -5,18 +5,19 @@ use std::sync::Arc;
 use glam::{Vec2, Vec3A};
 
 use super::srgb::linear_of_srgb;
-use crate::{MipLevel, Texture};
+use crate::{MipLevel, Texture, Wrap};
 
-/// A colour texture, with a faster path for opaque textures: all their texels have the same weight.
+/// A colour texture, with a faster path for opaque textures that repeat: all their texels have the same weight.
 pub(crate) struct ColorMap {
     pub texture: Arc<Texture>,
-    opaque: bool,
+    /// Whether the texture is opaque and repeats.
+    fast: bool,
 }
 
 impl ColorMap {
     pub(crate) fn new(texture: Arc<Texture>) -> Self {
-        let opaque = texture.alpha_range().0 == 255;
-        Self { texture, opaque }
+        let fast = texture.alpha_range().0 == 255 && texture.wrap == [Wrap::Repeat; 2];
+        Self { texture, fast }
     }
 
     /// Linear RGB at `uv`, from the level of the mip chain whose texels are nearest to `footprint` (texels of the full
@@ -24,7 +25,7 @@ impl ColorMap {
     pub(crate) fn sample(&self, uv: Vec2, footprint: f32) -> Vec3A {
         let mips = &self.texture.mips;
         let level = nearest_level(footprint).min(mips.len() - 1);
-        if !self.opaque {
+        if !self.fast {
             let [r, g, b, _] = self.texture.sample(uv.into(), (level as f32).exp2());
             return Vec3A::new(r, g, b);
         }
@@ -83,7 +84,7 @@ mod tests {
             .flat_map(|i| [(i * 37 % 256) as u8, (i * 91 % 256) as u8, (i * 5 % 256) as u8, 255])
             .collect();
         let map = ColorMap::new(Arc::new(Texture::from_rgba8(13, 6, &texels).unwrap()));
-        assert!(map.opaque);
+        assert!(map.fast);
         for i in -40..40 {
             for (footprint, level) in
                 [(0.0, 1.0), (1.0, 1.0), (1.4, 1.0), (1.42, 2.0), (2.8, 2.0), (4.0, 4.0), (f32::INFINITY, 8.0)]

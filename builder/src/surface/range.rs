@@ -6,12 +6,14 @@
 
 use glam::Vec2;
 
-use crate::{LinearTexture, Texture};
+use crate::{LinearTexture, Texture, Wrap};
 
 /// For every mip level a pyramid: its texels, and on each further level the bounds over 2 x 2 entries of the previous one,
 /// down to one entry.
 pub(crate) struct RangeMap<const N: usize> {
     pyramids: Vec<Vec<Level<N>>>,
+    /// How the texture is read at coordinates outside 0..=1.
+    wrap: [Wrap; 2],
 }
 
 struct Level<const N: usize> {
@@ -43,7 +45,7 @@ impl RangeMap<3> {
     pub(crate) fn of_colors(texture: &Texture) -> Self {
         let bounds = |&[r, g, b, _]: &[u8; 4]| Bounds { min: [r, g, b], max: [r, g, b] };
         let base = |mip: &crate::MipLevel| (mip.width, mip.height, mip.texels.iter().map(bounds).collect());
-        Self::new(texture.mips.iter().map(base))
+        Self::new(texture.mips.iter().map(base), texture.wrap)
     }
 
     /// Bounds of linear channels, rounded outwards to 8 bits.
@@ -52,14 +54,14 @@ impl RangeMap<3> {
         let up = |c: u16| c.div_ceil(257) as u8;
         let bounds = |t: &[u16; 3]| Bounds { min: t.map(down), max: t.map(up) };
         let base = |mip: &crate::LinearMip<3>| (mip.width, mip.height, mip.texels.iter().map(bounds).collect());
-        Self::new(texture.mips.iter().map(base))
+        Self::new(texture.mips.iter().map(base), texture.wrap)
     }
 }
 
 impl<const N: usize> RangeMap<N> {
     /// Builds the pyramids over mip levels given as width, height and texels.
-    fn new(mips: impl Iterator<Item = (u32, u32, Vec<Bounds<N>>)>) -> Self {
-        Self { pyramids: mips.map(|(width, height, texels)| pyramid(Level { width, height, texels })).collect() }
+    fn new(mips: impl Iterator<Item = (u32, u32, Vec<Bounds<N>>)>, wrap: [Wrap; 2]) -> Self {
+        Self { pyramids: mips.map(|(width, height, texels)| pyramid(Level { width, height, texels })).collect(), wrap }
     }
 
     /// The coarsest mip level whose texels are not larger than `footprint` texels of the full image.
@@ -67,12 +69,14 @@ impl<const N: usize> RangeMap<N> {
         (footprint.max(1.0).log2() as usize).min(self.pyramids.len() - 1)
     }
 
-    /// Bounds over a box of texture coordinates, which wrap, including the texels around it that filtering reads. The
+    /// Bounds over a box of texture coordinates, of any place and size, including the texels around it that filtering reads. The
     /// texels are averaged over `footprint` texels of the full image.
     pub(crate) fn in_box(&self, lo: Vec2, hi: Vec2, footprint: f32) -> Bounds<N> {
         let pyramid = &self.pyramids[self.mip(footprint)];
         let size = Vec2::new(pyramid[0].width as f32, pyramid[0].height as f32);
-        let (lo, hi) = (lo * size - 0.5, hi * size + 0.5);
+        let [wrap_u, wrap_v] = self.wrap;
+        let (u, v) = (wrap_u.fold_range(lo.x, hi.x), wrap_v.fold_range(lo.y, hi.y));
+        let (lo, hi) = (Vec2::new(u.0, v.0) * size - 0.5, Vec2::new(u.1, v.1) * size + 0.5);
         let extent = (hi - lo).max_element().max(1.0);
         // On this level the box spans at most three texels along each axis.
         let level = (extent.log2().floor().max(0.0) as usize).min(pyramid.len() - 1);
@@ -82,11 +86,15 @@ impl<const N: usize> RangeMap<N> {
         let count = ((hi * scale).floor() - first).clamp(Vec2::ZERO, Vec2::splat(2.0));
         // On a level with a partly filled last texel, coordinates wrap up to one texel late; the next texel is then the one
         // needed. The loop visits both.
-        let wrapped = |x: f32, dx: i64, size: u32| (x as i64 + dx).rem_euclid(i64::from(size)) as u32;
-        let mut bounds = map.at(wrapped(first.x, 0, map.width), wrapped(first.y, 0, map.height));
+        let place = |dx: i64, dy: i64| {
+            (wrap_u.texel(first.x as i64 + dx, map.width), wrap_v.texel(first.y as i64 + dy, map.height))
+        };
+        let (x, y) = place(0, 0);
+        let mut bounds = map.at(x, y);
         for dy in 0..=count.y as i64 {
             for dx in 0..=count.x as i64 {
-                bounds.extend(&map.at(wrapped(first.x, dx, map.width), wrapped(first.y, dy, map.height)));
+                let (x, y) = place(dx, dy);
+                bounds.extend(&map.at(x, y));
             }
         }
         bounds
@@ -150,7 +158,7 @@ impl AlphaMap {
         let mut limits: Vec<f32> = texture.mips.iter().map(|mip| limit(&mip.texels, share)).collect();
         // The limit of the full image is exactly the given one, even between two values of a byte.
         limits[0] = least * 255.0;
-        Self { range: RangeMap::new(texture.mips.iter().map(base)), limits }
+        Self { range: RangeMap::new(texture.mips.iter().map(base), texture.wrap), limits }
     }
 
     /// Whether nothing of the texture is solid.
@@ -179,12 +187,16 @@ impl AlphaMap {
     pub(crate) fn is_hole(&self, uv: Vec2, footprint: f32) -> bool {
         let mip = self.range.mip(footprint);
         let map = &self.range.pyramids[mip][0];
+        let [wrap_u, wrap_v] = self.range.wrap;
+        // Of a repeated texture, the texels wrap.
+        let folded = |wrap: Wrap, x: f32| if wrap == Wrap::Repeat { x } else { wrap.fold(x) };
+        let uv = Vec2::new(folded(wrap_u, uv.x), folded(wrap_v, uv.y));
         let p = uv * Vec2::new(map.width as f32, map.height as f32) - 0.5;
         let (cell, f) = (p.floor(), p - p.floor());
         let alpha = |dx: i64, dy: i64| {
-            let x = (cell.x as i64 + dx).rem_euclid(i64::from(map.width));
-            let y = (cell.y as i64 + dy).rem_euclid(i64::from(map.height));
-            f32::from(map.at(x as u32, y as u32).max[0])
+            let x = wrap_u.texel(cell.x as i64 + dx, map.width);
+            let y = wrap_v.texel(cell.y as i64 + dy, map.height);
+            f32::from(map.at(x, y).max[0])
         };
         let low = alpha(0, 0) * (1.0 - f.x) + alpha(1, 0) * f.x;
         let high = alpha(0, 1) * (1.0 - f.x) + alpha(1, 1) * f.x;
