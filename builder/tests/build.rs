@@ -166,6 +166,68 @@ fn far_from_the_origin_nothing_changes() {
     check_exact(&triangles, 5);
 }
 
+/// Two triangles that cover a square of this size in the plane where `axis` is `height`.
+fn sheet(axis: usize, height: f64, origin: DVec3, size: f64) -> Vec<[DVec3; 3]> {
+    let corner = |u: f64, v: f64| {
+        let mut p = origin;
+        p[(axis + 1) % 3] += u * size;
+        p[(axis + 2) % 3] += v * size;
+        p[axis] += height;
+        p
+    };
+    let [a, b, c, d] = [corner(0.0, 0.0), corner(1.0, 0.0), corner(1.0, 1.0), corner(0.0, 1.0)];
+    vec![[a, b, c], [a, c, d]]
+}
+
+#[test]
+fn a_flat_mesh_takes_one_layer_of_voxels() {
+    for axis in 0..3 {
+        for levels in 1..=7 {
+            for (origin, size) in [(DVec3::ZERO, 1.0), (DVec3::new(4e5, 5e6, 120.0), 64.0), (DVec3::splat(-7.3), 0.7)] {
+                let octree = run(&mesh_of(&sheet(axis, 0.25, origin, size)), every_voxel(levels)).octree;
+                let mut counts = vec![0u64; levels as usize + 1];
+                walk(&octree, &mut |level, _, _, _| counts[level as usize] += 1);
+                for level in 1..=levels {
+                    assert_eq!(counts[level as usize], 1 << (2 * level), "axis {axis}, level {level} of {levels}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_flat_mesh_far_away_gives_the_same_voxels() {
+    let at = |origin: DVec3| {
+        let mut octree = run(&mesh_of(&sheet(2, 0.5, origin, 32.0)), every_voxel(8)).octree;
+        octree.set_meta("{}".into());
+        let mut places = Vec::new();
+        walk(&octree, &mut |level, at, _, _| places.push((level, at)));
+        places
+    };
+    assert!(at(DVec3::ZERO) == at(DVec3::new(431_872.0, 5_411_328.0, 256.0)));
+}
+
+#[test]
+fn triangles_without_area_do_not_count_for_the_bounds() {
+    let tetrahedron = [
+        [DVec3::ZERO, DVec3::X, DVec3::Y],
+        [DVec3::ZERO, DVec3::Y, DVec3::Z],
+        [DVec3::ZERO, DVec3::Z, DVec3::X],
+        [DVec3::X, DVec3::Z, DVec3::Y],
+    ];
+    let alone = run(&mesh_of(&tetrahedron), every_voxel(5)).octree.objects()[0].leaf_voxels;
+    for far in [
+        [DVec3::splat(1e6); 3],
+        [DVec3::ZERO, DVec3::new(1e6, 0.0, 0.0), DVec3::new(3e6, 0.0, 0.0)],
+        [DVec3::splat(-1e18), DVec3::splat(1e18), DVec3::splat(1e18)],
+        // On a line, but not exactly so after it is scaled.
+        [DVec3::ZERO, DVec3::new(1.0, 3.0, 7.0) * 1e3, DVec3::new(3.0, 9.0, 21.0) * 1e3],
+    ] {
+        let built = run(&mesh_of(&[&tetrahedron[..], &[far]].concat()), every_voxel(5));
+        assert_eq!((built.octree.objects()[0].leaf_voxels, built.stats.dropped_triangles), (alone, 1), "{far:?}");
+    }
+}
+
 /// A bumpy closed surface with sharp features: a subdivided cube with displaced vertices.
 fn lump(cells: usize) -> Vec<[DVec3; 3]> {
     let bump = |p: DVec3| {

@@ -38,16 +38,16 @@ pub(crate) struct Surface<'a> {
 }
 
 impl<'a> Surface<'a> {
-    /// Checks the mesh and moves it into the root cube: centred, with its largest extent filling the cube.
+    /// Checks the mesh and moves it into the root cube (see [`place`]).
     pub(crate) fn new(mesh: &'a Mesh, settings: &BuildSettings) -> Result<Self, BuildError> {
         mesh.validate().map_err(|e| BuildError::Mesh(e.to_string()))?;
-        let octree_to_mesh = place(mesh)?;
+        let octree_to_mesh = place(mesh, settings.levels)?;
         let scale = 1.0 / octree_to_mesh.x_axis.x;
         let origin = octree_to_mesh.w_axis.truncate();
         let corner = |i: u32| (DVec3::from(mesh.positions[i as usize]) - origin) * scale;
         let with_area: Vec<(u32, [DVec3; 3])> = (mesh.triangles.par_iter().enumerate())
             .map(|(i, t)| (i as u32, t.map(corner)))
-            .filter(|(_, corners)| has_area(corners))
+            .filter(|(_, corners)| has_area(corners) && corners.iter().all(in_cube))
             .collect();
         if with_area.is_empty() {
             return Err(BuildError::Mesh("none of its triangles has an area; a mesh needs at least one".into()));
@@ -77,14 +77,13 @@ impl<'a> Surface<'a> {
     }
 }
 
-/// The transform from the root cube to the mesh's bounding box: uniform scale, centred.
-fn place(mesh: &Mesh) -> Result<DMat4, BuildError> {
-    let (mut lo, mut hi) = (DVec3::MAX, DVec3::MIN);
-    for &i in mesh.triangles.iter().flatten() {
-        let p = DVec3::from(mesh.positions[i as usize]);
-        lo = lo.min(p);
-        hi = hi.max(p);
-    }
+/// The transform from the root cube to the bounding box of the triangles that have an area: uniform scale, centred, with the
+/// largest extent filling the cube.
+///
+/// Along an axis in which the box is flat, the cube is moved by half a voxel of the deepest level, so that the surface lies
+/// in the middle of one layer of voxels instead of on the border of two.
+fn place(mesh: &Mesh, levels: u32) -> Result<DMat4, BuildError> {
+    let (lo, hi) = bounds(mesh);
     let extent = (hi - lo).max_element();
     if !(extent > 0.0 && extent.is_finite()) || (lo.abs().max(hi.abs()).max_element() / extent) > 1e12 {
         return Err(BuildError::Mesh(format!(
@@ -93,9 +92,36 @@ fn place(mesh: &Mesh) -> Result<DMat4, BuildError> {
         )));
     }
     // Far from the origin these are rounded. The cube must still contain all vertices.
-    let origin = ((lo + hi) * 0.5 - DVec3::splat(extent * 0.5)).min(lo);
+    let mut origin = ((lo + hi) * 0.5 - DVec3::splat(extent * 0.5)).min(lo);
     let extent = extent.max((hi - origin).max_element());
+    for axis in (0..3).filter(|&axis| lo[axis] == hi[axis]) {
+        origin[axis] = lo[axis] - extent * (0.5 + 0.5 * (-f64::from(levels)).exp2());
+    }
     Ok(DMat4::from_translation(origin) * DMat4::from_scale(DVec3::splat(extent)))
+}
+
+/// Smallest and largest coordinates over the triangles that have an area; over all triangles if none has.
+fn bounds(mesh: &Mesh) -> (DVec3, DVec3) {
+    let corners = |t: &[u32; 3]| t.map(|i| DVec3::from(mesh.positions[i as usize]));
+    let of = |kept: &(dyn Fn(&[DVec3; 3]) -> bool + Sync)| {
+        let empty = (DVec3::MAX, DVec3::MIN);
+        let join = |a: (DVec3, DVec3), b: (DVec3, DVec3)| (a.0.min(b.0), a.1.max(b.1));
+        let triangles = mesh.triangles.par_iter().map(corners).filter(kept);
+        triangles.map(|[a, b, c]| (a.min(b).min(c), a.max(b).max(c))).reduce(|| empty, join)
+    };
+    let (all_lo, all_hi) = of(&|_| true);
+    // Scaled by a power of two, which is exact, so that products neither overflow nor vanish.
+    let largest = all_lo.abs().max(all_hi.abs()).max_element();
+    let scale = (-largest.log2().floor().clamp(-1000.0, 1000.0)).exp2();
+    let (lo, hi) = of(&|corners| has_area(&corners.map(|p| p * scale)));
+    if lo.cmple(hi).all() { (lo, hi) } else { (all_lo, all_hi) }
+}
+
+/// Whether a point lies in the root cube, with a margin for rounding. A triangle that has an area only because of rounding
+/// does not count for the bounds, so it may lie outside.
+fn in_cube(p: &DVec3) -> bool {
+    const MARGIN: f64 = 1e-9;
+    p.cmpge(DVec3::splat(-MARGIN)).all() && p.cmple(DVec3::splat(1.0 + MARGIN)).all()
 }
 
 /// Whether three points are not on a line. The test is exact: an area that rounds to zero can still be an area.
