@@ -4,7 +4,7 @@ use std::path::Path;
 
 use glam::{DMat4, DVec3};
 
-use super::error::ImportError;
+use super::error::{ImportError, one_line};
 use crate::mesh::transform::{mirrors, normal_matrix, transform_normal, transform_tangent};
 use crate::mesh::{MAX_ELEMENTS, Mesh};
 
@@ -90,6 +90,26 @@ impl Assembly {
     pub(super) fn finish(mut self) -> Mesh {
         self.mesh.fill_missing_normals();
         self.mesh
+    }
+
+    /// What was read, or `None` with a warning that says why `what` cannot be used: `result` is an error, or there is no such
+    /// file.
+    pub(super) fn or_warn<T>(
+        &mut self,
+        result: Result<Option<T>, ImportError>,
+        what: &str,
+        consequence: &str,
+    ) -> Option<T> {
+        let line = match result {
+            Ok(Some(found)) => return Some(found),
+            Ok(None) => format!("{what} is missing; {consequence}"),
+            Err(ImportError::Image { what: reason, .. }) => {
+                format!("{what} cannot be decoded: {reason}; {consequence}")
+            }
+            Err(error) => format!("{what} cannot be read: {}; {consequence}", one_line(error)),
+        };
+        self.warn(line);
+        None
     }
 
     pub(super) fn warn(&mut self, line: impl Into<String>) {

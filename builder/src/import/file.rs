@@ -55,7 +55,7 @@ impl Kind {
             Self::Glb => content == Content::Glb,
             Self::Ply => content == Content::Ply,
             // The header of a binary file may contain any text.
-            Self::Stl => matches!(content, Content::Text | Content::Json | Content::Binary),
+            Self::Stl => matches!(content, Content::Text | Content::Utf16 | Content::Json | Content::Binary),
         }
     }
 }
@@ -89,7 +89,7 @@ impl Content {
             Self::Archive
         } else if head.starts_with(b"glTF") {
             Self::Glb
-        } else if head.starts_with(b"ply\n") || head.starts_with(b"ply\r") || head.starts_with(b"ply ") {
+        } else if text.starts_with(b"ply\n") || text.starts_with(b"ply\r") || text.starts_with(b"ply ") {
             Self::Ply
         } else if head.starts_with(b"\xff\xfe") || head.starts_with(b"\xfe\xff") {
             Self::Utf16
@@ -117,15 +117,18 @@ impl Content {
     }
 }
 
-/// Decodes text: UTF-8, or UTF-16 with a byte order mark. Invalid sequences are replaced.
+/// Decodes text: UTF-8, or UTF-16 with a byte order mark. Invalid sequences are replaced. Line ends of CR alone, as Mac OS 9
+/// wrote them, become LF.
 pub(super) fn text_of(bytes: &[u8]) -> Cow<'_, str> {
     let wide = |word: fn([u8; 2]) -> u16| {
         let words: Vec<u16> = bytes[2..].as_chunks::<2>().0.iter().map(|&pair| word(pair)).collect();
         Cow::Owned(String::from_utf16_lossy(&words))
     };
-    match bytes {
+    let text: Cow<'_, str> = match bytes {
         [0xff, 0xfe, ..] => wide(u16::from_le_bytes),
         [0xfe, 0xff, ..] => wide(u16::from_be_bytes),
         _ => String::from_utf8_lossy(bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes)),
-    }
+    };
+    let alone = |(at, _): (usize, &str)| text.as_bytes().get(at + 1) != Some(&b'\n');
+    if text.match_indices('\r').any(alone) { Cow::Owned(text.replace("\r\n", "\n").replace('\r', "\n")) } else { text }
 }

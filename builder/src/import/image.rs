@@ -10,7 +10,7 @@ use image::{DynamicImage, ImageFormat, ImageReader, Limits, RgbaImage};
 use super::error::{ImportError, one_line};
 use super::file::read_file;
 use crate::mesh::maps::LinearTexture;
-use crate::mesh::{MAX_TEXTURE_SIDE, Texture};
+use crate::mesh::{MAX_TEXTURE_SIDE, Texture, Wrap};
 
 /// Most texels that all textures of a mesh may have in total (without their mip levels).
 pub const MAX_TEXTURE_TEXELS: u64 = 1 << 29;
@@ -29,7 +29,7 @@ pub(super) enum Channel {
 /// The textures read so far, shared by all materials that use the same file, and the number of texels still allowed.
 #[derive(Debug)]
 pub(super) struct TextureStore {
-    by_path: HashMap<PathBuf, Arc<Texture>>,
+    by_path: HashMap<(PathBuf, [Wrap; 2]), Arc<Texture>>,
     normals: HashMap<PathBuf, Arc<LinearTexture<3>>>,
     heights: HashMap<(PathBuf, Channel), Arc<LinearTexture<1>>>,
     /// Whether an image that should hold heights holds normals.
@@ -50,15 +50,27 @@ impl Default for TextureStore {
 }
 
 impl TextureStore {
-    /// The texture in the file `image`, or `None` if there is no such file.
+    /// The texture in the file `image`, which repeats, or `None` if there is no such file.
     pub(super) fn load(&mut self, mesh: &Path, image: &Path) -> Result<Option<Arc<Texture>>, ImportError> {
+        self.load_wrapped(mesh, image, [Wrap::Repeat; 2])
+    }
+
+    /// The texture in the file `image`, read by `wrap` outside of 0..=1, or `None` if there is no such file.
+    pub(super) fn load_wrapped(
+        &mut self,
+        mesh: &Path,
+        image: &Path,
+        wrap: [Wrap; 2],
+    ) -> Result<Option<Arc<Texture>>, ImportError> {
         // The canonical path: different spellings of a path share the texture.
-        let Ok(key) = image.canonicalize() else { return Ok(None) };
+        let Ok(path) = image.canonicalize() else { return Ok(None) };
+        let key = (path, wrap);
         if let Some(texture) = self.by_path.get(&key) {
             return Ok(Some(texture.clone()));
         }
         let pixels = self.load_pixels(mesh, image)?;
         let texture = texture_of(mesh, &image.display().to_string(), &pixels)?;
+        let texture = Arc::new(Arc::unwrap_or_clone(texture).with_wrap(wrap));
         self.by_path.insert(key, texture.clone());
         Ok(Some(texture))
     }
@@ -136,7 +148,7 @@ impl TextureStore {
             Ok(format) => format,
             Err(_) if extension.is_some_and(|e| e.eq_ignore_ascii_case("tga")) => ImageFormat::Tga,
             Err(_) if bytes.is_empty() => return Err(fail("it is empty".into())),
-            Err(_) => return Err(fail("it is neither PNG, JPEG nor TGA; convert it to one of them".into())),
+            Err(_) => return Err(fail("it is neither PNG, JPEG, BMP nor TGA; convert it to one of them".into())),
         };
         let mut limits = Limits::default();
         limits.max_image_width = Some(MAX_TEXTURE_SIDE);
@@ -230,12 +242,4 @@ fn looks_like_normals(image: &DynamicImage) -> bool {
 pub(super) fn has_holes(texture: &Texture) -> bool {
     let (low, high) = texture.alpha_range();
     low < 16 && high >= 128
-}
-
-/// Finds a file named in an OBJ, MTL or PLY file: by the name as written, with Windows separators, or by the last part of
-/// the name in `dir`.
-pub(super) fn find_file(dir: &Path, name: &str) -> Option<PathBuf> {
-    let slashed = name.replace('\\', "/");
-    let candidates = [dir.join(name), dir.join(&slashed), dir.join(Path::new(&slashed).file_name()?)];
-    candidates.into_iter().find(|path| path.is_file())
 }

@@ -10,9 +10,17 @@ mod gltf;
 mod gltf_data;
 mod gltf_material;
 mod image;
+mod loss;
+mod map_statement;
 mod mtl;
+mod mtl_material;
+mod names;
+mod numbers;
 mod obj;
+mod obj_text;
 mod ply;
+mod ply_file;
+mod polygon;
 mod stl;
 
 use std::io;

@@ -6,16 +6,22 @@
 
 use std::collections::HashMap;
 use std::path::Path;
+use std::str::Lines;
+
+use esvo_format::srgb::decode_f64 as srgb_to_linear;
 
 use super::assembly::{Assembly, Part};
 use super::error::{ImportError, one_line};
+use super::file::text_of;
+use super::loss::Loss;
+use super::numbers::number;
 use crate::mesh::MAX_ELEMENTS;
 use crate::mesh::{Material, Mesh};
 
 /// Bytes before the triangles of a binary file: a comment, and the number of triangles.
 const HEADER: usize = 84;
 
-/// Bytes per triangle in a binary file: normal, three corners, and two bytes that are not used here.
+/// Bytes per triangle in a binary file: normal, three corners, and two bytes in which some programs write a colour.
 const FACET: usize = 50;
 
 /// Reads an STL file.
@@ -23,23 +29,31 @@ pub(super) fn load(path: &Path, bytes: &[u8]) -> Result<Mesh, ImportError> {
     let mut assembly = Assembly::default();
     let mut soup = Soup::default();
     if is_text(bytes) {
-        read_text(&String::from_utf8_lossy(bytes), &mut soup, &mut assembly)
+        read_text(&text_of(bytes), &mut soup, &mut assembly)
     } else {
         read_binary(bytes, &mut soup, &mut assembly)
     }
     .map_err(|what| ImportError::malformed(path, what))?;
-    assembly.mesh.materials.push(Material::default());
     assembly.append(path, &soup.part, None)?;
+    if soup.colors.is_empty() {
+        assembly.mesh.materials.push(Material::default());
+    } else {
+        assembly.mesh.materials = soup.materials();
+        assembly.mesh.triangle_materials = soup.triangle_colors;
+    }
     Ok(assembly.finish())
 }
 
 /// Whether the file is text. Text begins with "solid", but so do the comments of some binary files. These have either the
-/// exact length for their number of triangles, or bytes that never occur in text.
+/// exact length for their number of triangles, or bytes that never occur in text. Without "solid", text has facets.
 fn is_text(bytes: &[u8]) -> bool {
-    let start = bytes.trim_ascii_start();
-    let solid = start.get(..5).is_some_and(|word| word.eq_ignore_ascii_case(b"solid"));
+    if bytes.starts_with(b"\xff\xfe") || bytes.starts_with(b"\xfe\xff") {
+        return true;
+    }
+    let start = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes).trim_ascii_start();
+    let begins = |word: &[u8]| start.get(..word.len()).is_some_and(|s| s.eq_ignore_ascii_case(word));
     let fits = declared(bytes).is_some_and(|count| HEADER + FACET * count == bytes.len());
-    solid && !fits && !bytes[..bytes.len().min(1024)].contains(&0)
+    (begins(b"solid") || begins(b"facet")) && !fits && !bytes[..bytes.len().min(1024)].contains(&0)
 }
 
 /// The number of triangles declared in the header of a binary file.
@@ -53,9 +67,44 @@ fn declared(bytes: &[u8]) -> Option<usize> {
 struct Soup {
     part: Part,
     by_place: HashMap<[u64; 3], u32>,
+    /// The index of the material of each colour, five bits for red, green and blue; `None` is the plain colour. Empty if no
+    /// facet has a colour.
+    colors: HashMap<Option<Rgb>, u32>,
+    /// The material of each triangle, if there are colours.
+    triangle_colors: Vec<u32>,
 }
 
+/// A colour as stored, and the value that stands for 1.
+type Rgb = ([u8; 3], u8);
+
 impl Soup {
+    /// Gives the triangles from `first` on a colour. Those before keep theirs; the plain one, if there was none yet.
+    fn color(&mut self, first: usize, color: Option<Rgb>) {
+        if color.is_none() && self.colors.is_empty() {
+            return;
+        }
+        if self.colors.is_empty() && first > 0 {
+            self.colors.insert(None, 0);
+            self.triangle_colors.resize(first, 0);
+        }
+        let next = self.colors.len() as u32;
+        let index = *self.colors.entry(color).or_insert(next);
+        self.triangle_colors.resize(self.part.triangles.len(), index);
+    }
+
+    /// The materials of all colours.
+    fn materials(&self) -> Vec<Material> {
+        let mut materials = vec![Material::default(); self.colors.len()];
+        for (color, &index) in &self.colors {
+            if let Some((rgb, one)) = color {
+                let [r, g, b] = rgb.map(|x| srgb_to_linear(f64::from(x) / f64::from(*one)) as f32);
+                let name = format!("colour {} {} {} of {one}", rgb[0], rgb[1], rgb[2]);
+                materials[index as usize] = Material { name, base_color: [r, g, b, 1.0], ..Material::default() };
+            }
+        }
+        materials
+    }
+
     fn add(&mut self, corners: [[f64; 3]; 3]) -> Result<(), String> {
         if self.part.triangles.len() >= MAX_ELEMENTS || self.part.positions.len() >= MAX_ELEMENTS - 3 {
             return Err(format!("the mesh has more than {MAX_ELEMENTS} triangles or vertices"));
@@ -80,13 +129,23 @@ fn read_binary(bytes: &[u8], soup: &mut Soup, assembly: &mut Assembly) -> Result
         .ok_or_else(|| format!("neither begins with 'solid' nor has the {HEADER} bytes of a binary header"))?;
     let facets = &bytes[HEADER..];
     let held = facets.len() / FACET;
+    // Programs that do not know the number when they write the header leave blanks, 0 or -1 there.
+    let unknown = matches!(count as u32, 0 | 0x2020_2020 | u32::MAX) && held > 0;
+    if unknown {
+        assembly.warn(format!(
+            "the header declares {count} triangles, which stands for an unknown number; the file holds {held}, which are read"
+        ));
+    }
+    let count = if unknown { held } else { count };
     if held < count {
         return Err(format!("the header declares {count} triangles, but the file ends after {held}"));
     }
     if facets.len() > count * FACET {
         let more = facets.len() - count * FACET;
-        assembly.warn(format!("{more} bytes after the {count} triangles that the header declares are not read"));
+        let declared = if unknown { "that fit into the file" } else { "that the header declares" };
+        assembly.warn(format!("{more} bytes after the {count} triangles {declared} are not read"));
     }
+    let colors = Colors::of(&bytes[..HEADER - 4]);
     for (number, facet) in facets.as_chunks::<FACET>().0.iter().take(count).enumerate() {
         let float = |at: usize| f64::from(f32::from_le_bytes([facet[at], facet[at + 1], facet[at + 2], facet[at + 3]]));
         let corners: [[f64; 3]; 3] = std::array::from_fn(|c| std::array::from_fn(|k| float(12 + 12 * c + 4 * k)));
@@ -94,36 +153,78 @@ fn read_binary(bytes: &[u8], soup: &mut Soup, assembly: &mut Assembly) -> Result
             return Err(format!("corner {c} of triangle {number} is not finite; repair or remove it"));
         }
         soup.add(corners)?;
+        soup.color(number, colors.of_facet(u16::from_le_bytes([facet[48], facet[49]])));
     }
     Ok(())
 }
 
+/// How colours of facets are written in the last two bytes of each.
+enum Colors {
+    /// VisCAM, SolidView and others: blue, green, red from the lowest bit on, and the highest bit set if there is a colour.
+    OfFacets,
+    /// Materialise Magics: red, green, blue from the lowest bit on, and the highest bit set if the facet has the colour of
+    /// the whole object, which is in the header.
+    WithDefault([u8; 3]),
+}
+
+impl Colors {
+    /// By the header: Magics writes `COLOR=` and four bytes there.
+    fn of(header: &[u8]) -> Self {
+        const KEY: &[u8] = b"COLOR=";
+        let found = header.windows(KEY.len() + 4).find(|w| w.starts_with(KEY));
+        found.map_or(Self::OfFacets, |w| Self::WithDefault([w[KEY.len()], w[KEY.len() + 1], w[KEY.len() + 2]]))
+    }
+
+    fn of_facet(&self, word: u16) -> Option<Rgb> {
+        let five = |shift: u32| (word >> shift & 31) as u8;
+        let flagged = word >> 15 != 0;
+        match self {
+            Self::OfFacets => flagged.then(|| ([five(10), five(5), five(0)], 31)),
+            Self::WithDefault(color) if flagged => Some((*color, 255)),
+            Self::WithDefault(_) => Some(([five(0), five(5), five(10)], 31)),
+        }
+    }
+}
+
+/// Reads facets from text. Line ends mean no more than blanks, and words may be in any case.
 fn read_text(text: &str, soup: &mut Soup, assembly: &mut Assembly) -> Result<(), String> {
     let mut corners: Vec<[f64; 3]> = Vec::new();
+    // The line where the facet begins.
     let mut facet = None;
-    for (number, line) in text.lines().enumerate() {
-        let number = number + 1;
-        let mut words = line.split_whitespace();
-        let Some(key) = words.next() else { continue };
-        match key.to_ascii_lowercase().as_str() {
+    let mut words = Words::new(text);
+    let mut colors = Loss::default();
+    while let Some((number, word)) = words.next() {
+        let mut key = word.to_ascii_lowercase();
+        if key == "end" {
+            // `end facet` is `endfacet`.
+            key.extend(words.next().map(|(_, word)| word.to_ascii_lowercase()));
+        }
+        match key.as_str() {
+            // The name of a solid may be any text, up to the end of the line or, if all is in one line, the first facet.
+            "solid" | "endsolid" => words.skip_name(),
             "facet" => {
                 if let Some(start) = facet.replace(number) {
                     return Err(format!("line {number}: a facet begins inside that of line {start}"));
                 }
                 corners.clear();
             }
+            "normal" => words.skip_numbers(),
             "vertex" => {
                 if facet.is_none() {
                     return Err(format!("line {number}: a vertex outside of a facet"));
                 }
-                let numbers: Option<Vec<f64>> = words.take(3).map(|w| w.parse().ok()).collect();
-                let Some(&[x, y, z]) = numbers.as_deref() else {
-                    return Err(format!("line {number}: cannot read '{}' as a vertex", one_line(line)));
-                };
-                if ![x, y, z].iter().all(|v: &f64| v.is_finite()) {
+                let line = one_line(words.line());
+                let unreadable = || format!("line {number}: cannot read '{line}' as a vertex");
+                let mut corner = [0.0; 3];
+                for x in &mut corner {
+                    let (_, word) = words.next().ok_or_else(unreadable)?;
+                    *x = self::number(word).ok_or_else(unreadable)?;
+                }
+                if !corner.iter().all(|x| x.is_finite()) {
                     return Err(format!("line {number}: the vertex is not finite; repair or remove it"));
                 }
-                corners.push([x, y, z]);
+                corners.push(corner);
+                words.skip_numbers();
             }
             "endfacet" => {
                 let Some(start) = facet.take() else {
@@ -135,12 +236,74 @@ fn read_text(text: &str, soup: &mut Soup, assembly: &mut Assembly) -> Result<(),
                 }
                 soup.add([corners[0], corners[1], corners[2]])?;
             }
-            "solid" | "endsolid" | "outer" | "endloop" | "color" => {}
-            _ => assembly.warn(format!("line {number}: '{}' is no STL statement; it is ignored", one_line(key))),
+            "outer" | "loop" | "endloop" => {}
+            "color" => {
+                colors.add(|| format!("line {number}"));
+                words.skip_numbers();
+            }
+            // A name without a blank before it.
+            _ if key.starts_with("endsolid") || key.starts_with("solid") => words.skip_name(),
+            _ => assembly.warn(format!("line {number}: '{}' is no STL statement; it is ignored", one_line(word))),
         }
     }
+    let what = ["colour in an STL text", "colours in an STL text"];
+    colors.warning(what, "colours are read from binary files only").into_iter().for_each(|line| assembly.warn(line));
     match facet {
         Some(start) => Err(format!("the file ends inside the facet of line {start}")),
         None => Ok(()),
+    }
+}
+
+/// The words of a text with the numbers of their lines.
+struct Words<'a> {
+    lines: Lines<'a>,
+    number: usize,
+    line: &'a str,
+    /// What is left of the line.
+    rest: &'a str,
+}
+
+impl<'a> Words<'a> {
+    fn new(text: &'a str) -> Self {
+        Self { lines: text.lines(), number: 0, line: "", rest: "" }
+    }
+
+    fn next(&mut self) -> Option<(usize, &'a str)> {
+        while self.rest.trim_start().is_empty() {
+            self.line = self.lines.next()?;
+            self.rest = self.line;
+            self.number += 1;
+        }
+        let rest = self.rest.trim_start();
+        let end = rest.find(char::is_whitespace).unwrap_or(rest.len());
+        self.rest = &rest[end..];
+        Some((self.number, &rest[..end]))
+    }
+
+    /// The current line.
+    fn line(&self) -> &'a str {
+        self.line.trim()
+    }
+
+    /// Skips a name: the rest of the line up to `facet normal`.
+    fn skip_name(&mut self) {
+        let lower = self.rest.to_ascii_lowercase();
+        let facet = lower.match_indices("facet").map(|(at, _)| at);
+        let starts = |at: &usize| {
+            lower[..*at].ends_with(char::is_whitespace) && lower[at + 5..].trim_start().starts_with("normal")
+        };
+        self.rest = facet.into_iter().find(starts).map_or("", |at| &self.rest[at..]);
+    }
+
+    /// Skips up to three words of the line that are numbers.
+    fn skip_numbers(&mut self) {
+        for _ in 0..3 {
+            let rest = self.rest.trim_start();
+            let end = rest.find(char::is_whitespace).unwrap_or(rest.len());
+            if self::number(&rest[..end]).is_none() {
+                return;
+            }
+            self.rest = &rest[end..];
+        }
     }
 }

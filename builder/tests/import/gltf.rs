@@ -414,7 +414,7 @@ fn bad_images_and_references_are_errors() {
     let texture = r#""textures":[{"source":0}]"#;
     assert_eq!(
         with(&format!(r#"{texture},"images":[{{"uri":"data:image/png;base64,AAAA"}}]"#)).error(),
-        "cannot decode the image 0 (embedded): it is neither PNG, JPEG nor TGA; convert it to one of them"
+        "cannot decode the image 0 (embedded): it is neither PNG, JPEG, BMP nor TGA; convert it to one of them"
     );
     assert_eq!(with(&format!(r#"{texture},"images":[{{}}]"#)).error(), "image 0 has neither uri nor bufferView");
     assert_eq!(with(texture).error(), "image 0 does not exist: there are only 0");

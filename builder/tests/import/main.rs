@@ -1,9 +1,11 @@
 //! The importer through its public interface: small files of every kind, valid and invalid, and the real scenes if found.
 
+mod cases;
 mod gltf;
 mod obj;
 mod ply;
 mod robustness;
 mod scenes;
+mod shared_cases;
 mod stl;
 mod support;

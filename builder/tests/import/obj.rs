@@ -93,8 +93,24 @@ fn vertex_colours_are_display_values() {
     assert_eq!(mesh.colors[1], [1.0; 3]);
     assert!((mesh.colors[0][1] - 0.214_041_14).abs() < 1e-6);
     let mixed = Files::new().accept("a.obj", "v 0 0 0 1 0.5 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
-    assert!(mixed.colors.is_empty());
-    assert_eq!(mixed.warnings, ["2 vertices have no colour; the colours of the others are ignored"]);
+    assert_eq!(mixed.colors[1..], [[1.0; 3]; 2], "a vertex without colour is white");
+    assert!((mixed.colors[0][1] - 0.214_041_14).abs() < 1e-6 && mixed.warnings.is_empty());
+    // Without a material, the vertices have all the colour.
+    assert_eq!(mixed.materials[0].base_color, [1.0; 4]);
+    // With alpha; with a weight; in steps of 255; one that cannot be read.
+    let text = "v 0 0 0 255 0 0 9\nv 2 0 0 2\nv 0 1 0 0 x 0\nv 0 0 1 7 7\nf 1 2 3\nf 1 2 4\n";
+    let mesh = Files::new().accept("a.obj", text);
+    assert_eq!(mesh.colors, [[1.0, 0.0, 0.0], [1.0; 3], [1.0; 3], [1.0; 3]]);
+    assert_eq!(mesh.positions[1], [1.0, 0.0, 0.0]);
+    assert_eq!(
+        mesh.warnings,
+        [
+            "vertex colours reach 255: they are taken as 0 to 255, not 0 to 1",
+            "line 3: 1 vertex colour that cannot be read or is not finite; white is used instead",
+            "line 4: 1 vertex with two numbers after its position; these numbers are neither a weight nor a colour and are \
+             ignored",
+        ]
+    );
 }
 
 #[test]
@@ -113,7 +129,6 @@ fn geometry_errors_name_the_line() {
     );
     assert_eq!(refuse("# x\nv 0 0\n"), "a.obj: line 2: position parse error");
     assert_eq!(refuse("v 0 0 zero\n"), "a.obj: line 1: position parse error");
-    assert_eq!(refuse(&format!("{TRIANGLE}vt x y\n")), "a.obj: line 5: texcoord parse error");
     let face = |face: &str| refuse(&format!("v 0 0 0\nv 1 0 0\nv 0 1 0\nf {face}\n"));
     assert_eq!(face("1 2 4"), "a.obj: line 4: a face refers to vertex 4, but there are only 3");
     assert_eq!(face("1 2 0"), "a.obj: line 4: a face refers to vertex 0, but there are only 3 so far");
@@ -127,14 +142,64 @@ fn geometry_errors_name_the_line() {
         "a.obj: line 4: a face refers to vertex -9223372036854775808, but there are only 3 so far"
     );
     assert_eq!(face("1 2 99999999999999999999"), "a.obj: line 4: cannot read the face corner '99999999999999999999'");
-    assert_eq!(face("1/1 2/1 3/1"), "a.obj: line 4: a face refers to texture coordinate 1, but there are only 0");
-    assert_eq!(face("1//5 2//5 3//5"), "a.obj: line 4: a face refers to normal 5, but there are only 0");
-    assert_eq!(
-        face("1 2//1 3"),
-        "a.obj: line 4: the corners of a face must all have the same attributes (v, v/vt, v//vn or v/vt/vn)"
-    );
     assert_eq!(face("a b c"), "a.obj: line 4: cannot read the face corner 'a'");
     assert_eq!(face("1/1/1/1 2 3"), "a.obj: line 4: cannot read the face corner '1/1/1/1'");
+}
+
+#[test]
+fn bad_attributes_are_dropped_with_their_place() {
+    let files = Files::new();
+    let warnings = |text: &str| {
+        let mesh = files.accept("a.obj", format!("v 0 0 0\nv 1 0 0\nv 0 1 0\n{text}"));
+        assert!(mesh.triangle_count() > 0);
+        mesh.warnings
+    };
+    assert_eq!(
+        warnings("f 1/1 2/1 3/1\nf 1/1 2/2 3/x\n"),
+        [
+            "line 4: texture coordinate 1 of 0 and later: 6 indices of texture coordinates that do not exist; these faces have \
+          no texture coordinates"
+        ]
+    );
+    assert_eq!(
+        warnings("f 1//5 2//5 3//5\n"),
+        [
+            "line 4: normal 5 of 0 and later: 3 indices of normals that do not exist; normals of the faces are used instead"
+        ]
+    );
+    assert_eq!(
+        warnings("vt 0 0\nvn 0 0 1\nf 1/1 2/1 3/1\nf 1 2/1 3\nf 1 2//1 3\n"),
+        [
+            "line 7: 1 face with texture coordinates at some corners only; they are left out",
+            "line 8: 1 face with normals at some corners only; they are left out",
+        ]
+    );
+    for word in ["x", "nan", "-1.#IND", "-nan(ind)", "1.#QNAN", "inf"] {
+        assert_eq!(
+            warnings(&format!("vt {word} 0\nvn 0 {word} 0\nf 1/1/1 2/1/1 3/1/1\n")),
+            [
+                "line 4: 1 texture coordinate that cannot be read or is not finite; faces that use them have no texture \
+                 coordinates",
+                "line 5: 1 normal that cannot be read or is not finite; normals of the faces are used instead",
+            ]
+        );
+    }
+    // Numbers that `tobj` cannot read.
+    let mesh = files.accept("a.obj", "v .0 0. 0D0\nv +1 0 0\nv 0 1.D0 0\nvt .5D0\nvn 0 0 1D0\nf 1/1/1 2/1/1 3/1/1\n");
+    assert_eq!(mesh.positions, [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
+    assert_eq!((mesh.uvs[0], mesh.normals[0], mesh.warnings.len()), ([0.5, 1.0], [0.0, 0.0, 1.0], 0));
+}
+
+#[test]
+fn free_form_surfaces_are_named() {
+    let files = Files::new();
+    let surface = "v 0 0 0\nv 1 0 0\nv 0 1 0\ncstype bezier\nsurf 0 1 0 1 1 2 3\nend\n";
+    assert_eq!(
+        files.refuse("a.obj", surface),
+        "a.obj: line 5: 'surf': 1 free-form curve or surface and no polygons; convert them to polygons"
+    );
+    let mesh = files.accept("a.obj", format!("{surface}f 1 2 3\n"));
+    assert_eq!(mesh.warnings, ["line 5: 'surf': 1 free-form curve or surface; only polygons are read"]);
 }
 
 #[test]
@@ -196,25 +261,37 @@ fn textures_are_read_once_and_shared() {
 }
 
 #[test]
-fn textures_that_cannot_be_decoded_are_errors() {
+fn textures_that_cannot_be_decoded_are_treated_as_missing() {
     let files = Files::new();
-    files.write("my lib.mtl", "newmtl a\nmap_Kd bad.png\nnewmtl b\n");
+    files.write(
+        "my lib.mtl",
+        "newmtl a\nKd 1 0 0\nmap_Kd bad.png\nmap_d bad.png\nbump bad.png\nnorm bad.png\nnewmtl b\n",
+    );
     files.write("bad.png", "this is no image");
     files.write("a.obj", TEXTURED);
+    let reason = "cannot be decoded: it is neither PNG, JPEG, BMP nor TGA; convert it to one of them";
+    let mesh = files.mesh("a.obj");
+    assert_eq!(mesh.materials[0].base_color, [1.0, 0.0, 0.0, 1.0]);
+    assert!(mesh.materials[0].texture.is_none() && mesh.materials[0].height_map.is_none());
     assert_eq!(
-        files.error("a.obj"),
-        "a.obj: cannot decode the image bad.png: it is neither PNG, JPEG nor TGA; convert it to one of them"
+        mesh.warnings,
+        [
+            format!("material a: the texture bad.png {reason}; using a plain colour"),
+            format!("material a: the height map bad.png {reason}; it is left out"),
+            format!("material a: the normal map bad.png {reason}; it is left out"),
+        ]
     );
+    let first = || files.mesh("a.obj").warnings[0].clone();
     files.write("bad.png", "");
-    assert_eq!(files.error("a.obj"), "a.obj: cannot decode the image bad.png: it is empty");
+    assert_eq!(first(), "material a: the texture bad.png cannot be decoded: it is empty; using a plain colour");
     let good = png(8, 8, &[[1, 2, 3, 4]; 64]);
     files.write("bad.png", &good[..good.len() / 2]);
-    assert!(files.error("a.obj").starts_with("a.obj: cannot decode the image bad.png: "), "{}", files.error("a.obj"));
+    assert!(first().starts_with("material a: the texture bad.png cannot be decoded: "), "{}", first());
     // A header that declares more texels than allowed.
     let mut huge = good;
     huge[16..24].copy_from_slice(&[0, 1, 0, 0, 0, 1, 0, 0]);
     files.write("bad.png", huge);
-    assert!(files.error("a.obj").starts_with("a.obj: cannot decode the image bad.png: "), "{}", files.error("a.obj"));
+    assert!(first().starts_with("material a: the texture bad.png cannot be decoded: "), "{}", first());
 }
 
 #[test]
@@ -267,5 +344,7 @@ fn a_missing_height_map_on_its_own_is_an_error() {
     files.write("h.png", png(1, 1, &[[255, 255, 255, 255]]));
     assert_eq!(load().unwrap().sample([0.0, 0.0], 1.0), 1.0);
     files.write("h.png", "no image");
-    assert!(load().unwrap_err().to_string().contains("it is neither PNG, JPEG nor TGA; convert it to one of them"));
+    assert!(
+        load().unwrap_err().to_string().contains("it is neither PNG, JPEG, BMP nor TGA; convert it to one of them")
+    );
 }

@@ -110,10 +110,8 @@ fn damaged_material_libraries() {
     let mut random = Random(2);
     for _ in 0..300 {
         files.write("m.mtl", damage(good, &mut random));
-        // A damaged library never costs the triangles, except by an image that cannot be decoded.
-        if let Err(error) = load_mesh(&files.path("a.obj")) {
-            assert!(error.to_string().contains("cannot decode the image"), "{error}");
-        }
+        // A damaged library never costs the triangles.
+        load_mesh(&files.path("a.obj")).unwrap();
     }
 }
 

@@ -4,8 +4,8 @@ use std::fs;
 use std::path::PathBuf;
 
 use base64::Engine;
-use esvo_builder::Mesh;
 use esvo_builder::import::load_mesh;
+use esvo_builder::{BuildSettings, Mesh, build};
 use tempfile::TempDir;
 
 /// A directory that holds the files of one test.
@@ -60,4 +60,36 @@ pub(crate) fn png(width: u32, height: u32, texels: &[[u8; 4]]) -> Vec<u8> {
 /// Bytes as a data URI.
 pub(crate) fn data_uri(bytes: &[u8]) -> String {
     format!("data:application/octet-stream;base64,{}", base64::engine::general_purpose::STANDARD.encode(bytes))
+}
+
+/// The finest voxels of a mesh with their places and colours (sRGB-encoded), without contours, so that every voxel that meets
+/// the surface is there.
+pub(crate) fn voxels(mesh: &Mesh, levels: u32) -> Vec<([u32; 3], [u8; 3])> {
+    let settings = BuildSettings { levels, contours: false, plain_attributes: true, ..BuildSettings::default() };
+    let octree = build(mesh, &settings, &|_| ()).unwrap_or_else(|e| panic!("{e}")).octree;
+    octree.sound().unwrap();
+    let mut found = Vec::new();
+    let mut waiting = vec![(octree.objects()[0].root_slot as u32, 1, [0; 3])];
+    while let Some((slot, level, at)) = waiting.pop() {
+        let descriptor = octree.descriptor(slot);
+        for child in (0..8u8).filter(|c| descriptor.valid_mask() >> c & 1 != 0) {
+            let at: [u32; 3] = std::array::from_fn(|axis| 2 * at[axis] + u32::from(child >> axis & 1));
+            if level == levels {
+                let color = octree.color(slot, child).unwrap();
+                found.push((at, std::array::from_fn(|k| (color[k] * 255.0).round() as u8)));
+            } else {
+                waiting.push((octree.child(slot, child).unwrap(), level + 1, at));
+            }
+        }
+    }
+    found
+}
+
+/// How many voxels have each colour, the least colour first.
+pub(crate) fn colors(voxels: &[([u32; 3], [u8; 3])]) -> Vec<([u8; 3], usize)> {
+    let mut counts = std::collections::BTreeMap::new();
+    for (_, color) in voxels {
+        *counts.entry(*color).or_insert(0) += 1;
+    }
+    counts.into_iter().collect()
 }
