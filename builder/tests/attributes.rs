@@ -228,7 +228,8 @@ fn textures_are_tested_by_sample_or_texel_for_texel() {
     assert!(samples * 4 < texels.len(), "{samples} against {}", texels.len());
     let dark = texels.iter().filter(|leaf| leaf.level == 6 && leaf.color[0] < 0.5).count();
     let light = texels.iter().filter(|leaf| leaf.level == 6 && leaf.color[0] > 0.7).count();
-    assert!(dark > 200 && light > 200, "{dark} dark, {light} light");
+    // The square takes one layer of voxels.
+    assert!(dark > 100 && light > 100, "{dark} dark, {light} light");
 }
 
 #[test]

@@ -74,10 +74,7 @@ fn statements<E>(source: &str, mut visit: impl FnMut(u32, &str, &str) -> Result<
         let (key, value) = if matches!(key, "mtllib" | "usemtl") {
             (key, value.trim())
         } else {
-            (
-                key.split('#').next().unwrap_or(""),
-                if key.contains('#') { "" } else { value.split('#').next().unwrap_or("").trim() },
-            )
+            (key.split('#').next().unwrap_or(""), if key.contains('#') { "" } else { without_comment(value).trim() })
         };
         // A statement may consist of a keyword and the backslash. The last character of a name can be a backslash.
         let name = matches!(key, "mtllib" | "usemtl");
@@ -95,6 +92,15 @@ fn statements<E>(source: &str, mut visit: impl FnMut(u32, &str, &str) -> Result<
         continued.clear();
     }
     Ok(())
+}
+
+/// What comes before a comment. The `#` in `1.#IND` and the like begins none.
+fn without_comment(text: &str) -> &str {
+    let number = |at: usize| {
+        let word = text.get(at + 1..at + 4).unwrap_or("");
+        text[..at].ends_with("1.") && ["ind", "inf", "qna", "sna"].iter().any(|n| word.eq_ignore_ascii_case(n))
+    };
+    text.match_indices('#').find(|(at, _)| !number(*at)).map_or(text, |(at, _)| &text[..at])
 }
 
 /// What the lists of a file contain, known before its faces are read.
@@ -477,12 +483,15 @@ mod tests {
     #[test]
     fn statements_are_joined_and_cut_at_comments() {
         let mut found = Vec::new();
-        let source = "V 1 \\\n 2 \\\n# no\n3\nf#x y\nusemtl a #1\nmtllib\\\n a\\b\\\n# x \\\nvn 1 2 3#4\n";
+        let source = "V 1 \\\n 2 \\\n# no\n3\nf#x y\nusemtl a #1\nmtllib\\\n a\\b\\\n# x \\\nvn 1 2 3#4\nvn -1.#IND00 1.#qnan 1.#9\n";
         let _ = statements(source, |line, key, value| {
             found.push(format!("{line} {key} {value}"));
             Ok::<(), ()>(())
         });
-        assert_eq!(found, ["3 v 1  2", "5 f ", "6 usemtl a #1", "8 mtllib a\\b\\", "10 vn 1 2 3"]);
+        assert_eq!(
+            found,
+            ["3 v 1  2", "5 f ", "6 usemtl a #1", "8 mtllib a\\b\\", "10 vn 1 2 3", "11 vn -1.#IND00 1.#qnan 1."]
+        );
     }
 
     #[test]

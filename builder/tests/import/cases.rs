@@ -81,7 +81,11 @@ fn masks_cut_holes_whatever_their_size_and_without_a_texture() {
     {
         files.write("a.mtl", format!("newmtl a\n{statements}\n"));
         let mesh = files.accept("a.obj", format!("mtllib a.mtl\n{SQUARE}"));
-        assert_eq!((&*mesh.warnings, colors(&voxels(&mesh, 3))), (&[][..], vec![(RED, 32)]), "{statements}");
+        let found = voxels(&mesh, 3);
+        // At the border of the mask, a corner of a solid triangle may touch a voxel.
+        let lower = found.iter().filter(|(at, _)| at[1] < 4).count();
+        assert!(lower == 32 && found.iter().all(|(at, color)| at[1] <= 4 && *color == RED), "{statements}: {found:?}");
+        assert_eq!(mesh.warnings, [""; 0]);
     }
 }
 
