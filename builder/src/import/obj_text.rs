@@ -490,7 +490,15 @@ mod tests {
         });
         assert_eq!(
             found,
-            ["3 v 1  2", "5 f ", "6 usemtl a #1", "8 mtllib a\\b\\", "10 vn 1 2 3", "11 vn -1.#IND00 1.#qnan 1."]
+            [
+                "3 v 1  2",
+                "4 3 ",
+                "5 f ",
+                "6 usemtl a #1",
+                "8 mtllib a\\b\\",
+                "10 vn 1 2 3",
+                "11 vn -1.#IND00 1.#qnan 1."
+            ]
         );
     }
 

@@ -339,6 +339,6 @@ mod tests {
         assert!(x.is_nan() && list == [3.0]);
         assert_eq!(next(3).unwrap_err(), "line 13: the file ends within v 3, but the header declares 3");
         let Values::Text(text) = values else { panic!() };
-        assert_eq!(text.longer.warning(["a", "b"], "c").unwrap(), "line 11: 1 a; c");
+        assert_eq!(text.longer.warning(["a", "b"], "c").unwrap(), "line 12: 1 a; c");
     }
 }

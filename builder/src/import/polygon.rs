@@ -30,6 +30,10 @@ pub(super) struct Splitter {
 /// it.
 const ROUNDING: f64 = 1e-9;
 
+/// Triangles whose height is at most this share of the polygon's size are left out: their corners are on one line but for
+/// rounding, and their direction means nothing.
+const FLAT: f64 = 1e-12;
+
 /// How far, as a share of the polygon's area, the triangles may miss it.
 const COVERAGE: f64 = 1e-6;
 
@@ -67,7 +71,8 @@ impl Splitter {
             let [p, q, r] = [a, b, c].map(|k| DVec2::from(self.flat[k as usize]));
             let twice = (q - p).perp_dot(r - p);
             covered += twice.abs();
-            if twice != 0.0 {
+            let longest = (q - p).length().max((r - q).length()).max((p - r).length());
+            if twice.abs() > FLAT * longest {
                 self.triangles.push(if twice > 0.0 { [a, b, c] } else { [a, c, b] });
             }
         }
