@@ -6,7 +6,9 @@ use std::time::{Duration, Instant};
 
 use esvo_core::reference::{self, MAX_SCALE};
 use esvo_core::testing::{compare::Comparison, sample};
-use esvo_core::{CastError, CastOptions, Caster, Checked, Device, DeviceKind, FrameTime, Hit, Ray, Roots, View, exp2};
+use esvo_core::{
+    CastError, CastOptions, Caster, Checked, Device, DeviceKind, FrameTime, Hit, Ray, Rays, Roots, View, exp2,
+};
 use esvo_format::Octree;
 use glam::Vec3;
 
@@ -31,11 +33,16 @@ impl Caster for BruteForce {
         Ok(())
     }
     fn cast_checked(&mut self, view: Checked<View>, hits: &mut Vec<Hit>) -> Result<(), CastError> {
-        let (octree, roots) = self.1.as_ref().ok_or(CastError::NotLoaded)?;
-        let (view, mut leaves) = (roots.open(&view)?, Vec::new());
-        collect(octree, view.root, Vec3::ONE, MAX_SCALE, &mut leaves);
+        let view = self.roots().ok_or(CastError::NotLoaded)?.open(&view)?;
         let ray = |pixel: usize| view.ray(pixel as u32 % view.width, pixel as u32 / view.width);
-        *hits = (0..view.pixels()).map(|pixel| nearest(&leaves, &ray(pixel))).collect();
+        let rays: Vec<Ray> = (0..view.pixels()).map(ray).collect();
+        self.cast_rays(&Rays { root: view.root, contours: false, rays: &rays }, hits)
+    }
+    fn cast_rays_checked(&mut self, rays: Checked<Rays<'_>>, hits: &mut Vec<Hit>) -> Result<(), CastError> {
+        let (octree, roots) = self.1.as_ref().ok_or(CastError::NotLoaded)?;
+        let (rays, mut leaves) = (roots.open(&rays)?, Vec::new());
+        collect(octree, rays.root, Vec3::ONE, MAX_SCALE, &mut leaves);
+        *hits = rays.rays.iter().map(|ray| nearest(&leaves, ray)).collect();
         Ok(())
     }
     fn time_checked(&mut self, view: Checked<View>) -> Result<FrameTime, CastError> {

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use esvo_bench::paper_bench::check::check;
 use esvo_builder::BuildSettings;
 use esvo_core::reference::ReferenceCaster;
-use esvo_core::{CastError, CastOptions, Caster, Checked, Device, FrameTime, Hit, Roots, View};
+use esvo_core::{CastError, CastOptions, Caster, Checked, Device, FrameTime, Hit, Rays, Roots, View};
 use esvo_engines::{EngineId, OpenOptions};
 use esvo_format::Octree;
 
@@ -38,6 +38,9 @@ impl<F: FnMut(&mut Vec<Hit>) + Send> Caster for Broken<F> {
     }
     fn time_checked(&mut self, view: Checked<View>) -> Result<FrameTime, CastError> {
         self.inner.time_checked(view)
+    }
+    fn cast_rays_checked(&mut self, rays: Checked<Rays<'_>>, hits: &mut Vec<Hit>) -> Result<(), CastError> {
+        self.inner.cast_rays_checked(rays, hits)
     }
 }
 

@@ -8,12 +8,13 @@ use ash::vk;
 use ash::vk::{BufferUsageFlags as Usage, DescriptorType};
 use esvo_core::gpu::kernel::{self, Bands, GpuOptions, Pass, Placement, Variant, WORKGROUP};
 use esvo_core::gpu::resident::{Resident, SlotMap};
-use esvo_core::{CastError, Caster, Checked, Device, FrameTime, Hit, Roots, View};
+use esvo_core::{CastError, Caster, Checked, Device, FrameTime, Hit, Ray, Rays, Roots, View};
 use esvo_format::Octree;
 
 use crate::buffers::{Buffer, upload};
 use crate::gpu::{Gpu, TIMESTAMPS};
 use crate::pipeline::{BufferSet, Pipeline};
+use crate::rays::RayBuffers;
 
 /// Octree data is copied in pieces of this many bytes.
 const STAGING_BYTES: u64 = 64 << 20;
@@ -22,6 +23,8 @@ const STAGING_BYTES: u64 = 64 << 20;
 pub struct AshCaster {
     // Fields are dropped in this order. Each holds the device, so the device is destroyed last.
     frame: Option<FrameBuffers>,
+    /// Made for the longest list of rays so far.
+    rays: Option<RayBuffers>,
     loaded: Option<Loaded>,
     options: GpuOptions,
     gpu: Arc<Gpu>,
@@ -54,7 +57,7 @@ impl AshCaster {
     /// # Errors
     /// [`CastError::Device`]: there is no Vulkan library, no device, or none of the wanted name.
     pub fn new(options: &GpuOptions) -> Result<Self, CastError> {
-        Ok(Self { frame: None, loaded: None, options: options.clone(), gpu: Arc::new(Gpu::open(options)?) })
+        Ok(Self { frame: None, rays: None, loaded: None, options: options.clone(), gpu: Arc::new(Gpu::open(options)?) })
     }
 
     /// Compiles the kernels of a frame and makes its buffers. Returns the bands.
@@ -136,6 +139,30 @@ impl AshCaster {
     }
 }
 
+impl AshCaster {
+    fn rays_per_dispatch(&self) -> usize {
+        let limits = &self.gpu.adapter.limits;
+        let max_bytes = u64::from(limits.max_storage_buffer_range).min(self.gpu.adapter.max_allocation);
+        let most = kernel::rays_per_dispatch(max_bytes, limits.max_compute_work_group_count[0]);
+        self.options.max_rays.map_or(most, |rays| rays.clamp(1, most))
+    }
+
+    /// Casts `some` of the rays, which fit one dispatch, in one submission, and waits.
+    fn batch(&mut self, all: &Rays, some: &[Ray], hits: &mut [Hit]) -> Result<(), CastError> {
+        let most = self.rays_per_dispatch();
+        let loaded = self.loaded.as_mut().ok_or(CastError::NotLoaded)?;
+        if self.rays.as_ref().is_none_or(|buffers| buffers.capacity() < some.len()) {
+            self.rays = None;
+            self.rays = Some(RayBuffers::new(&self.gpu, some.len(), most)?);
+        }
+        let buffers = self.rays.as_mut().ok_or(CastError::NotLoaded)?;
+        let variant = loaded.placement.rays_variant(all.contours, some.iter().any(Ray::has_size));
+        loaded.compile(&self.gpu, &self.options, Pass::Rays, variant, buffers.layout())?;
+        let root = loaded.map.to_resident(all.root);
+        buffers.cast(&self.gpu, &loaded.pipelines[&(Pass::Rays, variant)], &loaded.set, root, some, hits)
+    }
+}
+
 /// Makes earlier writes of shaders visible to later commands, in `stage`.
 fn wait_for_writes(
     device: &ash::Device,
@@ -185,6 +212,18 @@ impl Caster for AshCaster {
             let band: &mut [u8] = bytemuck::cast_slice_mut(&mut hits[at..at + rows as usize * view.width as usize]);
             let staging = self.frame.as_mut().and_then(|frame| frame.staging.as_mut()).ok_or(CastError::NotLoaded)?;
             band.copy_from_slice(&staging.contents()[..band.len()]);
+        }
+        self.loaded.as_ref().ok_or(CastError::NotLoaded)?.map.restore(hits);
+        Ok(())
+    }
+
+    fn cast_rays_checked(&mut self, rays: Checked<Rays<'_>>, hits: &mut Vec<Hit>) -> Result<(), CastError> {
+        let rays = *self.roots().ok_or(CastError::NotLoaded)?.open(&rays)?;
+        hits.clear();
+        hits.resize(rays.rays.len(), Hit::miss(0));
+        let most = self.rays_per_dispatch();
+        for (some, hits) in rays.rays.chunks(most).zip(hits.chunks_mut(most)) {
+            self.batch(&rays, some, hits)?;
         }
         self.loaded.as_ref().ok_or(CastError::NotLoaded)?.map.restore(hits);
         Ok(())

@@ -24,6 +24,7 @@
 //!
 //! # What is where
 //! - `caster`: [`AshCaster`], the caster: octree and picture buffers, passes.
+//! - `rays`: buffers and submission of lists of rays.
 //! - `pipeline`: descriptor sets and compute pipelines.
 //! - `spirv`: [`module`], from WGSL to SPIR-V; [`forbid_contraction`].
 //! - `buffers`: buffers and their memory.
@@ -38,6 +39,7 @@ mod caster;
 mod gpu;
 mod instance;
 mod pipeline;
+mod rays;
 mod spirv;
 
 pub use caster::AshCaster;

@@ -81,7 +81,7 @@ pub fn forbid_contraction(words: &[u32]) -> Vec<u32> {
 mod tests {
     use std::collections::HashSet;
 
-    use esvo_core::gpu::kernel::{ENTRY_CAST, ENTRY_COARSE, ENTRY_TIME, Variant};
+    use esvo_core::gpu::kernel::{ENTRY_CAST, ENTRY_COARSE, ENTRY_RAYS, ENTRY_TIME, Variant};
 
     use super::*;
 
@@ -162,6 +162,7 @@ mod tests {
                     far_pointers: bits & 2 != 0,
                     lod: bits & 4 != 0,
                     beam: bits & 8 != 0,
+                    rays: false,
                     levels,
                     parts,
                     part_shift: 24,
@@ -171,6 +172,7 @@ mod tests {
                     module(&variant.source(), entry).expect("compiles");
                 }
                 module(&variant.of_coarse_pass().source(), ENTRY_COARSE).expect("compiles");
+                module(&Variant { rays: true, beam: false, ..variant }.source(), ENTRY_RAYS).expect("compiles");
             }
         }
     }

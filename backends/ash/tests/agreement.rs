@@ -6,7 +6,7 @@ use esvo_ash::{AshCaster, GpuOptions};
 use esvo_core::reference::ReferenceCaster;
 use esvo_core::testing::conformance::{REQUIRE_GPU, Subject};
 use esvo_core::testing::sample::Sample;
-use esvo_core::{CastError, Caster, Checked, Device, FrameTime, Hit, Roots, View};
+use esvo_core::{CastError, Caster, Checked, Device, FrameTime, Hit, Rays, Roots, View};
 use esvo_format::Octree;
 
 const ENGINE: Subject = Subject::kernel(|options| Ok(Box::new(AshCaster::new(options)?)));
@@ -41,6 +41,9 @@ impl Caster for Leaky {
         Err(CastError::NotLoaded)
     }
     fn time_checked(&mut self, _: Checked<View>) -> Result<FrameTime, CastError> {
+        Err(CastError::NotLoaded)
+    }
+    fn cast_rays_checked(&mut self, _: Checked<Rays<'_>>, _: &mut Vec<Hit>) -> Result<(), CastError> {
         Err(CastError::NotLoaded)
     }
 }

@@ -2,12 +2,13 @@
 // comments name the lines of the figure.
 //
 // `esvo_core::gpu::kernel` puts a prelude in front, which declares what depends on the octree and on the frame:
-//   const CONTOURS, FAR_POINTERS, LOD, BEAM: bool   the features of this variant
+//   const CONTOURS, FAR_POINTERS, LOD, BEAM, RAYS: bool   the features of this variant
 //   const LEVELS: u32                               level of the deepest voxel: the number of frames of the stack
 //   const WIDTH, HEIGHT: u32                        size of a workgroup in pixels, powers of two
 //   fn slot_at(slot: u32) -> vec2<u32>              a slot of the octree, from the bindings of group 1
 //
-// The structs View and Hit are `esvo_core::View` and `esvo_core::Hit`: a test compares every member.
+// The structs View, Hit and RayRecord are `esvo_core::View`, `esvo_core::Hit` and `esvo_core::Ray`: a test compares every
+// member.
 
 struct View {
     origin: vec3<f32>,
@@ -26,10 +27,23 @@ struct View {
     first_row: u32,
 }
 
+// A ray of a buffer of rays. Arrays, since a vec3 would have to lie at a multiple of 16 bytes.
+struct RayRecord {
+    origin: array<f32, 3>,
+    direction: array<f32, 3>,
+    t_min: f32,
+    t_max: f32,
+    size_at_origin: f32,
+    size_per_t: f32,
+}
+
 struct Ray {
+    origin: vec3<f32>,
     direction: vec3<f32>,
     t_min: f32,
     t_max: f32,
+    // Read with RAYS; 0 without.
+    size_at_origin: f32,
     size_per_t: f32,
 }
 
@@ -43,6 +57,7 @@ struct Hit {
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read_write> coarse_out: array<f32>;
 @group(0) @binding(1) var<storage, read> coarse_in: array<f32>;
+@group(0) @binding(1) var<storage, read> rays: array<RayRecord>;
 @group(0) @binding(2) var<storage, read_write> hits: array<Hit>;
 @group(0) @binding(2) var<storage, read_write> depths: array<f32>;
 
@@ -110,7 +125,7 @@ fn project_contour(parent: u32, descriptor: vec2<u32>, child: u32, direction: ve
 fn cast_ray(ray: Ray) -> Hit {
     // Compares bits, since a shader compiler may assume that no number is NaN.
     let direction_bits = bitcast<vec3<u32>>(ray.direction) & vec3<u32>(MAGNITUDE);
-    let origin_bits = bitcast<vec3<u32>>(view.origin) & vec3<u32>(MAGNITUDE);
+    let origin_bits = bitcast<vec3<u32>>(ray.origin) & vec3<u32>(MAGNITUDE);
     if any(direction_bits > vec3<u32>(MAX_COMPONENT_BITS)) || any(origin_bits >= vec3<u32>(INFINITY_BITS)) {
         return miss(0u);
     }
@@ -121,7 +136,7 @@ fn cast_ray(ray: Ray) -> Hit {
     );
     let coef = vec3<f32>(1.0) / -abs(direction);
     let mirrored = direction > vec3<f32>(0.0);
-    let straight = coef * view.origin;
+    let straight = coef * ray.origin;
     let bias = select(straight, vec3<f32>(3.0) * coef - straight, mirrored);
     let mirror = axes(mirrored);
 
@@ -156,7 +171,11 @@ fn cast_ray(ray: Ray) -> Hit {
         if (masks & 0x100u) != 0u && t_min <= t_max {
             // 11
             if LOD {
-                if tc_max * ray.size_per_t >= size {
+                var footprint = tc_max * ray.size_per_t;
+                if RAYS {
+                    footprint += ray.size_at_origin;
+                }
+                if footprint >= size {
                     return Hit(t_min, parent, child | (scale << 8u), iteration);
                 }
             }
@@ -258,6 +277,7 @@ fn coarse_pass(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocatio
     }
     let corner = (vec2<f32>(at) - vec2<f32>(1.0)) * f32(BEAM_BLOCK);
     var ray: Ray;
+    ray.origin = view.origin;
     ray.direction = direction_through(corner.x, corner.y);
     ray.t_min = view.t_near;
     ray.t_max = bitcast<f32>(0x7f7fffffu);
@@ -285,6 +305,7 @@ fn beam_start(x: u32, y: u32) -> f32 {
 
 fn cast_pixel(x: u32, y: u32) -> Hit {
     var ray: Ray;
+    ray.origin = view.origin;
     ray.direction = direction_through(f32(x) + 0.5, f32(y) + 0.5);
     ray.t_min = view.t_near;
     ray.t_max = 1.0;
@@ -333,5 +354,32 @@ fn timing_pass(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocatio
     let y = at.y + view.first_row;
     if at.x < view.width && y < view.height {
         depths[at.y * view.width + at.x] = cast_pixel(at.x, y).t;
+    }
+}
+
+fn is_nan(x: f32) -> bool {
+    return (bitcast<u32>(x) & MAGNITUDE) > INFINITY_BITS;
+}
+
+// The rays of a buffer, in any order: `view.width` of them, against the object at `view.root`. Its variant has RAYS and not
+// BEAM.
+@compute @workgroup_size(WIDTH * HEIGHT)
+fn cast_rays(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
+    let at = group.x * (WIDTH * HEIGHT) + local;
+    if at >= view.width {
+        return;
+    }
+    var ray: Ray;
+    ray.origin = vec3<f32>(rays[at].origin[0], rays[at].origin[1], rays[at].origin[2]);
+    ray.direction = vec3<f32>(rays[at].direction[0], rays[at].direction[1], rays[at].direction[2]);
+    ray.t_min = rays[at].t_min;
+    ray.t_max = rays[at].t_max;
+    ray.size_at_origin = rays[at].size_at_origin;
+    ray.size_per_t = rays[at].size_per_t;
+    // `cast_ray` looks at origin and direction; those of pictures have no other number that can be NaN.
+    if is_nan(ray.t_min) || is_nan(ray.t_max) || is_nan(ray.size_at_origin) || is_nan(ray.size_per_t) {
+        hits[at] = miss(0u);
+    } else {
+        hits[at] = cast_ray(ray);
     }
 }

@@ -7,13 +7,14 @@ use std::time::Duration;
 use esvo_format::Octree;
 use serde::{Deserialize, Serialize};
 
-use crate::{CastError, Checked, Fans, Hit, Roots, View};
+use crate::{CastError, Checked, Fans, Hit, Rays, Roots, View};
 
-/// Casts the rays of a frame against one octree.
+/// Casts rays against one octree.
 ///
-/// Callers use [`load`](Self::load), [`cast`](Self::cast), [`time`](Self::time) and [`cast_fans`](Self::cast_fans). These
-/// check what they are given and hand it to the methods that an engine implements, whose names end in `_checked`. An engine
-/// implements only those: it can read a view only after the check, see [`Roots::open`].
+/// Callers use [`load`](Self::load), [`cast`](Self::cast), [`time`](Self::time), [`cast_rays`](Self::cast_rays) and
+/// [`cast_fans`](Self::cast_fans). These check what they are given and hand it to the methods that an engine implements,
+/// whose names end in `_checked`. An engine implements only those: it can read a view only after the check, see
+/// [`Roots::open`].
 pub trait Caster: Send {
     /// Short name of the engine: `reference`, `cpu`, `wgpu`, `ash`.
     fn name(&self) -> &'static str;
@@ -61,6 +62,19 @@ pub trait Caster: Send {
         self.time_checked(view)
     }
 
+    /// Casts rays of any origin, direction, span and size: `hits[i]` is that of `rays.rays[i]`. Resizes `hits`. A GPU casts
+    /// them in one submission, or in a few if their number exceeds what the device takes at once.
+    ///
+    /// A ray that [is not cast](crate::Ray::is_cast) misses: one with a number that is NaN, with an infinite origin or
+    /// direction, or with a direction of more than 2^20 on an axis.
+    ///
+    /// # Errors
+    /// No octree loaded; a root that is not one of the octree's; what the device said.
+    fn cast_rays(&mut self, rays: &Rays, hits: &mut Vec<Hit>) -> Result<(), CastError> {
+        let rays = self.roots().ok_or(CastError::NotLoaded)?.check_rays(rays)?;
+        self.cast_rays_checked(rays, hits)
+    }
+
     /// Casts the rays of `fans` down to the leaves: `hits[fan * directions + direction]`. Resizes `hits`. Rays miss as in
     /// [`cast`](Self::cast).
     ///
@@ -92,24 +106,21 @@ pub trait Caster: Send {
     /// What the device said.
     fn time_checked(&mut self, view: Checked<View>) -> Result<FrameTime, CastError>;
 
-    /// For engines: [`cast_fans`](Self::cast_fans). Without a method of its own, an engine casts each ray as a picture of
-    /// one pixel.
+    /// For engines: [`cast_rays`](Self::cast_rays).
+    ///
+    /// # Errors
+    /// What the device said.
+    fn cast_rays_checked(&mut self, rays: Checked<Rays<'_>>, hits: &mut Vec<Hit>) -> Result<(), CastError>;
+
+    /// For engines: [`cast_fans`](Self::cast_fans). Without a method of its own, an engine casts the rays of the fans by
+    /// [`cast_rays`](Self::cast_rays).
     ///
     /// # Errors
     /// What the device said.
     fn cast_fans_checked(&mut self, fans: Checked<Fans<'_>>, hits: &mut Vec<Hit>) -> Result<(), CastError> {
         let fans = *self.roots().ok_or(CastError::NotLoaded)?.open(&fans)?;
-        hits.clear();
-        let mut one = Vec::new();
-        for ray in fans.rays() {
-            if ray.is_finite() {
-                self.cast(&fans.view(&ray), &mut one)?;
-                hits.extend_from_slice(&one);
-            } else {
-                hits.push(Hit::miss(0));
-            }
-        }
-        Ok(())
+        let rays: Vec<_> = fans.rays().collect();
+        self.cast_rays(&Rays { root: fans.root, contours: fans.contours, rays: &rays }, hits)
     }
 }
 

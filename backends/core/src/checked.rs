@@ -1,17 +1,17 @@
-//! What core has checked before an engine sees it: roots, views and fans.
+//! What core has checked before an engine sees it: roots, views, rays and fans.
 //!
 //! An engine walks the octree by the numbers that it finds there, without looking at bounds: in a GPU's memory, or by the
 //! gathers of a processor. Two checks make that safe. [`Caster::load`](crate::Caster::load) takes only octrees that are
 //! [sound](Octree::sound), and a ray starts only at the root of an object. The types of this module make the second check
-//! impossible to leave out: the methods that an engine implements take a [`Checked`] view or fan, only core makes one, and
-//! its contents are read through the [`Roots`] of the octree that it was checked against.
+//! impossible to leave out: the methods that an engine implements take [`Checked`] views, rays or fans. Only core makes
+//! them, and their contents are read through the [`Roots`] of the octree that they were checked against.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Weak};
 
 use esvo_format::Octree;
 
-use crate::{CastError, Fans, View};
+use crate::{CastError, Fans, Rays, View};
 
 /// The root slots of the octree that an engine holds: the slots at which its rays may start.
 ///
@@ -25,7 +25,7 @@ pub struct Roots {
     slots: Vec<u32>,
 }
 
-/// A [`View`] or [`Fans`] that passed every check against the octree that an engine holds; see [`Roots::open`].
+/// A [`View`], [`Rays`] or [`Fans`] that passed every check against the octree that an engine holds; see [`Roots::open`].
 #[derive(Clone, Copy, Debug)]
 pub struct Checked<T> {
     roots: u64,
@@ -83,6 +83,14 @@ impl Roots {
     /// [`CastError::Root`].
     pub(crate) fn check_fans<'a>(&self, fans: &Fans<'a>) -> Result<Checked<Fans<'a>>, CastError> {
         self.check(fans.root, *fans)
+    }
+
+    /// Checks rays. The rays themselves need no check: one that [is not cast](crate::Ray::is_cast) misses.
+    ///
+    /// # Errors
+    /// [`CastError::Root`].
+    pub fn check_rays<'a>(&self, rays: &Rays<'a>) -> Result<Checked<Rays<'a>>, CastError> {
+        self.check(rays.root, *rays)
     }
 
     fn check<T>(&self, root: u32, value: T) -> Result<Checked<T>, CastError> {

@@ -2,7 +2,7 @@
 
 use glam::{Mat3, Vec3};
 
-use crate::{FLAG_CONTOURS, Ray, View};
+use crate::Ray;
 
 /// Where a bundle of rays starts, and how it is turned.
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -49,26 +49,6 @@ impl Fans<'_> {
     pub fn rays(&self) -> impl Iterator<Item = Ray> + '_ {
         self.fans.iter().flat_map(|fan| self.directions.iter().map(|direction| Self::ray(fan, *direction)))
     }
-
-    /// A picture of one pixel that has this ray.
-    pub fn view(&self, ray: &Ray) -> View {
-        View {
-            origin: ray.origin.into(),
-            t_near: ray.t_min,
-            base: ray.direction.into(),
-            pixel_size: 0.0,
-            dx: [0.0; 3],
-            max_voxel_pixels: 0.0,
-            dy: [0.0; 3],
-            t_per_depth: 1.0 / ray.direction.length().max(f32::MIN_POSITIVE),
-            width: 1,
-            height: 1,
-            root: self.root,
-            flags: u32::from(self.contours) * FLAG_CONTOURS,
-            first_row: 0,
-            padding: [0; 3],
-        }
-    }
 }
 
 #[cfg(test)]
@@ -80,12 +60,12 @@ mod tests {
     use super::*;
     use crate::reference::{ReferenceCaster, cast_ray};
     use crate::testing::sample::Sample;
-    use crate::{CastError, Caster, Checked, Device, FrameTime, Hit, Roots};
+    use crate::{CastError, Caster, Checked, Device, FrameTime, Hit, Rays, Roots, View};
 
     /// A caster with the required methods only.
-    struct FramesOnly(ReferenceCaster);
+    struct RaysOnly(ReferenceCaster);
 
-    impl Caster for FramesOnly {
+    impl Caster for RaysOnly {
         fn name(&self) -> &'static str {
             self.0.name()
         }
@@ -113,6 +93,10 @@ mod tests {
         fn time_checked(&mut self, view: Checked<View>) -> Result<FrameTime, CastError> {
             self.0.time_checked(view)
         }
+
+        fn cast_rays_checked(&mut self, rays: Checked<Rays<'_>>, hits: &mut Vec<Hit>) -> Result<(), CastError> {
+            self.0.cast_rays_checked(rays, hits)
+        }
     }
 
     #[test]
@@ -127,7 +111,7 @@ mod tests {
             .collect();
         let directions: Vec<Vec3> = (0..40).map(|i| Vec3::new((i as f32).sin(), 0.4, (i as f32).cos())).collect();
         let casters: [&mut dyn Caster; 2] =
-            [&mut ReferenceCaster::default(), &mut FramesOnly(ReferenceCaster::default())];
+            [&mut ReferenceCaster::default(), &mut RaysOnly(ReferenceCaster::default())];
         for caster in casters {
             let mut hits = Vec::new();
             let nothing = Fans { root, contours: true, fans: &[], directions: &directions };

@@ -4,7 +4,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::{DMat4, DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 
-use crate::{Camera, CastError};
+use crate::{Camera, CastError, Ray};
 
 /// How a frame is cast.
 #[derive(Clone, Copy, PartialEq, Debug, Serialize, Deserialize)]
@@ -93,31 +93,6 @@ pub struct View {
 pub const FLAG_CONTOURS: u32 = 1;
 /// Bit of [`View::flags`]: beam optimization, so that rays start where the coarse pass found that nothing comes before.
 pub const FLAG_BEAM: u32 = 2;
-
-/// One ray in octree space: the octree is `[1, 2]³`.
-#[derive(Clone, Copy, PartialEq, Debug)]
-pub struct Ray {
-    /// Where `t` is 0.
-    pub origin: Vec3,
-    /// Displacement over `t` = 1.
-    pub direction: Vec3,
-    /// Start of the ray, at least 0.
-    pub t_min: f32,
-    /// End of the ray.
-    pub t_max: f32,
-    /// At `t`, voxels whose edge is at most `size_at_origin + t * size_per_t` octree units end the ray. Both 0: only
-    /// leaves do.
-    pub size_at_origin: f32,
-    /// See [`size_at_origin`](Self::size_at_origin).
-    pub size_per_t: f32,
-}
-
-impl Ray {
-    /// Whether origin and direction are finite. Rays that are not miss.
-    pub fn is_finite(&self) -> bool {
-        self.origin.is_finite() && self.direction.is_finite()
-    }
-}
 
 impl View {
     /// The view of an octree whose root descriptor is at slot `root`.

@@ -27,7 +27,7 @@
 //! | place a camera | [`Camera`]; [`camera::viewpoint`]: one that sees all of an object |
 //! | know the rays of a picture | [`View`], [`Ray`]; in double precision: [`exact`] |
 //! | cast a picture | [`Caster::cast`] |
-//! | cast rays of your own | [`Fans`], [`Caster::cast_fans`] |
+//! | cast rays of your own | [`Ray`], [`Rays`], [`Caster::cast_rays`]; many from few points: [`Fans`], [`Caster::cast_fans`] |
 //! | read a hit | [`Hit`]; its colour and normal: [`shading`] |
 //! | make a picture | [`shading`], [`Picture`]; files: [`picture`] with the feature `png` |
 //! | compute ambient occlusion | [`ambient`] |
@@ -66,6 +66,7 @@ mod frame;
 pub mod gpu;
 mod hit;
 pub mod picture;
+mod ray;
 pub mod reference;
 pub mod shading;
 pub mod testing;
@@ -75,8 +76,7 @@ pub use caster::{Caster, Device, DeviceKind, FrameTime};
 pub use checked::{Checked, Roots};
 pub use error::CastError;
 pub use fan::{Fan, Fans};
-pub use frame::{
-    BEAM_BLOCK, COARSE_VOXEL_PIXELS, CastOptions, FLAG_BEAM, FLAG_CONTOURS, MAX_PIXELS, Ray, View, check_size,
-};
+pub use frame::{BEAM_BLOCK, COARSE_VOXEL_PIXELS, CastOptions, FLAG_BEAM, FLAG_CONTOURS, MAX_PIXELS, View, check_size};
 pub use hit::{Hit, exp2};
 pub use picture::Picture;
+pub use ray::{Ray, Rays};

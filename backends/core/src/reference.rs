@@ -12,7 +12,8 @@ use glam::Vec3;
 
 use crate::frame::mad;
 use crate::hit::exp2;
-use crate::{CastError, Caster, Checked, Device, DeviceKind, Fans, FrameTime, Hit, Ray, Roots, View};
+pub use crate::ray::MAX_COMPONENT;
+use crate::{CastError, Caster, Checked, Device, DeviceKind, Fans, FrameTime, Hit, Ray, Rays, Roots, View};
 
 /// Scale of the root cube: the paper's `s_max`.
 pub const MAX_SCALE: u32 = 23;
@@ -21,14 +22,11 @@ pub const MAX_ITERATIONS: u32 = 1 << 20;
 /// Smallest absolute value of a direction component, and of the product of a contour's normal (in the units of its word)
 /// with the direction. Smaller ones are replaced by it, with their sign, so that nothing divides by zero.
 pub const EPSILON: f32 = 1.0 / (1u32 << MAX_SCALE) as f32;
-/// Largest absolute value of a direction component. Rays with a larger one miss, as do those that are not finite.
-pub const MAX_COMPONENT: f32 = (1u32 << 20) as f32;
-
 /// Casts one ray against the octree below the descriptor at slot `root`.
 ///
 /// The octree must be [sound](Octree::sound), and `root` the root slot of one of its objects.
 pub fn cast_ray(octree: &Octree, root: u32, ray: &Ray, contours: bool) -> Hit {
-    if !(ray.is_finite() && ray.direction.abs().max_element() <= MAX_COMPONENT) {
+    if !ray.is_cast() {
         return Hit::miss(0);
     }
     let mirrored = MirroredRay::new(ray);
@@ -340,6 +338,13 @@ impl Caster for ReferenceCaster {
         cast_fine(octree, view, &values, &mut hits);
         std::hint::black_box(&hits);
         Ok(FrameTime { total: start.elapsed(), coarse })
+    }
+
+    fn cast_rays_checked(&mut self, rays: Checked<Rays<'_>>, hits: &mut Vec<Hit>) -> Result<(), CastError> {
+        let (octree, rays) = self.open(&rays)?;
+        hits.clear();
+        hits.extend(rays.rays.iter().map(|ray| cast_ray(octree, rays.root, ray, rays.contours)));
+        Ok(())
     }
 
     fn cast_fans_checked(&mut self, fans: Checked<Fans<'_>>, hits: &mut Vec<Hit>) -> Result<(), CastError> {

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::mem::offset_of;
 
 use esvo_core::gpu::kernel::CAST_WGSL;
-use esvo_core::{Hit, View};
+use esvo_core::{Hit, Ray, View};
 
 /// Offset and size in bytes of each member, and the size of the whole.
 #[derive(PartialEq, Eq, Debug)]
@@ -68,10 +68,19 @@ fn rust_view() -> Layout {
     }))
 }
 
+fn rust_hit() -> Layout {
+    rust_layout!(Hit { t, slot, voxel, iterations })
+}
+
+fn rust_ray() -> Layout {
+    rust_layout!(Ray { origin, direction, t_min, t_max, size_at_origin, size_per_t })
+}
+
 #[test]
 fn the_kernel_s_structs_are_those_of_rust() {
     assert_eq!(kernel_layout(CAST_WGSL, "View"), rust_view());
-    assert_eq!(kernel_layout(CAST_WGSL, "Hit"), rust_layout!(Hit { t, slot, voxel, iterations }));
+    assert_eq!(kernel_layout(CAST_WGSL, "Hit"), rust_hit());
+    assert_eq!(kernel_layout(CAST_WGSL, "RayRecord"), rust_ray());
 }
 
 /// The negative control: members that are swapped, renamed, missing or of another size are noticed.
@@ -87,10 +96,16 @@ fn a_struct_that_differs_is_noticed() {
         ("View", "    first_row: u32,\n", "    first_row: u32,\n    last_row: u32,\n"),
         ("View", "    origin: vec3<f32>,\n    t_near: f32,\n", "    origin: vec4<f32>,\n    t_near: f32,\n"),
         ("Hit", "    slot: u32,\n    voxel: u32,\n", "    voxel: u32,\n    slot: u32,\n"),
+        ("RayRecord", "    origin: array<f32, 3>,\n", "    origin: vec3<f32>,\n"),
+        ("RayRecord", "    t_min: f32,\n    t_max: f32,\n", "    t_max: f32,\n    t_min: f32,\n"),
     ] {
         assert!(CAST_WGSL.contains(right), "{right}");
         let broken = kernel_layout(&CAST_WGSL.replacen(right, wrong, 1), name);
-        let rust = if name == "View" { rust_view() } else { rust_layout!(Hit { t, slot, voxel, iterations }) };
+        let rust = match name {
+            "View" => rust_view(),
+            "Hit" => rust_hit(),
+            _ => rust_ray(),
+        };
         assert_ne!(broken, rust, "{wrong}");
     }
 }

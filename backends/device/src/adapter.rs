@@ -23,20 +23,30 @@ pub(crate) fn found() -> Vec<wgpu::Adapter> {
     adapters
 }
 
-/// Whether passes can be timed by the device itself.
-pub(crate) fn has_clock(adapter: &wgpu::Adapter) -> bool {
-    adapter.features().contains(wgpu::Features::TIMESTAMP_QUERY)
-}
-
 /// Name, kind, driver and clock of an adapter.
 pub(crate) fn describe(adapter: &wgpu::Adapter) -> Device {
-    let info = adapter.get_info();
+    describe_as(adapter.get_info(), adapter.features())
+}
+
+/// The same for a device that has these features.
+pub(crate) fn describe_as(info: wgpu::AdapterInfo, features: wgpu::Features) -> Device {
+    let has_clock = features.contains(wgpu::Features::TIMESTAMP_QUERY);
     let software = info.device_type == wgpu::DeviceType::Cpu;
-    let timing =
-        if has_clock(adapter) { "timed by timestamp queries" } else { "timed by wall clock around submission" };
+    let timing = if has_clock { "timed by timestamp queries" } else { "timed by wall clock around submission" };
     Device {
         name: info.name,
         kind: if software { DeviceKind::SoftwareGpu } else { DeviceKind::Gpu },
-        detail: format!("wgpu, Vulkan, {} {}, {timing}", info.driver, info.driver_info),
+        detail: format!("wgpu, {}, {} {}, {timing}", backend(info.backend), info.driver, info.driver_info),
+    }
+}
+
+fn backend(backend: wgpu::Backend) -> &'static str {
+    match backend {
+        wgpu::Backend::Vulkan => "Vulkan",
+        wgpu::Backend::Metal => "Metal",
+        wgpu::Backend::Dx12 => "Direct3D 12",
+        wgpu::Backend::Gl => "OpenGL",
+        wgpu::Backend::BrowserWebGpu => "WebGPU",
+        _ => "no backend",
     }
 }

@@ -86,21 +86,48 @@ impl Gpu {
         bytes: u64,
         take: impl FnOnce(&[u8]),
     ) -> Result<(), DeviceError> {
-        let result = Arc::new(Mutex::new(None));
-        let store = result.clone();
+        let reading = self.begin_reading(staging, bytes);
+        self.wait()?;
+        self.finish_reading(staging, &reading, take)?.ok_or_else(|| self.error("the device did not deliver the buffer"))
+    }
+
+    /// Asks for the first `bytes` bytes of a buffer with usage `MAP_READ`, a multiple of 4, and does not wait. For
+    /// [`finish_reading`](Self::finish_reading).
+    pub fn begin_reading(&self, staging: &wgpu::Buffer, bytes: u64) -> Reading {
+        let reading = Reading { bytes, result: Arc::new(Mutex::new(None)) };
+        let store = reading.result.clone();
         staging.map_async(wgpu::MapMode::Read, ..bytes, move |mapped| {
             *store.lock().unwrap_or_else(PoisonError::into_inner) = Some(mapped);
         });
-        self.wait()?;
-        match result.lock().unwrap_or_else(PoisonError::into_inner).take() {
+        reading
+    }
+
+    /// Gives the bytes of a buffer to `take` if they have arrived, and returns what it returns; `None` if they have not. The
+    /// device delivers them while it is [polled](Self::poll) or waited for.
+    ///
+    /// # Errors
+    /// A buffer that cannot be mapped; a lost device.
+    pub fn finish_reading<T>(
+        &self,
+        staging: &wgpu::Buffer,
+        reading: &Reading,
+        take: impl FnOnce(&[u8]) -> T,
+    ) -> Result<Option<T>, DeviceError> {
+        match reading.result.lock().unwrap_or_else(PoisonError::into_inner).take() {
             Some(Ok(())) => {}
             Some(Err(error)) => return Err(self.error(error)),
-            None => return Err(self.error("the device did not deliver the buffer")),
+            None => return Ok(None),
         }
-        let view = staging.get_mapped_range(..bytes).map_err(|error| self.error(error))?;
-        take(&view);
+        let view = staging.get_mapped_range(..reading.bytes).map_err(|error| self.error(error))?;
+        let taken = take(&view);
         drop(view);
         staging.unmap();
-        Ok(())
+        Ok(Some(taken))
     }
+}
+
+/// Bytes that were asked for by [`Gpu::begin_reading`].
+pub struct Reading {
+    bytes: u64,
+    result: Arc<Mutex<Option<Result<(), wgpu::BufferAsyncError>>>>,
 }

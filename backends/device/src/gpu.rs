@@ -6,7 +6,7 @@ use esvo_core::Device;
 use esvo_core::gpu::choice::choose;
 use wgpu::{ErrorFilter, Features};
 
-use crate::adapter::{describe, found};
+use crate::adapter::{describe, describe_as, found};
 use crate::error::DeviceError;
 
 /// An open device and its queue.
@@ -16,6 +16,8 @@ pub struct Gpu {
     about: Device,
     limits: wgpu::Limits,
     reports: Arc<Mutex<Reports>>,
+    /// Whether wgpu reports to the owner of the device what no scope catches.
+    borrowed: bool,
 }
 
 /// What wgpu's callbacks reported.
@@ -70,7 +72,17 @@ impl Gpu {
             lock(&to).lost.get_or_insert(DeviceError::Lost { device: name.clone(), message });
         });
         let limits = descriptor.required_limits;
-        Ok(Self { device, queue, about, limits, reports })
+        Ok(Self { device, queue, about, limits, reports, borrowed: false })
+    }
+
+    /// Uses a device that the program has opened, and its queue: handles of both, so that buffers of either can be used
+    /// together. Timestamps are there if the device has the feature `TIMESTAMP_QUERY`; limits are those of the device.
+    ///
+    /// The device's callbacks for uncaptured errors and for its loss stay those of the program. Errors of this crate's own
+    /// calls are still returned by them.
+    pub fn from_device(device: wgpu::Device, queue: wgpu::Queue) -> Self {
+        let (about, limits) = (describe_as(device.adapter_info(), device.features()), device.limits());
+        Self { device, queue, about, limits, reports: Arc::default(), borrowed: true }
     }
 
     /// wgpu's device, for what this crate does not wrap. Make objects within [`checked`](Self::checked), or call
@@ -151,10 +163,26 @@ impl Gpu {
     /// # Errors
     /// Commands that are not valid; a lost device.
     pub fn submit(&self, record: impl FnOnce(&mut wgpu::CommandEncoder)) -> Result<(), DeviceError> {
-        let mut encoder = self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-        record(&mut encoder);
-        self.queue.submit([encoder.finish()]);
+        let submit = |device: &wgpu::Device| {
+            let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+            record(&mut encoder);
+            self.queue.submit([encoder.finish()]);
+        };
+        if self.borrowed {
+            return self.checked(submit);
+        }
+        submit(&self.device);
         self.check()
+    }
+
+    /// Lets the device deliver what is ready, and does not wait.
+    ///
+    /// # Errors
+    /// What the device reported meanwhile; a lost device.
+    pub fn poll(&self) -> Result<(), DeviceError> {
+        let polled = self.device.poll(wgpu::PollType::Poll);
+        self.check()?;
+        polled.map(|_| ()).map_err(|error| self.error(error))
     }
 
     /// Waits until everything that was submitted is done.

@@ -31,7 +31,7 @@
 //! ```
 //!
 //! # What is where
-//! - `adapter`: [`adapters`], and which of them [`Gpu::open`] takes.
+//! - `adapter`: [`adapters`], and which of them [`Gpu::open`] takes; [`Gpu::from_device`] takes a device that is open already.
 //! - `gpu`: [`Gpu`], an open device: submitting, waiting, limits, and turning what wgpu reports into errors.
 //! - `buffers`: making, filling and reading buffers.
 //! - `pipelines`: shaders, bind groups and compute pipelines. [`Gpu::checked`] makes everything else.
@@ -51,6 +51,7 @@ mod pipelines;
 mod timestamps;
 
 pub use adapter::adapters;
+pub use buffers::Reading;
 pub use error::DeviceError;
 pub use gpu::Gpu;
 pub use pipelines::{storage, uniform};

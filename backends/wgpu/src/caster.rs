@@ -1,14 +1,16 @@
 //! The caster: octree and picture buffers, passes.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, VecDeque};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use esvo_core::gpu::kernel::{self, Bands, GpuOptions, Pass, Placement, Variant, WORKGROUP};
 use esvo_core::gpu::resident::{Resident, SlotMap};
-use esvo_core::{CastError, Caster, Checked, Device, FrameTime, Hit, Roots, View};
+use esvo_core::{CastError, Caster, Checked, Device, FrameTime, Hit, Ray, Rays, Roots, View};
 use esvo_device::{Gpu, Timestamps, Usage, storage, uniform};
 use esvo_format::Octree;
+
+use crate::rays::{self, Batch, PendingHits, RayBuffers};
 
 /// Casts by the WGSL kernel through wgpu.
 pub struct WgpuCaster {
@@ -17,12 +19,14 @@ pub struct WgpuCaster {
     loaded: Option<Loaded>,
     /// Made for the largest picture so far.
     frame: Option<FrameBuffers>,
+    /// Buffers for rays that nothing uses at the moment.
+    spare: Vec<RayBuffers>,
 }
 
 /// An octree on the device.
 struct Loaded {
     roots: Roots,
-    map: SlotMap,
+    map: Arc<SlotMap>,
     placement: Placement,
     layout: wgpu::BindGroupLayout,
     group: wgpu::BindGroup,
@@ -52,7 +56,73 @@ impl WgpuCaster {
     /// # Errors
     /// [`CastError::Device`]: there is no device, or none of the wanted name.
     pub fn new(options: &GpuOptions) -> Result<Self, CastError> {
-        Ok(Self { gpu: Gpu::open(options.adapter.as_deref())?, options: options.clone(), loaded: None, frame: None })
+        Ok(Self::on(Gpu::open(options.adapter.as_deref())?, options.clone()))
+    }
+
+    /// Casts on a device that the program has opened, through its queue. `options.adapter` is not read. An octree is split
+    /// over as many bindings as the device's limits demand; request `adapter.limits()` for large octrees.
+    ///
+    /// The device's callbacks for errors and for its loss stay those of the program.
+    pub fn from_device(device: wgpu::Device, queue: wgpu::Queue, options: &GpuOptions) -> Self {
+        Self::on(Gpu::from_device(device, queue), options.clone())
+    }
+
+    fn on(gpu: Gpu, options: GpuOptions) -> Self {
+        Self { gpu, options, loaded: None, frame: None, spare: Vec::new() }
+    }
+
+    /// Casts rays as [`cast_rays`](Caster::cast_rays) does, but does not wait for the hits. [`poll`](Self::poll) returns them.
+    /// Any number of lists can be on their way, also while another octree is loaded or pictures are cast.
+    ///
+    /// ```no_run
+    /// # fn main() -> Result<(), esvo_core::CastError> {
+    /// # let (mut caster, rays): (esvo_wgpu::WgpuCaster, esvo_core::Rays) = todo!();
+    /// let mut pending = caster.submit_rays(&rays)?;
+    /// let hits = loop {
+    ///     // Other work.
+    ///     if let Some(hits) = caster.poll(&mut pending)? {
+    ///         break hits;
+    ///     }
+    /// };
+    /// # Ok(()) }
+    /// ```
+    ///
+    /// # Errors
+    /// As [`cast_rays`](Caster::cast_rays).
+    pub fn submit_rays(&mut self, rays: &Rays) -> Result<PendingHits, CastError> {
+        let checked = self.roots().ok_or(CastError::NotLoaded)?.check_rays(rays)?;
+        let rays = *self.roots().ok_or(CastError::NotLoaded)?.open(&checked)?;
+        let batches = rays.rays.chunks(self.rays_per_dispatch());
+        let batches = batches.map(|some| self.submit_batch(&rays, some)).collect::<Result<VecDeque<_>, _>>()?;
+        let loaded = self.loaded.as_ref().ok_or(CastError::NotLoaded)?;
+        Ok(PendingHits::new(batches, loaded.map.clone()))
+    }
+
+    /// The hits of rays that were submitted to this caster, in their order; `None` if they have not arrived yet. Does not wait.
+    /// After the hits were returned once, there are none.
+    ///
+    /// # Errors
+    /// What the device said.
+    pub fn poll(&mut self, pending: &mut PendingHits) -> Result<Option<Vec<Hit>>, CastError> {
+        self.gpu.poll()?;
+        pending.advance(&self.gpu, &mut self.spare)
+    }
+
+    fn rays_per_dispatch(&self) -> usize {
+        let max_groups = self.gpu.limits().max_compute_workgroups_per_dimension;
+        let most = kernel::rays_per_dispatch(self.gpu.max_storage_bytes(), max_groups);
+        self.options.max_rays.map_or(most, |rays| rays.clamp(1, most))
+    }
+
+    /// Submits `some` of the rays, which fit one dispatch.
+    fn submit_batch(&mut self, all: &Rays, some: &[Ray]) -> Result<Batch, CastError> {
+        let most = self.rays_per_dispatch();
+        let loaded = self.loaded.as_mut().ok_or(CastError::NotLoaded)?;
+        let variant = loaded.placement.rays_variant(all.contours, some.iter().any(Ray::has_size));
+        loaded.compile(&self.gpu, &self.options, Pass::Rays, variant)?;
+        let buffers = RayBuffers::take(&self.gpu, &mut self.spare, some.len(), most)?;
+        let root = loaded.map.to_resident(all.root);
+        buffers.submit(&self.gpu, &loaded.pipelines[&(Pass::Rays, variant)], &loaded.group, root, some)
     }
 
     /// Compiles the kernels of a frame and makes its buffers. Returns the bands.
@@ -154,6 +224,22 @@ impl Caster for WgpuCaster {
         Ok(())
     }
 
+    fn cast_rays_checked(&mut self, rays: Checked<Rays<'_>>, hits: &mut Vec<Hit>) -> Result<(), CastError> {
+        let rays = *self.roots().ok_or(CastError::NotLoaded)?.open(&rays)?;
+        hits.clear();
+        hits.resize(rays.rays.len(), Hit::miss(0));
+        let most = self.rays_per_dispatch();
+        for (some, hits) in rays.rays.chunks(most).zip(hits.chunks_mut(most)) {
+            let batch = self.submit_batch(&rays, some)?;
+            self.gpu.wait()?;
+            if batch.finish(&self.gpu, hits, &mut self.spare)?.is_some() {
+                return Err(self.gpu.error("the device did not deliver the hits").into());
+            }
+        }
+        self.loaded.as_ref().ok_or(CastError::NotLoaded)?.map.restore(hits);
+        Ok(())
+    }
+
     fn time_checked(&mut self, view: Checked<View>) -> Result<FrameTime, CastError> {
         let view = self.roots().ok_or(CastError::NotLoaded)?.open(&view)?;
         let bands = self.prepare(view, Pass::Time)?;
@@ -203,7 +289,7 @@ impl Loaded {
             .collect::<Result<Vec<_>, _>>()?;
         let group = gpu.bind_group(&layout, &buffers.iter().collect::<Vec<_>>())?;
         let pipelines = HashMap::new();
-        Ok(Self { roots, map: resident.into_map(), placement, layout, group, pipelines })
+        Ok(Self { roots, map: Arc::new(resident.into_map()), placement, layout, group, pipelines })
     }
 
     /// Makes the pipeline of a pass unless it exists.
@@ -212,7 +298,7 @@ impl Loaded {
             return Ok(());
         }
         let module = gpu.shader("cast.wgsl", &options.source(&variant))?;
-        let frame = frame_layout(gpu, pass == Pass::Coarse)?;
+        let frame = if pass == Pass::Rays { rays::layout(gpu)? } else { frame_layout(gpu, pass == Pass::Coarse)? };
         let pipeline = gpu.compute_pipeline(&module, pass.entry(), &[&frame, &self.layout])?;
         self.pipelines.insert((pass, variant), pipeline);
         Ok(())

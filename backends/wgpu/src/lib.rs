@@ -13,11 +13,14 @@
 //!
 //! # What is where
 //! - `caster`: [`WgpuCaster`], the caster: octree and picture buffers, passes.
+//! - `rays`: buffers for lists of rays; [`PendingHits`], which were not waited for.
 //! - `esvo-device`: the device, its buffers, timestamps and errors; [`adapters`].
 //! - `esvo_core::gpu`: the kernel, its variants, and how an octree is split over bindings.
 
 mod caster;
+mod rays;
 
 pub use caster::WgpuCaster;
 pub use esvo_core::gpu::kernel::GpuOptions;
-pub use esvo_device::adapters;
+pub use esvo_device::{adapters, wgpu};
+pub use rays::PendingHits;

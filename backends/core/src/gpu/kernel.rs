@@ -8,7 +8,7 @@ use std::fmt::Write as _;
 
 use esvo_format::{Needs, Octree};
 
-use crate::{CastError, Hit, View};
+use crate::{CastError, Hit, Ray, View};
 
 /// The kernel without its prelude.
 pub const CAST_WGSL: &str = include_str!("../../kernels/cast.wgsl");
@@ -19,19 +19,23 @@ pub const ENTRY_COARSE: &str = "coarse_pass";
 pub const ENTRY_CAST: &str = "main_pass";
 /// Entry point of the main pass that stores one `f32` per pixel; bindings as for [`ENTRY_CAST`].
 pub const ENTRY_TIME: &str = "timing_pass";
+/// Entry point of the pass over a buffer of rays. Bindings of group 0: the view (see [`rays_view`]), the rays, the hits.
+pub const ENTRY_RAYS: &str = "cast_rays";
 
 /// Binding in group 0 of the uniform buffer with the view (see [`band_view`]).
 pub const BINDING_VIEW: u32 = 0;
 /// Binding in group 0 of the values of the coarse pass: written by it, read by the main pass.
 pub const BINDING_COARSE: u32 = 1;
-/// Binding in group 0 of the output of the main pass.
+/// Binding in group 0 of the rays that [`ENTRY_RAYS`] casts.
+pub const BINDING_RAYS: u32 = 1;
+/// Binding in group 0 of the output of the main pass, and of the hits of [`ENTRY_RAYS`].
 pub const BINDING_OUT: u32 = 2;
 /// Group of the octree: bindings from 0, one for each part.
 pub const GROUP_OCTREE: u32 = 1;
 
 /// Width and height in pixels of the workgroups of the project's casters.
 pub const WORKGROUP: (u32, u32) = (8, 8);
-/// Storage buffers that are not octree data: the coarse values and the output.
+/// Storage buffers that are not octree data: the coarse values or the rays, and the output.
 const OTHER_STORAGE_BUFFERS: u32 = 2;
 
 /// What a dispatch computes.
@@ -43,6 +47,8 @@ pub enum Pass {
     Cast,
     /// One `f32` per pixel, which nobody reads: what [`Caster::time`](crate::Caster::time) measures.
     Time,
+    /// The hits of a buffer of rays.
+    Rays,
 }
 
 impl Pass {
@@ -52,12 +58,13 @@ impl Pass {
             Self::Coarse => ENTRY_COARSE,
             Self::Cast => ENTRY_CAST,
             Self::Time => ENTRY_TIME,
+            Self::Rays => ENTRY_RAYS,
         }
     }
 
-    /// Bytes that the pass writes per pixel; the coarse pass: per corner of a block.
+    /// Bytes that the pass writes per pixel or per ray; the coarse pass: per corner of a block.
     pub fn bytes_per_pixel(self) -> u64 {
-        if self == Self::Cast { size_of::<Hit>() as u64 } else { 4 }
+        if matches!(self, Self::Cast | Self::Rays) { size_of::<Hit>() as u64 } else { 4 }
     }
 }
 
@@ -72,6 +79,8 @@ pub struct Variant {
     pub lod: bool,
     /// Start rays where the coarse pass found that they may.
     pub beam: bool,
+    /// Read the rays from a buffer: they have a size at their origin too. Only for [`Pass::Rays`].
+    pub rays: bool,
     /// Level of the deepest voxel, 1 to 23: the number of frames of the stack.
     pub levels: u32,
     /// Number of bindings that hold the octree, at least 1.
@@ -87,7 +96,7 @@ impl Variant {
     ///
     /// Contours are off, since they would let a ray pass through voxels that other rays hit. Rays always end at small voxels.
     pub fn of_coarse_pass(self) -> Self {
-        Self { contours: false, lod: true, beam: false, ..self }
+        Self { contours: false, lod: true, beam: false, rays: false, ..self }
     }
 
     /// The kernel's source for this variant.
@@ -98,8 +107,13 @@ impl Variant {
     /// The same with another body than [`CAST_WGSL`], for experiments and for tests with a broken kernel.
     pub fn source_with(&self, body: &str) -> String {
         let mut text = String::new();
-        let flags =
-            [("CONTOURS", self.contours), ("FAR_POINTERS", self.far_pointers), ("LOD", self.lod), ("BEAM", self.beam)];
+        let flags = [
+            ("CONTOURS", self.contours),
+            ("FAR_POINTERS", self.far_pointers),
+            ("LOD", self.lod),
+            ("BEAM", self.beam),
+            ("RAYS", self.rays),
+        ];
         for (name, value) in flags {
             let _ = writeln!(text, "const {name}: bool = {value};");
         }
@@ -181,6 +195,22 @@ impl Placement {
             far_pointers: self.needs.far_pointers,
             lod: view.max_voxel_pixels > 0.0,
             beam: view.beam(),
+            rays: false,
+            levels: self.needs.levels,
+            parts: self.parts,
+            part_shift: self.part_shift,
+            workgroup: WORKGROUP,
+        }
+    }
+
+    /// The kernel for a buffer of rays, with or without contours; `lod`: some [have a size](Ray::has_size).
+    pub fn rays_variant(&self, contours: bool, lod: bool) -> Variant {
+        Variant {
+            contours: contours && self.needs.contours,
+            far_pointers: self.needs.far_pointers,
+            lod,
+            beam: false,
+            rays: true,
             levels: self.needs.levels,
             parts: self.parts,
             part_shift: self.part_shift,
@@ -198,6 +228,8 @@ pub struct GpuOptions {
     pub adapter: Option<String>,
     /// Most bytes in one binding of octree data. `None`: as many as the device allows.
     pub max_part_bytes: Option<u64>,
+    /// Most rays in one dispatch of [`Pass::Rays`], at least 1. `None`: see [`rays_per_dispatch`].
+    pub max_rays: Option<usize>,
     /// A kernel to use instead of [`CAST_WGSL`].
     pub kernel: Option<String>,
 }
@@ -279,6 +311,26 @@ pub fn band_view(view: &View, root: u32, first_row: u32) -> View {
     View { root, first_row, ..*view }
 }
 
+/// Most rays that one dispatch casts on a device with these limits: bytes of a buffer, workgroups per dimension. At least 1.
+pub fn rays_per_dispatch(max_bytes: u64, max_groups: u32) -> usize {
+    let groups = u64::from(max_groups) * u64::from(WORKGROUP.0 * WORKGROUP.1);
+    (max_bytes / size_of::<Ray>() as u64).min(groups).clamp(1, MAX_RAYS_PER_DISPATCH) as usize
+}
+
+/// Keeps the buffers for rays and hits below 240 MB, and a dispatch short enough for a driver that limits its time.
+const MAX_RAYS_PER_DISPATCH: u64 = 1 << 22;
+
+/// The uniform buffer for `count` rays of a buffer, with the octree's root at slot `root` of the
+/// [resident](crate::gpu::resident::Resident) image. The kernel reads no other number of it.
+pub fn rays_view(root: u32, count: u32) -> View {
+    View { root, width: count, height: 1, ..bytemuck::Zeroable::zeroed() }
+}
+
+/// Workgroups for `count` rays.
+pub fn ray_workgroups(count: u32, workgroup: (u32, u32)) -> u32 {
+    count.div_ceil(workgroup.0 * workgroup.1)
+}
+
 /// Workgroups per row and column for a picture of `width` by `rows` invocations.
 pub fn workgroups(width: u32, rows: u32, workgroup: (u32, u32)) -> (u32, u32) {
     (width.div_ceil(workgroup.0), rows.div_ceil(workgroup.1))
@@ -323,12 +375,22 @@ mod tests {
     }
 
     #[test]
+    fn buffers_of_rays_fit_the_device() {
+        assert_eq!(rays_per_dispatch(1 << 27, 65535), (1 << 27) / 40);
+        assert_eq!(rays_per_dispatch(1 << 40, 65535), 65535 * 64);
+        assert_eq!(rays_per_dispatch(1 << 40, u32::MAX), 1 << 22);
+        assert_eq!(rays_per_dispatch(0, 65535), 1);
+        assert_eq!([0, 1, 64, 65].map(|count| ray_workgroups(count, WORKGROUP)), [0, 1, 1, 2]);
+    }
+
+    #[test]
     fn every_part_is_bound_and_read() {
         let variant = Variant {
             contours: true,
             far_pointers: true,
             lod: true,
             beam: true,
+            rays: false,
             levels: 9,
             parts: 3,
             part_shift: 24,

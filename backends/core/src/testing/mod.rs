@@ -2,5 +2,6 @@
 
 pub mod compare;
 pub mod conformance;
+pub mod rays;
 pub mod sample;
 pub mod speed;

@@ -95,10 +95,10 @@ fn surface(p: DVec3) -> (f64, DVec3) {
 }
 
 /// Numbers in `0.0..1.0` from the high bits of a 64-bit linear congruential generator.
-struct Noise(u64);
+pub(crate) struct Noise(pub(crate) u64);
 
 impl Noise {
-    fn next(&mut self) -> f64 {
+    pub(crate) fn next(&mut self) -> f64 {
         self.0 = self.0.wrapping_mul(0x5851_f42d_4c95_7f2d).wrapping_add(0x1405_7b7e_f767_814f);
         (self.0 >> 11) as f64 / (1u64 << 53) as f64
     }

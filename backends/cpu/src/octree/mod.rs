@@ -1,11 +1,12 @@
 //! The octree caster on all cores.
 //!
-//! `tiles` cuts pictures and fans into packets of sixteen rays; `single` and `packet` cast a packet, each with its
+//! `tiles` cuts pictures, fans and lists of rays into packets of sixteen rays; `single` and `packet` cast a packet, each with its
 //! instructions. A further instruction set is one file like `packet` and one variant of [`InstructionSet`].
 
 #[cfg(target_arch = "x86_64")]
 mod gather;
 mod instructions;
+mod order;
 #[cfg(target_arch = "x86_64")]
 mod packet;
 mod scene;
@@ -15,7 +16,7 @@ mod tiles;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use esvo_core::{CastError, Caster, Checked, Device, DeviceKind, Fans, FrameTime, Hit, Roots, View};
+use esvo_core::{CastError, Caster, Checked, Device, DeviceKind, Fans, FrameTime, Hit, Ray, Rays, Roots, View};
 use esvo_format::Octree;
 use rayon::prelude::*;
 
@@ -24,8 +25,12 @@ use self::scene::Scene;
 use self::tiles::{BAND_ROWS, Task};
 use crate::machine;
 
-/// Rays of fans per task, roughly.
+/// Rays of fans per task, roughly; fewest rays of a list per task.
 const RAYS_PER_TASK: usize = 4096;
+/// Most rays of a list per task.
+const MOST_RAYS_PER_TASK: usize = 1 << 16;
+/// Tasks of a long list per thread.
+const PIECES_PER_THREAD: usize = 4;
 
 /// Casts against octrees on all cores.
 ///
@@ -168,6 +173,23 @@ impl Caster for CpuCaster {
         let total = start.elapsed();
         std::hint::black_box(&hits);
         Ok(FrameTime { total, coarse })
+    }
+
+    fn cast_rays_checked(&mut self, rays: Checked<Rays<'_>>, hits: &mut Vec<Hit>) -> Result<(), CastError> {
+        let (octree, rays) = self.open(&rays)?;
+        let scene = Scene::new(octree, rays.root);
+        hits.resize(rays.rays.len(), Hit::miss(0));
+        // Long pieces have more rays that go together, short ones keep all threads at work.
+        let pieces = self.pool.current_num_threads() * PIECES_PER_THREAD;
+        let length = rays.rays.len().div_ceil(pieces).clamp(RAYS_PER_TASK, MOST_RAYS_PER_TASK);
+        self.pool.install(|| {
+            hits.par_chunks_mut(length).zip(rays.rays.par_chunks(length)).for_each(|(hits, rays_here): (_, &[Ray])| {
+                let order = order::of(rays_here);
+                let task = Task::Rays { rays: rays_here, order: &order, contours: rays.contours, hits };
+                self.instructions.run(&scene, task);
+            });
+        });
+        Ok(())
     }
 
     fn cast_fans_checked(&mut self, fans: Checked<Fans<'_>>, hits: &mut Vec<Hit>) -> Result<(), CastError> {

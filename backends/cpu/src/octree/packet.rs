@@ -11,7 +11,7 @@ use esvo_core::reference::{EPSILON, MAX_COMPONENT, MAX_ITERATIONS, MAX_SCALE};
 
 use super::gather::{Image, Stack};
 use super::scene::Scene;
-use super::tiles::{CastPacket, Found, LANES, Packet, Task};
+use super::tiles::{CastPacket, Found, LANES, Lanes, Number, Packet, Task};
 
 /// Whether the processor has what this module is compiled for.
 pub(super) fn is_available() -> bool {
@@ -50,9 +50,9 @@ impl<'a> Packets<'a> {
 
 impl CastPacket for Packets<'_> {
     #[inline(always)]
-    fn cast<const CONTOURS: bool, const LOD: bool>(&self, packet: &Packet) -> Found {
+    fn cast<N: Number, const CONTOURS: bool, const LOD: bool>(&self, packet: &Packet<N>) -> Found {
         // SAFETY: as for `run`.
-        unsafe { cast::<CONTOURS, LOD>(self, packet) }
+        unsafe { cast::<N, CONTOURS, LOD>(self, packet) }
     }
 }
 
@@ -62,6 +62,16 @@ impl CastPacket for Packets<'_> {
 fn load(values: &[f32; LANES]) -> __m512 {
     // SAFETY: the array is sixteen floats long; the load has no alignment requirement.
     unsafe { _mm512_loadu_ps(values.as_ptr()) }
+}
+
+/// The lanes of a number.
+#[inline]
+#[target_feature(enable = "avx512f")]
+fn spread<N: Number>(number: &N) -> __m512 {
+    match number.lanes() {
+        Lanes::All(number) => _mm512_set1_ps(number),
+        Lanes::Each(numbers) => load(numbers),
+    }
 }
 
 /// Replaces numbers nearer to zero than [`EPSILON`] by it, keeping the sign.
@@ -85,7 +95,7 @@ fn exp2_of_scale(scale: __m512i) -> __m512 {
 /// The loop of the paper's Figure 8; see `esvo_core::reference` for what each step means.
 #[inline]
 #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx512cd,avx512vpopcntdq,bmi1,bmi2,lzcnt,popcnt")]
-fn cast<const CONTOURS: bool, const LOD: bool>(packets: &Packets, packet: &Packet) -> Found {
+fn cast<N: Number, const CONTOURS: bool, const LOD: bool>(packets: &Packets, packet: &Packet<N>) -> Found {
     let image = &packets.image;
     let zero = _mm512_setzero_si512();
     let one = _mm512_set1_epi32(1);
@@ -102,8 +112,10 @@ fn cast<const CONTOURS: bool, const LOD: bool>(packets: &Packets, packet: &Packe
     for component in raw {
         active &= _mm512_cmp_ps_mask::<_CMP_LE_OQ>(_mm512_abs_ps(component), limit);
     }
-    if packet.origin.iter().any(|c| !c.is_finite()) {
-        active = 0;
+    let origin: [__m512; 3] = [spread(&packet.origin[0]), spread(&packet.origin[1]), spread(&packet.origin[2])];
+    for component in origin {
+        // False for infinity and NaN.
+        active &= _mm512_cmp_ps_mask::<_CMP_LE_OQ>(_mm512_abs_ps(component), _mm512_set1_ps(f32::MAX));
     }
 
     let mut mirror = zero;
@@ -115,13 +127,14 @@ fn cast<const CONTOURS: bool, const LOD: bool>(packets: &Packets, packet: &Packe
         direction[axis] = d;
         let negative = _mm512_or_ps(_mm512_abs_ps(d), _mm512_set1_ps(-0.0));
         coef[axis] = _mm512_div_ps(_mm512_set1_ps(1.0), negative);
-        let b = _mm512_mul_ps(coef[axis], _mm512_set1_ps(packet.origin[axis]));
+        let b = _mm512_mul_ps(coef[axis], origin[axis]);
         let positive = _mm512_cmp_ps_mask::<_CMP_GT_OQ>(d, _mm512_setzero_ps());
         let mirrored = _mm512_sub_ps(_mm512_mul_ps(_mm512_set1_ps(3.0), coef[axis]), b);
         bias[axis] = _mm512_mask_mov_ps(b, positive, mirrored);
         mirror = _mm512_mask_or_epi32(mirror, positive, mirror, _mm512_set1_epi32(1 << axis));
     }
-    let (spt, root) = (_mm512_set1_ps(packet.size_per_t), _mm512_set1_epi32(packets.root as i32));
+    let (size_at_origin, size_per_t) = (spread(&packet.size_at_origin), spread(&packet.size_per_t));
+    let root = _mm512_set1_epi32(packets.root as i32);
     let t_at = |axis: usize, x: __m512| _mm512_sub_ps(_mm512_mul_ps(x, coef[axis]), bias[axis]);
     let t_all = |x: f32| [0, 1, 2].map(|axis| t_at(axis, _mm512_set1_ps(x)));
     let [x, y, z] = t_all(2.0);
@@ -129,8 +142,8 @@ fn cast<const CONTOURS: bool, const LOD: bool>(packets: &Packets, packet: &Packe
     let [x, y, z] = t_all(1.0);
     let mut t_max = _mm512_min_ps(_mm512_min_ps(x, y), z);
     let mut h = t_max;
-    t_min = _mm512_max_ps(t_min, _mm512_set1_ps(packet.t_min));
-    t_max = _mm512_min_ps(t_max, _mm512_set1_ps(packet.t_max));
+    t_min = _mm512_max_ps(t_min, spread(&packet.t_min));
+    t_max = _mm512_min_ps(t_max, spread(&packet.t_max));
 
     let mut parent = root;
     let mut low = gather_low(u16::MAX, parent);
@@ -169,7 +182,7 @@ fn cast<const CONTOURS: bool, const LOD: bool>(packets: &Packets, packet: &Packe
         if process != 0 {
             let voxel = _mm512_or_si512(child, _mm512_slli_epi32::<8>(scale));
             if LOD {
-                let footprint = _mm512_add_ps(_mm512_mul_ps(tc_max, spt), _mm512_setzero_ps());
+                let footprint = _mm512_add_ps(_mm512_mul_ps(tc_max, size_per_t), size_at_origin);
                 let small = process & _mm512_cmp_ps_mask::<_CMP_GE_OQ>(footprint, size);
                 hit_t = _mm512_mask_mov_ps(hit_t, small, t_min);
                 hit_slot = _mm512_mask_mov_epi32(hit_slot, small, parent);

@@ -3,12 +3,12 @@
 //! The loop of the reference caster, which explains it. Here the features that a view does not use are compiled out, the
 //! descriptor is kept while siblings are visited, and vectors are spelled out.
 
-use esvo_core::reference::{EPSILON, MAX_COMPONENT, MAX_ITERATIONS, MAX_SCALE};
+use esvo_core::reference::{EPSILON, MAX_ITERATIONS, MAX_SCALE};
 use esvo_core::{Hit, Ray, exp2};
 use esvo_format::ChildDescriptor;
 
 use super::scene::Scene;
-use super::tiles::{CastPacket, Found, LANES, Packet, Task};
+use super::tiles::{CastPacket, Found, LANES, Number, Packet, Task};
 
 /// What [`run`] is compiled for.
 pub(super) fn detail() -> &'static str {
@@ -50,16 +50,16 @@ struct Single<'a>(&'a Scene<'a>);
 
 impl CastPacket for Single<'_> {
     #[inline(always)]
-    fn cast<const CONTOURS: bool, const LOD: bool>(&self, packet: &Packet) -> Found {
+    fn cast<N: Number, const CONTOURS: bool, const LOD: bool>(&self, packet: &Packet<N>) -> Found {
         let mut found = Found::new();
         for lane in (0..LANES).filter(|lane| packet.active >> lane & 1 != 0) {
             let ray = Ray {
-                origin: packet.origin.into(),
+                origin: packet.origin.each_ref().map(|number| number.lanes().get(lane)).into(),
                 direction: packet.direction.map(|lanes| lanes[lane]).into(),
-                t_min: packet.t_min,
-                t_max: packet.t_max,
-                size_at_origin: 0.0,
-                size_per_t: packet.size_per_t,
+                t_min: packet.t_min.lanes().get(lane),
+                t_max: packet.t_max.lanes().get(lane),
+                size_at_origin: packet.size_at_origin.lanes().get(lane),
+                size_per_t: packet.size_per_t.lanes().get(lane),
             };
             found.set(lane, cast::<CONTOURS, LOD>(self.0, &ray));
         }
@@ -75,7 +75,7 @@ fn away_from_zero(x: f32) -> f32 {
 #[inline(always)]
 fn cast<const CONTOURS: bool, const LOD: bool>(scene: &Scene, ray: &Ray) -> Hit {
     let (slots, words) = (scene.slots(), scene.words());
-    if !ray.is_finite() || ray.direction.abs().max_element() > MAX_COMPONENT {
+    if !ray.is_cast() {
         return Hit::miss(0);
     }
     let d: [f32; 3] = ray.direction.to_array().map(away_from_zero);

@@ -1,6 +1,6 @@
-//! From pictures and fans to packets of rays: the same for every instruction set.
+//! From pictures, fans and lists of rays to packets of rays: the same for every instruction set.
 
-use esvo_core::{Fan, Fans, Hit, View};
+use esvo_core::{Fan, Fans, Hit, Ray, View};
 
 /// Rays of a packet.
 pub(super) const LANES: usize = 16;
@@ -12,15 +12,51 @@ const BLOCK: usize = esvo_core::BEAM_BLOCK as usize;
 /// Rows of pixels of a [`Task::Band`], a multiple of [`BLOCK`].
 pub(super) const BAND_ROWS: usize = 2 * BLOCK;
 
-/// Rays from one origin, lane by lane.
-pub(super) struct Packet {
-    pub(super) origin: [f32; 3],
+/// A number of a [`Packet`]: an `f32` that all lanes share, or an array with one for each lane.
+pub(super) trait Number: Copy {
+    fn lanes(&self) -> Lanes<'_>;
+}
+
+/// The lanes of a [`Number`]. Which of the two it is, is known when a caster is compiled.
+pub(super) enum Lanes<'a> {
+    All(f32),
+    Each(&'a [f32; LANES]),
+}
+
+impl Lanes<'_> {
+    #[inline(always)]
+    pub(super) fn get(&self, lane: usize) -> f32 {
+        match self {
+            Self::All(number) => *number,
+            Self::Each(numbers) => numbers[lane],
+        }
+    }
+}
+
+impl Number for f32 {
+    #[inline(always)]
+    fn lanes(&self) -> Lanes<'_> {
+        Lanes::All(*self)
+    }
+}
+
+impl Number for [f32; LANES] {
+    #[inline(always)]
+    fn lanes(&self) -> Lanes<'_> {
+        Lanes::Each(self)
+    }
+}
+
+/// Rays, lane by lane. Those of a picture or a fan share their origin, span and size: `N` is `f32`.
+pub(super) struct Packet<N> {
+    pub(super) origin: [N; 3],
     pub(super) direction: [[f32; LANES]; 3],
-    pub(super) t_min: f32,
-    pub(super) t_max: f32,
-    /// At `t`, voxels whose edge is at most `t * size_per_t` end a ray.
-    pub(super) size_per_t: f32,
-    /// Bit `i`: lane `i` has a ray.
+    pub(super) t_min: N,
+    pub(super) t_max: N,
+    /// At `t`, voxels whose edge is at most `size_at_origin + t * size_per_t` end a ray.
+    pub(super) size_at_origin: N,
+    pub(super) size_per_t: N,
+    /// Bit `i`: lane `i` has a ray, which is [cast](Ray::is_cast) if origin and direction are.
     pub(super) active: u16,
 }
 
@@ -54,7 +90,7 @@ impl Found {
 /// Casts the rays of packets: the loop of the paper's Figure 8 with some instruction set.
 pub(super) trait CastPacket {
     /// Casts the active lanes; what the others find is not read. With `LOD`, rays end at small voxels.
-    fn cast<const CONTOURS: bool, const LOD: bool>(&self, packet: &Packet) -> Found;
+    fn cast<N: Number, const CONTOURS: bool, const LOD: bool>(&self, packet: &Packet<N>) -> Found;
 }
 
 /// Work for one thread.
@@ -65,6 +101,8 @@ pub(super) enum Task<'a> {
     CoarseRow { view: &'a View, row: u32, starts: &'a mut [f32] },
     /// The rays of some of the fans.
     Fans { all: &'a Fans<'a>, some: &'a [Fan], hits: &'a mut [Hit] },
+    /// Rays, and a hit for each. `order` is empty, or names every ray once: neighbours in it are cast together.
+    Rays { rays: &'a [Ray], order: &'a [u32], contours: bool, hits: &'a mut [Hit] },
 }
 
 impl Task<'_> {
@@ -81,6 +119,12 @@ impl Task<'_> {
             Self::CoarseRow { view, row, starts } => coarse_row(caster, view, row, starts),
             Self::Fans { all, some, hits } if all.contours => fans::<_, true>(caster, all, some, hits),
             Self::Fans { all, some, hits } => fans::<_, false>(caster, all, some, hits),
+            Self::Rays { rays, order, contours, hits } => match (contours, rays.iter().any(Ray::has_size)) {
+                (true, true) => list::<_, true, true>(caster, rays, order, hits),
+                (true, false) => list::<_, true, false>(caster, rays, order, hits),
+                (false, true) => list::<_, false, true>(caster, rays, order, hits),
+                (false, false) => list::<_, false, false>(caster, rays, order, hits),
+            },
         }
     }
 }
@@ -102,6 +146,7 @@ fn band<C: CastPacket, const CONTOURS: bool, const LOD: bool>(
                 direction: [[0.0; LANES]; 3],
                 t_min: view.t_near,
                 t_max: 1.0,
+                size_at_origin: 0.0,
                 size_per_t: view.pixel_size * view.max_voxel_pixels,
                 active: 0,
             };
@@ -118,7 +163,7 @@ fn band<C: CastPacket, const CONTOURS: bool, const LOD: bool>(
                     packet.direction[axis][lane] = direction[axis];
                 }
             }
-            let found = caster.cast::<CONTOURS, LOD>(&packet);
+            let found = caster.cast::<_, CONTOURS, LOD>(&packet);
             for lane in (0..LANES).filter(|lane| packet.active >> lane & 1 != 0) {
                 hits[(top + lane / BLOCK) * width + left + lane % BLOCK] = found.get(lane);
             }
@@ -135,6 +180,7 @@ fn coarse_row(caster: &impl CastPacket, view: &View, row: u32, starts: &mut [f32
             direction: [[0.0; LANES]; 3],
             t_min: first.t_min,
             t_max: first.t_max,
+            size_at_origin: 0.0,
             size_per_t: first.size_per_t,
             active: first_lanes(starts.len()),
         };
@@ -144,7 +190,7 @@ fn coarse_row(caster: &impl CastPacket, view: &View, row: u32, starts: &mut [f32
                 packet.direction[axis][lane] = direction[axis];
             }
         }
-        let found = caster.cast::<false, true>(&packet);
+        let found = caster.cast::<_, false, true>(&packet);
         for (lane, start) in starts.iter_mut().enumerate() {
             let hit = found.get(lane);
             *start = if hit.is_miss() { 1.0 } else { view.coarse_start(hit.t, hit.size()) };
@@ -161,6 +207,7 @@ fn fans<C: CastPacket, const CONTOURS: bool>(caster: &C, all: &Fans, some: &[Fan
                 direction: [[0.0; LANES]; 3],
                 t_min: 0.0,
                 t_max: 1.0,
+                size_at_origin: 0.0,
                 size_per_t: 0.0,
                 active: first_lanes(hits.len()),
             };
@@ -170,10 +217,47 @@ fn fans<C: CastPacket, const CONTOURS: bool>(caster: &C, all: &Fans, some: &[Fan
                     packet.direction[axis][lane] = ray.direction[axis];
                 }
             }
-            let found = caster.cast::<CONTOURS, false>(&packet);
+            let found = caster.cast::<_, CONTOURS, false>(&packet);
             for (lane, hit) in hits.iter_mut().enumerate() {
                 *hit = found.get(lane);
             }
+        }
+    }
+}
+
+#[inline(always)]
+fn list<C: CastPacket, const CONTOURS: bool, const LOD: bool>(
+    caster: &C,
+    rays: &[Ray],
+    order: &[u32],
+    hits: &mut [Hit],
+) {
+    const NONE: [f32; LANES] = [0.0; LANES];
+    for first in (0..rays.len()).step_by(LANES) {
+        let count = LANES.min(rays.len() - first);
+        let index = |lane: usize| order.get(first + lane).map_or(first + lane, |index| *index as usize);
+        let mut packet = Packet {
+            origin: [NONE; 3],
+            direction: [NONE; 3],
+            t_min: NONE,
+            t_max: NONE,
+            size_at_origin: NONE,
+            size_per_t: NONE,
+            active: 0,
+        };
+        for lane in 0..count {
+            let ray = &rays[index(lane)];
+            packet.active |= u16::from(ray.is_cast()) << lane;
+            for axis in 0..3 {
+                packet.origin[axis][lane] = ray.origin[axis];
+                packet.direction[axis][lane] = ray.direction[axis];
+            }
+            (packet.t_min[lane], packet.t_max[lane]) = (ray.t_min, ray.t_max);
+            (packet.size_at_origin[lane], packet.size_per_t[lane]) = (ray.size_at_origin, ray.size_per_t);
+        }
+        let found = caster.cast::<_, CONTOURS, LOD>(&packet);
+        for lane in 0..count {
+            hits[index(lane)] = if packet.active >> lane & 1 != 0 { found.get(lane) } else { Hit::miss(0) };
         }
     }
 }

@@ -13,7 +13,7 @@ use crate::testing::compare::Comparison;
 use crate::testing::sample::{
     Sample, against_reference, bad_views, cameras, strange_against_reference, two_objects, unsound,
 };
-use crate::{CastError, CastOptions, Caster, DeviceKind, Fan, Fans, Hit, View};
+use crate::{CastError, CastOptions, Caster, DeviceKind, Fan, Fans, Hit, Ray, Rays, View};
 
 /// Size of the pictures that are compared: neither side is a multiple of a packet's, a workgroup's or a block's.
 const ODD_SIZE: (u32, u32) = (131, 75);
@@ -35,6 +35,11 @@ pub(super) fn view_of(octree: &Octree, object: usize, size: (u32, u32), beam: bo
     let root = octree.objects()[object].root_slot as u32;
     let options = CastOptions { beam, ..CastOptions::default() };
     View::new(&cameras()[0], octree.octree_to_mesh(object), root, size, &options)
+}
+
+/// A ray that starts in the middle.
+fn ray() -> [Ray; 1] {
+    [Ray::new(Vec3::splat(1.5), Vec3::X)]
 }
 
 /// Cubical voxels in one block, near pointers only: hits are the reference's with every option and from every camera.
@@ -193,6 +198,7 @@ pub fn roots_of_no_object_are_refused(subject: &Subject) -> Result<(), Fault> {
                 caster.cast(&view, &mut Vec::new()),
                 caster.time(&view).map(drop),
                 caster.cast_fans(&fans, &mut Vec::new()),
+                caster.cast_rays(&Rays { root, contours: true, rays: &ray() }, &mut Vec::new()),
             ];
             for result in results {
                 let right = match &result {
@@ -256,12 +262,15 @@ pub fn checks_against_another_octree_do_not_count(subject: &Subject) -> Result<(
     let fan = [Fan { origin: Vec3::splat(1.5), axes: Mat3::IDENTITY }];
     let fans = Fans { root: view.root, contours: true, fans: &fan, directions: &[Vec3::X] };
     let roots = crate::Roots::of(&octree)?;
+    let ray = ray();
+    let rays = roots.check_rays(&Rays { root: view.root, contours: true, rays: &ray })?;
     let (view, fans) = (roots.check_view(&view)?, roots.check_fans(&fans)?);
     for _ in 0..2 {
         let results = [
             caster.cast_checked(view, &mut Vec::new()),
             caster.time_checked(view).map(drop),
             caster.cast_fans_checked(fans, &mut Vec::new()),
+            caster.cast_rays_checked(rays, &mut Vec::new()),
         ];
         for result in results {
             demand(matches!(result, Err(CastError::NotLoaded)), || {
@@ -282,8 +291,13 @@ pub fn nothing_loaded_is_an_error(subject: &Subject) -> Result<(), Fault> {
     let mut caster = subject.open()?;
     let view = view_of(&octree, 0, (8, 8), false)?;
     let fans = Fans { root: view.root, contours: true, fans: &[], directions: &[Vec3::X] };
-    let results =
-        [caster.cast(&view, &mut Vec::new()), caster.time(&view).map(drop), caster.cast_fans(&fans, &mut Vec::new())];
+    let rays = Rays { root: view.root, contours: true, rays: &[] };
+    let results = [
+        caster.cast(&view, &mut Vec::new()),
+        caster.time(&view).map(drop),
+        caster.cast_fans(&fans, &mut Vec::new()),
+        caster.cast_rays(&rays, &mut Vec::new()),
+    ];
     for result in results {
         demand(matches!(result, Err(CastError::NotLoaded)), || format!("before an octree is loaded: {result:?}"))?;
     }

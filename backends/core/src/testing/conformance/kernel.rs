@@ -12,7 +12,7 @@ const MISTAKES: [(&str, &str); 6] = [
     ("let crossed = t_corner <= vec3<f32>(tc_max);", "let crossed = t_corner < vec3<f32>(tc_max) + vec3<f32>(1e-3);"),
     ("if CONTOURS {", "if CONTOURS && false {"),
     ("if FAR_POINTERS {", "if FAR_POINTERS && scale < 20u {"),
-    ("if tc_max * ray.size_per_t >= size {", "if tc_max * ray.size_per_t > size * 1.5 {"),
+    ("if footprint >= size {", "if footprint > size * 1.5 {"),
     ("t_max = stack_t_max[scale - LOWEST_SCALE];", "t_max = 1.0;"),
 ];
 

@@ -23,6 +23,7 @@
 mod broken;
 mod checks;
 mod kernel;
+mod rays;
 
 use std::fmt::Debug;
 
@@ -30,6 +31,7 @@ use esvo_format::FormatError;
 
 pub use checks::*;
 pub use kernel::*;
+pub use rays::*;
 
 use crate::gpu::kernel::GpuOptions;
 use crate::testing::compare::Comparison;
@@ -203,6 +205,9 @@ macro_rules! conformance_suite {
             all_objects_agree
             fans_agree
             strange_rays_agree
+            rays_agree
+            lists_of_rays_stand_alone
+            strange_lists_of_rays_agree
             bad_views_are_refused
             roots_of_no_object_are_refused
             unsound_octrees_are_refused
@@ -212,6 +217,7 @@ macro_rules! conformance_suite {
             nothing_is_left_of_the_frame_before
             times_are_plausible
             broken_casters_are_caught
+            broken_casters_of_rays_are_caught
         }
     };
     (@table () $($check:ident)*) => {
@@ -244,6 +250,8 @@ macro_rules! kernel_suite {
         $crate::conformance_suite! { @$then $given
             several_bindings_agree
             broken_kernels_are_caught
+            batches_of_rays_agree
+            kernels_that_break_rays_are_caught
             what_a_device_cannot_do_is_an_error
         }
     };
