@@ -7,7 +7,8 @@ use bytemuck::{Pod, Zeroable};
 #[repr(C)]
 #[derive(Clone, Copy, PartialEq, Debug, Pod, Zeroable)]
 pub struct Hit {
-    /// Where the ray enters the voxel (or its contour), or [`Hit::MISS_T`].
+    /// Where the ray enters the voxel or its contour, in lengths of the ray's direction. [`Hit::MISS_T`] for a miss, a number that
+    /// a hit can have too: [`t`](Self::t()) tells them apart.
     pub t: f32,
     /// Slot of the parent's child descriptor.
     pub slot: u32,
@@ -39,6 +40,12 @@ impl Hit {
         self.voxel == Self::MISS_VOXEL
     }
 
+    /// Where the ray enters the voxel or its contour, in lengths of the ray's direction; `None` for a miss. In a picture,
+    /// depth divided by the depth of the far plane.
+    pub fn t(&self) -> Option<f32> {
+        (!self.is_miss()).then_some(self.t)
+    }
+
     /// Child slot of the voxel.
     pub fn child(&self) -> u8 {
         (self.voxel & 7) as u8
@@ -52,6 +59,11 @@ impl Hit {
     /// Edge of the voxel; the edge of the root cube is 1.
     pub fn size(&self) -> f32 {
         exp2(self.scale() as i32 - 23)
+    }
+
+    /// Level of the voxel, the root cube being level 0; not for a miss.
+    pub fn level(&self) -> u32 {
+        23u32.saturating_sub(self.scale())
     }
 
     /// Whether both name the same voxel, or both are misses.

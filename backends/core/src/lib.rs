@@ -56,6 +56,7 @@
 //! `png`: [`picture`] reads and writes files, with the crate `image`.
 
 pub mod ambient;
+mod attributes;
 pub mod camera;
 mod caster;
 mod checked;
@@ -65,10 +66,13 @@ mod fan;
 mod frame;
 pub mod gpu;
 mod hit;
+mod hit_point;
+mod object;
 pub mod picture;
 mod ray;
 pub mod reference;
 pub mod shading;
+mod shape;
 pub mod testing;
 
 pub use camera::Camera;
@@ -77,6 +81,9 @@ pub use checked::{Checked, Roots};
 pub use error::CastError;
 pub use fan::{Fan, Fans};
 pub use frame::{BEAM_BLOCK, COARSE_VOXEL_PIXELS, CastOptions, FLAG_BEAM, FLAG_CONTOURS, MAX_PIXELS, View, check_size};
+pub use glam;
 pub use hit::{Hit, exp2};
+pub use hit_point::{HitPoint, VoxelCube};
+pub use object::Object;
 pub use picture::Picture;
 pub use ray::{Ray, Rays};

@@ -5,10 +5,12 @@
 
 use esvo_format::Octree;
 pub use esvo_format::srgb::{decode as decode_srgb, encode as encode_srgb};
-use glam::{DMat3, DMat4, DVec3, Vec3};
+use glam::{DMat4, DVec3};
 
+use crate::attributes::own_normal;
+pub use crate::attributes::{PLAIN_COLOR, voxel_ambient, voxel_color, voxel_normal};
 use crate::exact::{CameraRays, TriangleHit};
-use crate::{Hit, Picture, Ray, View};
+use crate::{Hit, Picture, View};
 
 /// A surface at a point.
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -18,9 +20,6 @@ pub struct Surface {
     /// Colour, sRGB-encoded, channels in `0.0..=1.0`.
     pub color: [f32; 3],
 }
-
-/// Colour of voxels without a colour, sRGB-encoded.
-pub const PLAIN_COLOR: [f32; 3] = [0.75, 0.75, 0.75];
 
 /// Light from all directions, as a share of the colour.
 const AMBIENT: f32 = 0.18;
@@ -63,11 +62,6 @@ impl Light {
     }
 }
 
-/// The normal, reversed if it points along the direction of view.
-fn facing(normal: DVec3, direction: DVec3) -> DVec3 {
-    if normal.dot(direction) > 0.0 { -normal } else { normal }
-}
-
 /// The normal, mirrored to the viewer's side if it points away: its angle to the ray and its direction across the ray stay.
 /// Voxels at a silhouette reach beyond it, with normals that point slightly away. Reversed normals would make such voxels
 /// bright where their neighbours are dark.
@@ -80,62 +74,6 @@ fn mirrored(normal: DVec3, direction: DVec3) -> DVec3 {
 pub fn octree_to_mesh(octree: &Octree, view: &View) -> DMat4 {
     let object = octree.objects().iter().position(|o| o.root_slot == u64::from(view.root)).unwrap_or(0);
     octree.octree_to_mesh(object)
-}
-
-/// Unit normal of a hit voxel in mesh space, facing the ray: of its attachment, else of its contour, else of the face of the
-/// cube by which the ray entered.
-///
-/// # Panics
-/// The hit is not of this octree, or a miss.
-pub fn voxel_normal(octree: &Octree, octree_to_mesh: &DMat4, ray: &Ray, hit: &Hit) -> DVec3 {
-    let direction = octree_to_mesh.transform_vector3(ray.direction.as_dvec3());
-    facing(own_normal(octree, octree_to_mesh, ray, hit), direction)
-}
-
-/// The same, but not turned to the ray if it comes from an attachment.
-fn own_normal(octree: &Octree, octree_to_mesh: &DMat4, ray: &Ray, hit: &Hit) -> DVec3 {
-    let stored = octree.normal_at(hit.slot, hit.child(), place(ray, hit)).map(Vec3::as_dvec3);
-    if let Some(normal) = stored.filter(|n| *n != DVec3::ZERO) {
-        return normal.normalize_or_zero();
-    }
-    // Contours and faces have no outside: they face the ray.
-    let contour = octree.contour(hit.slot, hit.child()).map(|c| DVec3::from(c.decode().normal));
-    let normal = contour.unwrap_or_else(|| entry_side(ray, hit));
-    let normal = DMat3::from_mat4(*octree_to_mesh).inverse().transpose() * normal;
-    facing(normal, octree_to_mesh.transform_vector3(ray.direction.as_dvec3())).normalize_or_zero()
-}
-
-/// Normal of the face of the cube by which the ray entered: of the planes of the voxel's grid, the one nearest to the hit.
-fn entry_side(ray: &Ray, hit: &Hit) -> DVec3 {
-    let cells = (ray.origin + ray.direction * hit.t) / hit.size();
-    let off = (cells - cells.round()).abs();
-    let mut side = DVec3::ZERO;
-    side[off.min_position()] = 1.0;
-    side
-}
-
-/// The place of a hit in its voxel, 0 to 1 on each axis. Attributes at corners are interpolated for it.
-fn place(ray: &Ray, hit: &Hit) -> Vec3 {
-    // Moved a little along the ray: on the face itself, rounding could select the voxel before it.
-    let point = ray.origin + ray.direction * hit.t + ray.direction.normalize_or_zero() * (hit.size() * 1e-3);
-    let cells = point / hit.size();
-    cells - cells.floor()
-}
-
-/// Colour of a hit voxel at the hit, sRGB-encoded, or [`PLAIN_COLOR`].
-///
-/// # Panics
-/// The hit is not of this octree, or a miss.
-pub fn voxel_color(octree: &Octree, ray: &Ray, hit: &Hit) -> [f32; 3] {
-    octree.color_at(hit.slot, hit.child(), place(ray, hit)).unwrap_or(PLAIN_COLOR)
-}
-
-/// Share of the light from all directions that reaches a hit voxel; 1 if the octree has no ambient occlusion.
-///
-/// # Panics
-/// The hit is not of this octree, or a miss.
-pub fn voxel_ambient(octree: &Octree, hit: &Hit) -> f32 {
-    octree.ambient(hit.slot, hit.child()).unwrap_or(1.0)
 }
 
 /// The octree, shaded: a lamp at the camera, the colours and normals of the voxels, a sky where nothing was hit.
@@ -235,9 +173,11 @@ pub fn heat(value: f32) -> [f32; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::attributes::facing;
     use crate::reference::cast_fine;
     use crate::{Camera, CastOptions};
     use esvo_format::{AssembleOptions, Contour, CornerValue, NodeCorners, RawNormal, Tree, Voxel, assemble};
+    use glam::Vec3;
 
     const SIZE: (u32, u32) = (48, 32);
 
