@@ -28,7 +28,8 @@
 //! | know the rays of a picture | [`View`], [`Ray`]; in double precision: [`exact`] |
 //! | cast a picture | [`Caster::cast`] |
 //! | cast rays of your own | [`Ray`], [`Rays`], [`Caster::cast_rays`]; many from few points: [`Fans`], [`Caster::cast_fans`] |
-//! | read a hit | [`Hit`]; its colour and normal: [`shading`] |
+//! | read a hit | [`Hit`]; its position, normal, colour and voxel in mesh space: [`HitPoint`] |
+//! | go on from a hit | [`HitPoint::next_ray`] |
 //! | make a picture | [`shading`], [`Picture`]; files: [`picture`] with the feature `png` |
 //! | compute ambient occlusion | [`ambient`] |
 //! | know what a correct hit is | [`mod@reference`]: the paper's Figure 8 |
@@ -41,9 +42,12 @@
 //!
 //! # Spaces and units
 //!
-//! Casters work in the cube `[1, 2]³`: octree space plus 1, so that the bits of a coordinate are the path of a voxel from the
-//! root. A [`Camera`] is in the units of the mesh; [`View::new`] leads from one to the other. Along a ray of a picture, `t` is
-//! depth divided by the depth of the far plane: 1 at the far plane.
+//! [`Object`] names the three spaces. Cameras, positions and distances are in mesh space. Octree space, the cube `[0, 1]³`, is
+//! that of the file format. Kernels read rays and views in cast space, octree space plus 1. [`Object::ray`] and [`View::new`]
+//! lead there from mesh space, [`HitPoint`] leads back.
+//!
+//! `t` counts lengths of the ray's direction. A ray of a picture reaches the far plane at `t` = 1; the direction of a ray of
+//! [`Object::ray`] is as long as an edge of the root cube.
 //!
 //! # Bad input
 //!
