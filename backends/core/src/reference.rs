@@ -22,6 +22,7 @@ pub const MAX_ITERATIONS: u32 = 1 << 20;
 /// Smallest absolute value of a direction component, and of the product of a contour's normal (in the units of its word)
 /// with the direction. Smaller ones are replaced by it, with their sign, so that nothing divides by zero.
 pub const EPSILON: f32 = 1.0 / (1u32 << MAX_SCALE) as f32;
+
 /// Casts one ray against the octree below the descriptor at slot `root`.
 ///
 /// The octree must be [sound](Octree::sound), and `root` the root slot of one of its objects.
@@ -242,8 +243,9 @@ fn project_contour(word: u32, direction: Vec3, t_centre: Vec3, size: f32) -> Spa
     Span { min: middle - half, max: middle + half }
 }
 
+/// A component of a direction as casters read it.
 #[inline(always)]
-fn away_from_zero(x: f32) -> f32 {
+pub(crate) fn away_from_zero(x: f32) -> f32 {
     if x.abs() < EPSILON { EPSILON.copysign(x) } else { x }
 }
 

@@ -21,19 +21,25 @@
 //! and lies behind the plane. The lift is along the normal, so that it is as short at grazing angles as elsewhere.
 //!
 //! A ray that goes into the voxel, or through it, starts at the `t` where it leaves the cube and the contour, each
-//! moved outwards by its margin. In both cases it skips only what lies in the voxel's own cube and within the
-//! margin of it, so it skips no other voxel that is thicker than the margin: at level 12, a 250th part of an edge.
+//! moved outwards by its margin. If it is then still closer than the margin to a face by which it came in, as a grazing ray is,
+//! it is moved out of that face by up to 2.5 margins. Otherwise the caster may find that it crosses the face later than it
+//! starts at one level of the octree, and earlier at the next, and then goes back to where the face was crossed, in front of
+//! the exit.
+//!
+//! In all cases the ray skips only what lies in the voxel's own cube and within 40u of it. A voxel at level 12, whose edge is
+//! 4096u, is 100 times as thick.
 
 use esvo_format::{Octree, Slab};
 use glam::{DVec3, Vec3};
 
 use crate::hit::Hit;
 use crate::ray::Ray;
+use crate::reference::{EPSILON, away_from_zero};
 
 /// Largest relative error of an operation in `f32`.
 const UNIT: f64 = 1.0 / (1u32 << 24) as f64;
 /// A component of a direction below this is as good as zero: the caster changes it by at most this.
-const SMALLEST: f64 = 1.0 / (1u32 << 23) as f64;
+const SMALLEST: f64 = EPSILON as f64;
 
 /// How far a caster may mistake a plane, in cast space.
 #[derive(Clone, Copy, Debug)]
@@ -175,14 +181,37 @@ impl Shape {
             let origin = self.point + plane.normal * plane.margin(margins);
             return Ray::new(origin.as_vec3(), direction);
         }
-        let origin = self.point.as_vec3();
+        // As the caster reads it.
+        let cast = DVec3::from(direction.to_array().map(|d| f64::from(away_from_zero(d))));
         let slab = self.slab.into_iter().flat_map(|slab| Plane::of_slab(&slab, self.corner, self.size));
-        let exit = Plane::of_cube(self.corner, self.size).into_iter().chain(slab).fold(f64::MAX, |t, plane| {
-            let speed = plane.normal.dot(exact);
-            let way = plane.offset + plane.margin(margins) - plane.normal.dot(origin.as_dvec3());
-            if speed > 0.0 { t.min(way / speed) } else { t }
-        });
-        Ray { t_min: (exit.max(0.0) as f32).next_up(), ..Ray::new(origin, direction) }
+        let faces = Plane::of_cube(self.corner, self.size);
+        let planes: Vec<Plane> = faces.into_iter().chain(slab).collect();
+        let mut ray = Ray::new(self.point.as_vec3(), direction);
+        // Each move changes where the ray leaves the planes of the contour, by less than the move before.
+        for _ in 0..3 {
+            let origin = ray.origin.as_dvec3();
+            let exit = planes.iter().fold(f64::MAX, |t, plane| {
+                let speed = plane.normal.dot(cast);
+                let way = plane.offset + plane.margin(margins) - plane.normal.dot(origin);
+                if speed > 0.0 { t.min(way / speed) } else { t }
+            });
+            ray.t_min = (exit.max(0.0) as f32).next_up();
+            let start = origin + cast * f64::from(ray.t_min);
+            let close = faces.iter().filter(|face| face.normal.dot(cast) < 0.0).fold(DVec3::ZERO, |sum, face| {
+                let depth = face.offset - face.normal.dot(start);
+                if depth.abs() < face.margin(margins) {
+                    sum + face.normal * (depth + face.margin(margins))
+                } else {
+                    sum
+                }
+            });
+            if close == DVec3::ZERO {
+                break;
+            }
+            // A little more, so that rounding does not take it back.
+            ray.origin = (origin + close * 1.25).as_vec3();
+        }
+        ray
     }
 }
 
