@@ -1,4 +1,4 @@
-//! Turns triangle meshes into esvo sparse voxel octrees.
+//! Turns triangle meshes and voxel models into esvo sparse voxel octrees.
 //!
 //! ```
 //! use esvo_builder::{BuildSettings, Material, Mesh, build};
@@ -41,12 +41,13 @@
 //! | folder or file | subject |
 //! |---|---|
 //! | [`mesh`] | the mesh with its materials, textures, normal maps and height maps; sampling them |
-//! | [`import`] | reading OBJ, glTF, PLY and STL files and their images |
+//! | [`import`] | reading OBJ, glTF, PLY and STL files and their images, and MagicaVoxel's models |
 //! | `displace/` | displacement by height maps: dicing triangles and moving their vertices |
 //! | `clip/` | clipping triangles to cubes without losing a voxel; areas of polygons |
 //! | `surface/` | the prepared mesh; colours, normals and holes of pieces; attributes of voxels and the test for refining them |
 //! | `shape/` | contours: slabs, the polyhedron that they leave of a voxel, how one is chosen, the short way for planes |
 //! | `build/` | a build from start to end, the recursion, the journal of an interrupted build, progress |
+//! | [`voxels`] | voxel models and the octrees that they become, without triangles |
 //! | `settings.rs`, `error.rs` | [`BuildSettings`] and [`Preset`]; [`BuildError`] |
 //!
 //! Each row uses only rows above it (and settings and errors). Two folders are wider than their names: `surface/` needs
@@ -69,6 +70,7 @@ pub mod mesh;
 mod settings;
 mod shape;
 mod surface;
+pub mod voxels;
 
 pub use build::{BuildStats, Built, BuiltFile, FileOptions, Progress, build, build_file};
 pub use displace::{DisplaceOptions, displace};
@@ -76,6 +78,7 @@ pub use error::BuildError;
 pub use mesh::maps::{HeightMap, LinearMip, LinearTexture, NormalMap, UvTransform, mapped_normal};
 pub use mesh::{Material, Mesh, MipLevel, Texture, Wrap};
 pub use settings::{BuildSettings, Preset, TextureTest};
+pub use voxels::{ModelVoxel, VoxelModel, build_voxels, build_voxels_file};
 
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]

@@ -153,7 +153,7 @@ fn a_broken_texture_is_a_warning_that_says_what_to_do() {
     let out = folder.run(&["build", "box.obj", "-o", "x.esvo", "--levels", "4"]);
     let error = String::from_utf8_lossy(&out.stderr);
     assert!(out.status.success(), "{error}");
-    let what = "bad.png cannot be decoded: it is neither PNG, JPEG, BMP nor TGA; convert it to one of them; using a plain colour";
+    let what = "bad.png cannot be decoded: it is none of PNG, JPEG, WebP, TGA, BMP and DDS; convert it to PNG, JPEG or WebP; using a plain colour";
     assert!(error.starts_with("warning: ") && error.contains(what), "{error}");
 }
 

@@ -14,6 +14,7 @@ use serde::Serialize;
 use self::journal::Journal;
 pub use self::progress::Progress;
 use self::recursion::Recursion;
+pub(crate) use self::recursion::block_nodes;
 use crate::surface::Surface;
 use crate::{BuildError, BuildSettings, Mesh};
 

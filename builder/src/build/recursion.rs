@@ -128,7 +128,7 @@ fn append_by_slot(of_slots: &[(u8, Piece)], list: &mut Vec<Piece>) -> [usize; 9]
 /// Larger subtrees of a node's children have become blocks before the node is considered. So a block has at most eight times
 /// as many nodes, plus the group of siblings at its root: even if every group has an odd size and every pointer is far, it
 /// fits into `block_slots`.
-fn block_nodes(options: &AssembleOptions) -> usize {
+pub(crate) fn block_nodes(options: &AssembleOptions) -> usize {
     (options.block_slots / 64).max(1) as usize
 }
 

@@ -9,7 +9,7 @@ use crate::mesh::transform::{mirrors, normal_matrix, transform_normal, transform
 use crate::mesh::{MAX_ELEMENTS, Mesh};
 
 /// Triangles of one material with their own vertices. An empty attribute array means that the part has no such attribute.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Part {
     pub(super) positions: Vec<[f64; 3]>,
     pub(super) normals: Vec<[f32; 3]>,

@@ -29,7 +29,7 @@ pub enum ImportError {
         path: PathBuf,
     },
     /// The extension is not one of those that can be read.
-    #[error("{}: unknown kind of mesh; the extension must be .obj, .gltf, .glb, .ply or .stl", path.display())]
+    #[error("{}: unknown kind of mesh; the extension must be .obj, .gltf, .glb, .ply, .stl or .vox", path.display())]
     UnknownKind {
         /// The path as given.
         path: PathBuf,

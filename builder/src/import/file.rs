@@ -15,24 +15,40 @@ pub(super) fn read_file(path: &Path) -> Result<Vec<u8>, ImportError> {
     fs::read(path).map_err(|source| ImportError::Read { path: path.into(), source })
 }
 
-/// The kind of a mesh file by its extension.
+/// A format of mesh files or of voxel models.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Kind {
+pub enum Format {
+    /// Wavefront OBJ.
     Obj,
+    /// glTF 2.0 as JSON.
     Gltf,
+    /// glTF 2.0 in a binary container.
     Glb,
+    /// PLY, text or binary.
     Ply,
+    /// STL, text or binary.
     Stl,
+    /// A voxel model of MagicaVoxel.
+    Vox,
 }
 
-impl Kind {
-    pub(super) fn of_extension(path: &Path) -> Option<Self> {
-        match path.extension()?.to_str()?.to_ascii_lowercase().as_str() {
+impl Format {
+    /// The format that the extension of a file stands for, in any case.
+    #[must_use]
+    pub fn of_extension(path: &Path) -> Option<Self> {
+        Self::of_name(path.extension()?.to_str()?)
+    }
+
+    /// The format with this name, which is the extension of its files, in any case.
+    #[must_use]
+    pub fn of_name(name: &str) -> Option<Self> {
+        match name.to_ascii_lowercase().as_str() {
             "obj" => Some(Self::Obj),
             "gltf" => Some(Self::Gltf),
             "glb" => Some(Self::Glb),
             "ply" => Some(Self::Ply),
             "stl" => Some(Self::Stl),
+            "vox" => Some(Self::Vox),
             _ => None,
         }
     }
@@ -44,6 +60,7 @@ impl Kind {
             Self::Glb => "a binary glTF file",
             Self::Ply => "a PLY file",
             Self::Stl => "an STL file",
+            Self::Vox => "a voxel model of MagicaVoxel",
         }
     }
 
@@ -56,6 +73,7 @@ impl Kind {
             Self::Ply => content == Content::Ply,
             // The header of a binary file may contain any text.
             Self::Stl => matches!(content, Content::Text | Content::Utf16 | Content::Json | Content::Binary),
+            Self::Vox => content == Content::Vox,
         }
     }
 }
@@ -68,6 +86,7 @@ pub(super) enum Content {
     Archive,
     Glb,
     Ply,
+    Vox,
     Json,
     Text,
     Utf16,
@@ -89,6 +108,8 @@ impl Content {
             Self::Archive
         } else if head.starts_with(b"glTF") {
             Self::Glb
+        } else if head.starts_with(b"VOX ") {
+            Self::Vox
         } else if text.starts_with(b"ply\n") || text.starts_with(b"ply\r") || text.starts_with(b"ply ") {
             Self::Ply
         } else if head.starts_with(b"\xff\xfe") || head.starts_with(b"\xfe\xff") {
@@ -109,6 +130,7 @@ impl Content {
             Self::Archive => "a compressed archive",
             Self::Glb => "a binary glTF file",
             Self::Ply => "a PLY file",
+            Self::Vox => "a voxel model of MagicaVoxel",
             Self::Json => "JSON text",
             Self::Text => "a text file",
             Self::Utf16 => "UTF-16 text",

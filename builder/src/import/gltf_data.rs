@@ -25,6 +25,8 @@ const MAX_VALUES_WITHOUT_BYTES: u64 = 1 << 20;
 pub(super) struct Source<'p> {
     pub(super) path: &'p Path,
     pub(super) root: json::Root,
+    /// Extensions that are in use but not known: the name, and the first place where it is used.
+    pub(super) ignored: Vec<(String, String)>,
     binary_chunk: Option<Vec<u8>>,
     buffers: Vec<OnceCell<Vec<u8>>>,
 }
@@ -44,8 +46,8 @@ struct Version {
 }
 
 impl<'p> Source<'p> {
-    /// Parses a `.gltf` or `.glb` file.
-    pub(super) fn parse(path: &'p Path, bytes: &[u8]) -> Result<Self, ImportError> {
+    /// Parses a `.gltf` or `.glb` file. `is_known` says which extensions need no entry in `ignored`.
+    pub(super) fn parse(path: &'p Path, bytes: &[u8], is_known: fn(&str) -> bool) -> Result<Self, ImportError> {
         let (text, binary_chunk) = if bytes.starts_with(b"glTF") {
             let (text, chunk) = split_glb(bytes).map_err(|what| ImportError::malformed(path, what))?;
             (text, chunk.map(<[u8]>::to_vec))
@@ -68,10 +70,13 @@ impl<'p> Source<'p> {
         }
         let root = match json::Root::from_slice(text) {
             Ok(root) => root,
-            Err(e) => without_unused_parts(text).ok_or_else(|| bad(&e))?,
+            Err(e) => without_unused_parts(text, &["animations", "cameras", "extensions", "extras"])
+                .or_else(|| without_unused_parts(text, &["animations", "cameras", "skins", "extensions", "extras"]))
+                .ok_or_else(|| bad(&e))?,
         };
         let buffers = root.buffers.iter().map(|_| OnceCell::new()).collect();
-        Ok(Self { path, root, binary_chunk, buffers })
+        let ignored = ignored_extensions(&root, text, is_known);
+        Ok(Self { path, root, ignored, binary_chunk, buffers })
     }
 
     pub(super) fn malformed(&self, what: impl Into<String>) -> ImportError {
@@ -88,6 +93,22 @@ impl<'p> Source<'p> {
         let buffer =
             self.root.buffers.get(index).ok_or_else(|| self.out_of_range("buffer", index, self.root.buffers.len()))?;
         let declared = buffer.byte_length.0;
+        let compressed = |name: &&str| {
+            let extensions = buffer.extensions.as_ref();
+            extensions.and_then(|e| e.others.get(*name)?.get("fallback")?.as_bool()) == Some(true)
+        };
+        if buffer.uri.is_none()
+            && (index > 0 || self.binary_chunk.is_none())
+            && let Some(name) = MESHOPT.into_iter().find(compressed)
+        {
+            return Err(ImportError::unsupported(
+                self.path,
+                format!(
+                    "buffer {index} is compressed with the glTF extension {name}, which is not supported, and has no \
+                     uncompressed copy; export it without compression"
+                ),
+            ));
+        }
         let bytes = match (&buffer.uri, self.buffers[index].get()) {
             (None, _) => match &self.binary_chunk {
                 Some(chunk) if index == 0 => chunk,
@@ -97,7 +118,9 @@ impl<'p> Source<'p> {
             (Some(uri), None) => {
                 let loaded = match self.resolve(uri, &format!("buffer {index}"))? {
                     Resource::Embedded { bytes, .. } => bytes,
-                    Resource::File(file) => read_file(&file)?,
+                    Resource::File(file) => {
+                        read_file(&file).map_err(|e| self.malformed(format!("buffer {index}: {}", one_line(e))))?
+                    }
                 };
                 self.buffers[index].get_or_init(|| loaded)
             }
@@ -178,6 +201,28 @@ impl<'p> Source<'p> {
         Ok(result)
     }
 
+    /// Refuses a primitive whose vertices are only there in compressed form.
+    pub(super) fn check_compression(
+        &self,
+        primitive: &json::mesh::Primitive,
+        positions: usize,
+        label: &str,
+    ) -> Result<(), ImportError> {
+        let is_compressed = primitive.extensions.as_ref().is_some_and(|e| e.others.contains_key(DRACO));
+        let has_copy =
+            self.root.accessors.get(positions).is_some_and(|a| a.buffer_view.is_some() || a.sparse.is_some());
+        if is_compressed && !has_copy {
+            return Err(ImportError::unsupported(
+                self.path,
+                format!(
+                    "{label} is compressed with the glTF extension {DRACO}, which is not supported, and has no uncompressed \
+                     copy; export it without compression"
+                ),
+            ));
+        }
+        Ok(())
+    }
+
     /// The replaced values of a sparse accessor, in ascending order of index.
     fn sparse(
         &self,
@@ -246,13 +291,76 @@ impl<'p> Source<'p> {
     }
 }
 
-/// The document without the parts that are not needed here. Reads files that the parser rejects only because of these parts:
+const DRACO: &str = "KHR_draco_mesh_compression";
+const MESHOPT: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
+
+/// An error as a part of a message that names the file already.
+pub(super) fn reason(error: ImportError) -> String {
+    match error {
+        ImportError::Malformed { what, .. } | ImportError::Unsupported { what, .. } => what,
+        ImportError::Image { image, what, .. } => format!("the image {image} cannot be decoded: {what}"),
+        other => one_line(other),
+    }
+}
+
+/// The extensions that are in use and not known, each with the first place in the document that has it.
+fn ignored_extensions(root: &json::Root, text: &[u8], is_known: fn(&str) -> bool) -> Vec<(String, String)> {
+    let unknown = root.extensions_used.iter().filter(|name| !is_known(name));
+    let unknown: Vec<&String> = unknown.filter(|name| !root.extensions_required.contains(name)).collect();
+    if unknown.is_empty() {
+        return Vec::new();
+    }
+    let Ok(document) = json::deserialize::from_slice::<json::Value>(text) else { return Vec::new() };
+    let place = |name: &String| Some((one_line(name), first_use(&document, name)?));
+    unknown.into_iter().filter_map(place).collect()
+}
+
+/// Where the extension `name` is first used, e.g. `node 3 (lamp)` or `material 0, normalTexture`.
+fn first_use(document: &json::Value, name: &str) -> Option<String> {
+    let has = |value: &json::Value| value.get("extensions").is_some_and(|e| e.get(name).is_some());
+    let mut in_document = None;
+    // The path to each value on the stack. The depth of JSON that the parser accepts is limited.
+    let mut stack = vec![(String::new(), document)];
+    while let Some((path, value)) = stack.pop() {
+        if has(value) {
+            if !path.is_empty() {
+                return Some(path);
+            }
+            in_document = Some("the document".to_owned());
+        }
+        let joined = |more: &str| if path.is_empty() { more.to_owned() } else { format!("{path}, {more}") };
+        for (key, child) in value.as_object().into_iter().flatten().rev() {
+            // What is in an extension belongs to the object that has it.
+            if key == "extensions" || key == "extras" {
+                continue;
+            }
+            match child.as_array() {
+                Some(list) => {
+                    let single = match key.as_str() {
+                        "meshes" => "mesh",
+                        other => other.strip_suffix('s').unwrap_or(other),
+                    };
+                    for (index, entry) in list.iter().enumerate().rev().filter(|(_, entry)| entry.is_object()) {
+                        let name = entry.get("name").and_then(json::Value::as_str);
+                        let name = name.map_or(String::new(), |name| format!(" ({})", one_line(name)));
+                        stack.push((joined(&format!("{} {index}{name}", one_line(single))), entry));
+                    }
+                }
+                None if child.is_object() => stack.push((joined(&one_line(key)), child)),
+                None => {}
+            }
+        }
+    }
+    in_document
+}
+
+/// The document without the parts `unused`, which are not needed here. Reads files that the parser rejects only because of these parts:
 /// they are invalid, or newer than the parser. `None` if the rest is rejected, too.
-fn without_unused_parts(text: &[u8]) -> Option<json::Root> {
+fn without_unused_parts(text: &[u8], unused: &[&str]) -> Option<json::Root> {
     let mut document: json::Value = json::deserialize::from_slice(text).ok()?;
     let root = document.as_object_mut()?;
-    for unused in ["animations", "cameras", "skins", "extensions", "extras"] {
-        root.remove(unused);
+    for part in unused {
+        root.remove(*part);
     }
     // A scene may be empty, but the parser requires its list of nodes.
     for scene in root.get_mut("scenes").and_then(json::Value::as_array_mut).into_iter().flatten() {
@@ -308,7 +416,7 @@ fn names(types: &[Type]) -> String {
 }
 
 /// The values of a checked accessor, readable in any order.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Accessor<'a> {
     /// From the first value to the end of the last; `None` if all values are zero.
     base: Option<&'a [u8]>,
@@ -345,6 +453,22 @@ impl Accessor<'_> {
     /// that the accessor's type lacks are zero.
     pub(super) fn vector(&self, index: usize) -> [f64; 4] {
         let mut result = [0.0; 4];
+        if let Some(bytes) = self.bytes(index) {
+            for (value, chunk) in result.iter_mut().zip(bytes.chunks_exact(self.component.size())) {
+                *value = self.number(chunk);
+            }
+        }
+        result
+    }
+
+    /// How many numbers a value has.
+    pub(super) fn components(&self) -> usize {
+        self.components
+    }
+
+    /// Value `index`, which must be below `len()`, of an accessor of 4 x 4 matrices: its columns.
+    pub(super) fn matrix(&self, index: usize) -> [f64; 16] {
+        let mut result = [0.0; 16];
         if let Some(bytes) = self.bytes(index) {
             for (value, chunk) in result.iter_mut().zip(bytes.chunks_exact(self.component.size())) {
                 *value = self.number(chunk);
@@ -408,14 +532,24 @@ fn split_glb(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), String> {
     if kind != b"JSON" {
         return Err("the first chunk of the GLB container is not JSON".into());
     }
-    // Chunks of other kinds must be ignored.
-    let mut at = end.next_multiple_of(4);
+    // Chunks of other kinds must be ignored. Chunks are multiples of 4 bytes long. Old exporters wrote others, with the next
+    // chunk directly after them or at the next multiple of 4.
+    let next = |end: usize| {
+        let is_binary = |at: usize| chunk(at, "next").is_ok_and(|(kind, ..)| kind == b"BIN\0");
+        let aligned = end.next_multiple_of(4);
+        if is_binary(aligned) && !is_binary(end) { aligned } else { end }
+    };
+    let mut at = next(end);
     while at < declared {
+        // Padding after the last chunk.
+        if at % 4 != 0 && declared - at < 4 {
+            break;
+        }
         let (kind, data, end) = chunk(at, "second")?;
         if kind == b"BIN\0" {
             return Ok((text, Some(data)));
         }
-        at = end.next_multiple_of(4);
+        at = next(end);
     }
     Ok((text, None))
 }
@@ -442,6 +576,19 @@ mod tests {
         let bytes = glb(&[(b"JSON", b"{}  "), (b"XTRA", b"1234"), (b"BIN\0", b"5678")]);
         assert_eq!(split_glb(&bytes), Ok((&b"{}  "[..], Some(&b"5678"[..]))));
         assert_eq!(split_glb(&glb(&[(b"JSON", b"{}  ")])), Ok((&b"{}  "[..], None)));
+    }
+
+    #[test]
+    fn glb_chunks_of_any_length_are_followed_by_the_next() {
+        let bytes = glb(&[(b"JSON", b"{}"), (b"XTRA", b"123"), (b"BIN\0", b"5678")]);
+        assert_eq!(split_glb(&bytes), Ok((&b"{}"[..], Some(&b"5678"[..]))));
+        // Padded, but the length does not count the padding.
+        let mut bytes = glb(&[(b"JSON", b"{}  "), (b"BIN\0", b"5678")]);
+        bytes[12] = 2;
+        assert_eq!(split_glb(&bytes), Ok((&b"{}"[..], Some(&b"5678"[..]))));
+        let mut bytes = glb(&[(b"JSON", b"{}  ")]);
+        bytes[12] = 2;
+        assert_eq!(split_glb(&bytes), Ok((&b"{}"[..], None)));
     }
 
     #[test]

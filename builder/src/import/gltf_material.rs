@@ -1,4 +1,7 @@
-//! Materials of glTF: base colour with its texture and holes, and normal maps.
+//! Materials of glTF: colour with its texture and holes, and normal maps.
+//!
+//! The colour is the base colour. Where that is black, so that all the colour there is comes from emission, it is the
+//! emitted colour.
 
 use std::collections::HashMap;
 use std::path::PathBuf;
@@ -13,10 +16,10 @@ use image::DynamicImage;
 
 use super::assembly::Assembly;
 use super::error::{ImportError, one_line};
-use super::gltf_data::{Resource, Source};
+use super::gltf_data::{Resource, Source, reason};
 use super::image::{TextureStore, has_holes, normals_of, texture_of};
 use crate::mesh::maps::{LinearTexture, NormalMap, UvTransform};
-use crate::mesh::{Material, Texture};
+use crate::mesh::{Material, Texture, Wrap};
 
 /// Which texture coordinates a material reads, and how.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -25,17 +28,15 @@ pub(super) struct Coordinates {
     pub(super) set: u32,
     /// The transform of `KHR_texture_transform`, or the identity.
     pub(super) transform: UvTransform,
-    /// Whether coordinates outside 0..=1 repeat the image. [`Texture::sample`] always repeats it.
-    pub(super) repeats: bool,
 }
 
 impl Coordinates {
-    fn of(set: u32, transform: Option<&TextureTransform>, repeats: bool) -> Self {
-        let Some(t) = transform else { return Self { set, transform: UvTransform::IDENTITY, repeats } };
+    fn of(set: u32, transform: Option<&TextureTransform>) -> Self {
+        let Some(t) = transform else { return Self { set, transform: UvTransform::IDENTITY } };
         let (sin, cos) = t.rotation.0.sin_cos();
         let ([sx, sy], [ox, oy]) = (t.scale.0, t.offset.0);
         let rows = [[cos * sx, sin * sy, ox], [-sin * sx, cos * sy, oy]];
-        Self { set: t.tex_coord.unwrap_or(set), transform: UvTransform { rows }, repeats }
+        Self { set: t.tex_coord.unwrap_or(set), transform: UvTransform { rows } }
     }
 }
 
@@ -68,28 +69,49 @@ impl<'a> BaseColor<'a> {
     }
 }
 
+/// What the opacity of vertices does to a primitive.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct VertexAlpha {
+    /// Vertices with less are holes, whatever the texture says.
+    pub(super) least: f32,
+    /// Whether the opacity also decides which texels are holes.
+    pub(super) scales_texture: bool,
+    /// The cutoff of the material.
+    pub(super) cutoff: f32,
+}
+
+/// The least opacity that an 8-bit channel can have above 0, halved: what is less than this is invisible.
+const INVISIBLE: f32 = 0.5 / 255.0;
+/// Channels of at most this count as black: JPEG images are black only up to noise.
+const BLACK: u8 = 3;
+
 /// Converts materials when a primitive first uses them. Each has up to two forms: with its textures and without.
 #[derive(Default)]
 pub(super) struct Materials {
     store: TextureStore,
     converted: HashMap<(Option<usize>, bool), u32>,
-    embedded: HashMap<usize, Arc<Texture>>,
-    embedded_normals: HashMap<usize, Arc<LinearTexture<3>>>,
+    /// Forms of a material of the mesh with less opacity, in steps of 1/255.
+    faded: HashMap<(u32, u8), u32>,
+    invisible: Option<u32>,
+    /// Whether the colour of a material is what it emits.
+    emits: HashMap<usize, bool>,
+    /// The colours in each image, wrapped as a sampler says, or why it cannot be read.
+    colors: HashMap<(usize, [Wrap; 2]), Result<Arc<Texture>, String>>,
+    normals: HashMap<(usize, [Wrap; 2]), Result<Arc<LinearTexture<3>>, String>>,
 }
 
 /// Where the image of a texture is.
 enum Picture {
     /// In an existing file.
     File(PathBuf),
-    /// Embedded: the index of the image and its decoded pixels.
-    Embedded(usize, DynamicImage),
-    /// Embedded and already converted: the index of the image.
-    Known(usize),
+    /// Embedded: its decoded pixels.
+    Embedded(DynamicImage),
 }
 
 impl Materials {
     /// Which coordinates `material` needs from the vertices; `None` if it has no textures.
     pub(super) fn wanted(
+        &mut self,
         source: &Source<'_>,
         material: Option<usize>,
         assembly: &mut Assembly,
@@ -97,10 +119,10 @@ impl Materials {
         let Some(index) = material else { return Ok(None) };
         let materials = &source.root.materials;
         let material = materials.get(index).ok_or_else(|| source.out_of_range("material", index, materials.len()))?;
-        let color = match BaseColor::of(material).texture {
+        let color = match self.color_texture(source, index, material)? {
             Some(info) => {
                 let transform = info.extensions.as_ref().and_then(|e| e.texture_transform.as_ref());
-                Some(coordinates(source, info.index.value(), info.tex_coord, transform)?)
+                Some(Coordinates::of(info.tex_coord, transform))
             }
             None => None,
         };
@@ -112,7 +134,7 @@ impl Materials {
             transform.map(|value| json::deserialize::from_value(value.clone())).transpose().map_err(|e| {
                 source.malformed(format!("material {index}: the transform of its normal map: {}", one_line(e)))
             })?;
-        let normal = coordinates(source, normal.index.value(), normal.tex_coord, transform.as_ref())?;
+        let normal = Coordinates::of(normal.tex_coord, transform.as_ref());
         let Some(color) = color else {
             let identity = Some(UvTransform::IDENTITY);
             return Ok(Some(Wanted { coordinates: normal, textured: false, normal_map: identity }));
@@ -125,6 +147,40 @@ impl Materials {
             ));
         }
         Ok(Some(Wanted { coordinates: color, textured: true, normal_map }))
+    }
+
+    /// Whether the colour of a material, which [`Self::wanted`] has accepted, is what it emits.
+    pub(super) fn emits(&self, material: Option<usize>) -> bool {
+        material.is_some_and(|index| self.emits.get(&index) == Some(&true))
+    }
+
+    /// The texture that gives a material its colour: that of its emission where the base colour is black.
+    fn color_texture<'m>(
+        &mut self,
+        source: &Source<'_>,
+        index: usize,
+        material: &'m json::Material,
+    ) -> Result<Option<&'m Info>, ImportError> {
+        let base = BaseColor::of(material);
+        let emits = match self.emits.get(&index) {
+            Some(&known) => known,
+            None => {
+                let emits = emission(material) != [0.0; 3] && self.is_black(source, &base)?;
+                self.emits.insert(index, emits);
+                emits
+            }
+        };
+        Ok(if emits { material.emissive_texture.as_ref() } else { base.texture })
+    }
+
+    /// Whether a base colour is black everywhere.
+    fn is_black(&mut self, source: &Source<'_>, base: &BaseColor<'_>) -> Result<bool, ImportError> {
+        if base.factor[..3].iter().all(|&x| x <= 0.0) {
+            return Ok(true);
+        }
+        let Some(info) = base.texture else { return Ok(false) };
+        let black = |t: &[u8; 4]| t[3] == 0 || t[..3].iter().all(|&c| c <= BLACK);
+        Ok(self.texture(source, info.index.value())?.is_ok_and(|texture| texture.mips[0].texels.iter().all(black)))
     }
 
     /// The index in the mesh of a material that [`Self::wanted`] has accepted, or, for `None`, of the default material.
@@ -145,10 +201,60 @@ impl Materials {
             Some((index, material)) => self.convert(source, index, material, wanted, assembly)?,
             None => Material { base_color: [1.0; 4], ..Material::default() },
         };
-        let index = assembly.mesh.materials.len() as u32;
-        assembly.mesh.materials.push(converted);
+        let index = push(converted, assembly);
         self.converted.insert((material, textured), index);
         Ok(index)
+    }
+
+    /// The index in the mesh of a material of which nothing is to be seen.
+    pub(super) fn invisible(&mut self, assembly: &mut Assembly) -> u32 {
+        *self.invisible.get_or_insert_with(|| {
+            let name = "invisible".to_owned();
+            push(Material { name, base_color: [0.0; 4], alpha_cutoff: Some(0.5), ..Material::default() }, assembly)
+        })
+    }
+
+    /// The index in the mesh of a form of material `index` of the mesh with `opacity` 255ths of its opacity.
+    pub(super) fn with_opacity(&mut self, index: u32, opacity: u8, assembly: &mut Assembly) -> u32 {
+        if opacity == 255 {
+            return index;
+        }
+        *self.faded.entry((index, opacity)).or_insert_with(|| {
+            let mut material = assembly.mesh.materials[index as usize].clone();
+            material.base_color[3] *= f32::from(opacity) / 255.0;
+            push(material, assembly)
+        })
+    }
+
+    /// What the opacity of vertices, of which the least is `lowest`, does to a primitive with a material, which has become
+    /// material `index` of the mesh. `None` if it changes nothing.
+    pub(super) fn vertex_alpha(
+        &self,
+        source: &Source<'_>,
+        material: Option<usize>,
+        index: u32,
+        lowest: f32,
+        assembly: &Assembly,
+    ) -> Option<VertexAlpha> {
+        let mode = source.root.materials.get(material?)?.alpha_mode;
+        let material = assembly.mesh.materials.get(index as usize)?;
+        let (texture, opacity) = (material.texture.as_deref(), material.base_color[3]);
+        let (low, high) = texture.map_or((255, 255), Texture::alpha_range);
+        match (mode, material.alpha_cutoff) {
+            (Checked::Valid(AlphaMode::Mask), Some(cutoff)) => {
+                let highest = opacity * f32::from(high) / 255.0;
+                let least = if highest > 0.0 { cutoff / highest } else { f32::INFINITY };
+                // Where the texture has holes, each opacity of the vertices moves their rims.
+                let scales_texture = low < high;
+                let matters = lowest < least || (scales_texture && lowest < 1.0);
+                // Nothing of the material is to be seen: it needs no cuts.
+                (matters && least.is_finite()).then_some(VertexAlpha { least, scales_texture, cutoff })
+            }
+            (Checked::Valid(AlphaMode::Blend), _) if lowest < INVISIBLE => {
+                Some(VertexAlpha { least: INVISIBLE, scales_texture: false, cutoff: 0.0 })
+            }
+            _ => None,
+        }
     }
 
     fn convert(
@@ -160,24 +266,36 @@ impl Materials {
         assembly: &mut Assembly,
     ) -> Result<Material, ImportError> {
         let name = material.name.clone().unwrap_or_else(|| format!("material {index}"));
-        let color = BaseColor::of(material);
-        let texture = match color.texture {
-            Some(info) if wanted.is_some() => self.texture(source, info.index.value(), &name, assembly)?,
+        let base = BaseColor::of(material);
+        let mut texture = match self.color_texture(source, index, material)? {
+            Some(info) if wanted.is_some_and(|w| w.textured) => match self.texture(source, info.index.value())? {
+                Ok(texture) => Some(texture),
+                Err(why) => {
+                    assembly.warn(format!("material {name}: {why}; using a plain colour"));
+                    None
+                }
+            },
             _ => None,
         };
-        let unit = |x: f32| if x.is_finite() { x.clamp(0.0, 1.0) } else { 1.0 };
-        let mut base_color = color.factor.map(unit);
-        let glow = material.emissive_factor.0.map(unit);
-        if base_color[..3] == [0.0; 3] && glow != [0.0; 3] {
-            // A lamp: its base colour is black, but it emits light. Show the emitted colour.
-            base_color[..3].copy_from_slice(&glow);
+        let mut base_color = base.factor.map(unit);
+        if self.emits(Some(index)) {
+            base_color[..3].copy_from_slice(&emission(material));
+            texture = self.with_holes_of(source, material, texture, &name, assembly)?;
         }
         let alpha_cutoff = match material.alpha_mode {
             Checked::Valid(AlphaMode::Mask) => Some(unit(material.alpha_cutoff.unwrap_or_default().0)),
-            Checked::Valid(AlphaMode::Blend) if texture.as_deref().is_some_and(has_holes) => {
-                assembly.warn(format!("material {name} blends; texels of less than half opacity become holes"));
-                // Relative to the opacity of the whole material: otherwise thin glass would be one large hole.
-                Some(0.5 * base_color[3])
+            Checked::Valid(AlphaMode::Blend) => {
+                let highest = texture.as_deref().map_or(255, |texture| texture.alpha_range().1);
+                if base_color[3] * f32::from(highest) / 255.0 < INVISIBLE {
+                    assembly.warn(format!("material {name} blends and its opacity is 0; it is left out"));
+                    Some(INVISIBLE)
+                } else if texture.as_deref().is_some_and(has_holes) {
+                    assembly.warn(format!("material {name} blends; texels of less than half opacity become holes"));
+                    // Relative to the opacity of the whole material: otherwise thin glass would be one large hole.
+                    Some(0.5 * base_color[3])
+                } else {
+                    None
+                }
             }
             Checked::Valid(_) => None,
             Checked::Invalid => return Err(source.malformed(format!("material {index} has an unknown alphaMode"))),
@@ -185,60 +303,141 @@ impl Materials {
         let normal_map = match (&material.normal_texture, wanted.and_then(|w| w.normal_map)) {
             (Some(info), Some(uv_transform)) => {
                 let scale = if info.scale.is_finite() { info.scale } else { 1.0 };
-                let texture = self.normals(source, info.index.value(), &name, assembly)?;
-                texture.map(|texture| NormalMap { texture, scale, uv_transform })
+                match self.normals(source, info.index.value())? {
+                    Ok(texture) => Some(NormalMap { texture, scale, uv_transform }),
+                    Err(why) => {
+                        assembly.warn(format!("material {name}: {why}; its normal map is left out"));
+                        None
+                    }
+                }
             }
             _ => None,
         };
         Ok(Material { name, base_color, texture, alpha_cutoff, normal_map, height_map: None })
     }
 
-    /// The colours of a texture. `None`, with a warning, if its file is missing or it has no image that can be read.
-    fn texture(
+    /// For a material whose colour is what it emits: `emitted` with the opacity of the texture of the base colour, if that
+    /// matters.
+    fn with_holes_of(
         &mut self,
         source: &Source<'_>,
-        texture: usize,
-        material: &str,
+        material: &json::Material,
+        emitted: Option<Arc<Texture>>,
+        name: &str,
         assembly: &mut Assembly,
     ) -> Result<Option<Arc<Texture>>, ImportError> {
-        let known = |index| self.embedded.contains_key(&index);
-        match picture(source, texture, &mut self.store, known)? {
-            Ok(Picture::File(file)) => self.store.load(source.path, &file),
-            Ok(Picture::Known(index)) => Ok(self.embedded.get(&index).cloned()),
-            Ok(Picture::Embedded(index, image)) => {
-                let made = texture_of(source.path, &embedded_name(index), &image.into_rgba8())?;
-                self.embedded.insert(index, made.clone());
-                Ok(Some(made))
+        let opaque =
+            emitted.map(|texture| if texture.alpha_range().0 == 255 { texture } else { without_alpha(&texture) });
+        if matches!(material.alpha_mode, Checked::Valid(AlphaMode::Opaque)) {
+            return Ok(opaque);
+        }
+        let Some(info) = BaseColor::of(material).texture else { return Ok(opaque) };
+        let Ok(base) = self.texture(source, info.index.value())? else { return Ok(opaque) };
+        if base.alpha_range().0 == 255 {
+            return Ok(opaque);
+        }
+        let place = |info: &Info| -> Result<(Coordinates, [Wrap; 2]), ImportError> {
+            let transform = info.extensions.as_ref().and_then(|e| e.texture_transform.as_ref());
+            Ok((Coordinates::of(info.tex_coord, transform), wrap_of(source, info.index.value())?))
+        };
+        let same_place = match &material.emissive_texture {
+            Some(emissive) => place(info)? == place(emissive)?,
+            None => false,
+        };
+        let (mip, emitted) = (&base.mips[0], opaque.as_ref().map(|texture| &texture.mips[0]));
+        let wrap = base.wrap;
+        match emitted {
+            Some(e) if same_place && (e.width, e.height) == (mip.width, mip.height) => {
+                let join = |(e, b): (&[u8; 4], &[u8; 4])| [e[0], e[1], e[2], b[3]];
+                let texels: Vec<[u8; 4]> = e.texels.iter().zip(&mip.texels).map(join).collect();
+                let joined = Texture::from_rgba8(e.width, e.height, texels.as_flattened()).ok();
+                Ok(joined.map(|texture| Arc::new(texture.with_wrap(wrap))))
             }
-            Err(why) => {
-                assembly.warn(format!("material {material}: {why}; using a plain colour"));
-                Ok(None)
+            _ => {
+                assembly.warn(format!(
+                    "material {name} shows what it emits, over a black base colour; the holes of its base colour texture, \
+                     which has another size or place, are left out"
+                ));
+                Ok(opaque)
             }
         }
     }
 
-    /// The normals of a texture. `None`, with a warning, if its file is missing or it has no image that can be read.
+    /// The colours of a texture, or why they cannot be read.
+    fn texture(&mut self, source: &Source<'_>, texture: usize) -> Result<Result<Arc<Texture>, String>, ImportError> {
+        let wrap = wrap_of(source, texture)?;
+        first_readable(source, texture, |image| {
+            if let Some(known) = self.colors.get(&(image, wrap)) {
+                return Ok(known.clone());
+            }
+            let made = match picture(source, image, &mut self.store) {
+                Ok(Picture::File(file)) => self.store.load_wrapped(source.path, &file, wrap).and_then(|found| {
+                    found.ok_or_else(|| source.malformed(format!("the texture {} is missing", file.display())))
+                }),
+                Ok(Picture::Embedded(decoded)) => texture_of(source.path, &embedded_name(image), &decoded.into_rgba8())
+                    .map(|texture| Arc::new(Arc::unwrap_or_clone(texture).with_wrap(wrap))),
+                Err(e) => Err(e),
+            };
+            let made = or_reason(made)?;
+            self.colors.insert((image, wrap), made.clone());
+            Ok(made)
+        })
+    }
+
+    /// The normals of a texture, or why they cannot be read.
     fn normals(
         &mut self,
         source: &Source<'_>,
         texture: usize,
-        material: &str,
-        assembly: &mut Assembly,
-    ) -> Result<Option<Arc<LinearTexture<3>>>, ImportError> {
-        let known = |index| self.embedded_normals.contains_key(&index);
-        match picture(source, texture, &mut self.store, known)? {
-            Ok(Picture::File(file)) => self.store.load_normals(source.path, &file),
-            Ok(Picture::Known(index)) => Ok(self.embedded_normals.get(&index).cloned()),
-            Ok(Picture::Embedded(index, image)) => {
-                let made = normals_of(source.path, &embedded_name(index), image)?;
-                self.embedded_normals.insert(index, made.clone());
-                Ok(Some(made))
+    ) -> Result<Result<Arc<LinearTexture<3>>, String>, ImportError> {
+        let wrap = wrap_of(source, texture)?;
+        first_readable(source, texture, |image| {
+            if let Some(known) = self.normals.get(&(image, wrap)) {
+                return Ok(known.clone());
             }
-            Err(why) => {
-                assembly.warn(format!("material {material}: {why}; its normal map is left out"));
-                Ok(None)
-            }
-        }
+            let made = match picture(source, image, &mut self.store) {
+                Ok(Picture::File(file)) => self.store.load_normals(source.path, &file, wrap).and_then(|found| {
+                    found.ok_or_else(|| source.malformed(format!("the texture {} is missing", file.display())))
+                }),
+                Ok(Picture::Embedded(decoded)) => normals_of(source.path, &embedded_name(image), decoded)
+                    .map(|texture| Arc::new(Arc::unwrap_or_clone(texture).with_wrap(wrap))),
+                Err(e) => Err(e),
+            };
+            let made = or_reason(made)?;
+            self.normals.insert((image, wrap), made.clone());
+            Ok(made)
+        })
+    }
+}
+
+fn push(material: Material, assembly: &mut Assembly) -> u32 {
+    assembly.mesh.materials.push(material);
+    assembly.mesh.materials.len() as u32 - 1
+}
+
+fn unit(x: f32) -> f32 {
+    if x.is_finite() { x.clamp(0.0, 1.0) } else { 1.0 }
+}
+
+/// The factor of the emitted colour.
+fn emission(material: &json::Material) -> [f32; 3] {
+    material.emissive_factor.0.map(unit)
+}
+
+fn without_alpha(texture: &Texture) -> Arc<Texture> {
+    let mip = &texture.mips[0];
+    let texels: Vec<[u8; 4]> = mip.texels.iter().map(|&[r, g, b, _]| [r, g, b, 255]).collect();
+    // The size is that of a texture already.
+    Texture::from_rgba8(mip.width, mip.height, texels.as_flattened())
+        .map_or_else(|_| Arc::new(texture.clone()), |opaque| Arc::new(opaque.with_wrap(texture.wrap)))
+}
+
+/// An image that cannot be read is no error of the whole file. Too many texels are.
+fn or_reason<T>(result: Result<T, ImportError>) -> Result<Result<T, String>, ImportError> {
+    match result {
+        Ok(made) => Ok(Ok(made)),
+        Err(e @ ImportError::TooLarge { .. }) => Err(e),
+        Err(e) => Ok(Err(reason(e))),
     }
 }
 
@@ -246,44 +445,71 @@ fn embedded_name(image: usize) -> String {
     format!("{image} (embedded)")
 }
 
-/// The coordinates for a texture: number of the attribute, transform, and whether the sampler repeats the image.
-fn coordinates(
-    source: &Source<'_>,
-    texture: usize,
-    set: u32,
-    transform: Option<&TextureTransform>,
-) -> Result<Coordinates, ImportError> {
+/// How a texture is read at coordinates outside 0..=1, by its sampler. Without one, or with modes that glTF does not have, it
+/// repeats.
+fn wrap_of(source: &Source<'_>, texture: usize) -> Result<[Wrap; 2], ImportError> {
     let textures = &source.root.textures;
     let entry = textures.get(texture).ok_or_else(|| source.out_of_range("texture", texture, textures.len()))?;
     let sampler = entry.sampler.and_then(|s| source.root.samplers.get(s.value()));
-    let repeats = sampler
-        .is_none_or(|s| [&s.wrap_s, &s.wrap_t].into_iter().all(|w| matches!(w, Checked::Valid(WrappingMode::Repeat))));
-    Ok(Coordinates::of(set, transform, repeats))
+    let wrap = |mode: &Checked<WrappingMode>| match mode {
+        Checked::Valid(WrappingMode::ClampToEdge) => Wrap::Clamp,
+        Checked::Valid(WrappingMode::MirroredRepeat) => Wrap::Mirror,
+        Checked::Valid(WrappingMode::Repeat) | Checked::Invalid => Wrap::Repeat,
+    };
+    Ok(sampler.map_or([Wrap::Repeat; 2], |s| [wrap(&s.wrap_s), wrap(&s.wrap_t)]))
 }
 
-/// The image of a texture, or the reason why there is none. Embedded images are decoded unless `known`.
-fn picture(
+/// Extensions that give a texture an image that can be read, in the order of preference: those before the image of the
+/// texture itself, and those after it.
+const BETTER: [&str; 1] = ["EXT_texture_webp"];
+const WORSE: [&str; 1] = ["MSFT_texture_dds"];
+/// Extensions with images that cannot be read.
+const UNREADABLE: [&str; 2] = ["KHR_texture_basisu", "EXT_texture_avif"];
+
+/// What `read` makes of the first image of a texture that it can read, or why there is none.
+fn first_readable<T>(
     source: &Source<'_>,
     texture: usize,
-    store: &mut TextureStore,
-    known: impl Fn(usize) -> bool,
-) -> Result<Result<Picture, String>, ImportError> {
+    mut read: impl FnMut(usize) -> Result<Result<T, String>, ImportError>,
+) -> Result<Result<T, String>, ImportError> {
     let textures = &source.root.textures;
     let entry = textures.get(texture).ok_or_else(|| source.out_of_range("texture", texture, textures.len()))?;
-    let index = entry.source.value();
-    if index == u32::MAX as usize {
-        // The JSON parser's value for a texture without `source`: the image is in an extension.
-        return Ok(Err(format!("texture {texture} has no PNG or JPEG image")));
+    let others = entry.extensions.as_ref().map(|e| &e.others);
+    let of_extension = |name: &&str| {
+        let index = others?.get(*name)?.get("source")?.as_u64()?;
+        Some(usize::try_from(index).unwrap_or(usize::MAX))
+    };
+    // The JSON parser's value for a texture without `source`.
+    let plain = Some(entry.source.value()).filter(|&index| index != u32::MAX as usize);
+    let mut why = None;
+    let images = &source.root.images;
+    for index in BETTER.iter().filter_map(of_extension).chain(plain).chain(WORSE.iter().filter_map(of_extension)) {
+        if index >= images.len() {
+            return Err(source.out_of_range("image", index, images.len()));
+        }
+        match read(index)? {
+            Ok(found) => return Ok(Ok(found)),
+            Err(reason) => why = why.or(Some(reason)),
+        }
     }
+    let unreadable = UNREADABLE.iter().find(|name| of_extension(name).is_some());
+    Ok(Err(match (why, unreadable) {
+        (Some(why), _) => why,
+        (None, Some(name)) => {
+            format!("texture {texture} has only an image of the glTF extension {name}, which is not supported")
+        }
+        (None, None) => format!("texture {texture} has no image"),
+    }))
+}
+
+/// Where an image is. Embedded images are decoded.
+fn picture(source: &Source<'_>, index: usize, store: &mut TextureStore) -> Result<Picture, ImportError> {
     let images = &source.root.images;
     let image = images.get(index).ok_or_else(|| source.out_of_range("image", index, images.len()))?;
-    if known(index) {
-        return Ok(Ok(Picture::Known(index)));
-    }
     let decoded = match (&image.uri, image.buffer_view) {
         (Some(uri), _) => match source.resolve(uri, &format!("image {index}"))? {
-            Resource::File(file) if file.exists() => return Ok(Ok(Picture::File(file))),
-            Resource::File(file) => return Ok(Err(format!("the texture {} is missing", file.display()))),
+            Resource::File(file) if file.exists() => return Ok(Picture::File(file)),
+            Resource::File(file) => return Err(source.malformed(format!("the texture {} is missing", file.display()))),
             Resource::Embedded { bytes } => store.decode(source.path, &embedded_name(index), &bytes, None)?,
         },
         (None, Some(view)) => {
@@ -292,7 +518,7 @@ fn picture(
         }
         (None, None) => return Err(source.malformed(format!("image {index} has neither uri nor bufferView"))),
     };
-    Ok(Ok(Picture::Embedded(index, decoded)))
+    Ok(Picture::Embedded(decoded))
 }
 
 #[cfg(test)]
@@ -306,7 +532,7 @@ mod tests {
         let of = |json| {
             let info: Info = json::deserialize::from_str(json).unwrap();
             let transform = info.extensions.as_ref().and_then(|e| e.texture_transform.as_ref());
-            Coordinates::of(info.tex_coord, transform, true)
+            Coordinates::of(info.tex_coord, transform)
         };
         let coordinates = of(json);
         assert_eq!(coordinates.set, 3);

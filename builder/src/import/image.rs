@@ -30,7 +30,7 @@ pub(super) enum Channel {
 #[derive(Debug)]
 pub(super) struct TextureStore {
     by_path: HashMap<(PathBuf, [Wrap; 2]), Arc<Texture>>,
-    normals: HashMap<PathBuf, Arc<LinearTexture<3>>>,
+    normals: HashMap<(PathBuf, [Wrap; 2]), Arc<LinearTexture<3>>>,
     heights: HashMap<(PathBuf, Channel), Arc<LinearTexture<1>>>,
     /// Whether an image that should hold heights holds normals.
     disguised: HashMap<PathBuf, bool>,
@@ -75,18 +75,21 @@ impl TextureStore {
         Ok(Some(texture))
     }
 
-    /// The normals in the file `image`, or `None` if there is no such file.
+    /// The normals in the file `image`, read by `wrap` outside of 0..=1, or `None` if there is no such file.
     pub(super) fn load_normals(
         &mut self,
         mesh: &Path,
         image: &Path,
+        wrap: [Wrap; 2],
     ) -> Result<Option<Arc<LinearTexture<3>>>, ImportError> {
-        let Ok(key) = image.canonicalize() else { return Ok(None) };
+        let Ok(path) = image.canonicalize() else { return Ok(None) };
+        let key = (path, wrap);
         if let Some(texture) = self.normals.get(&key) {
             return Ok(Some(texture.clone()));
         }
         let decoded = self.load_image(mesh, image)?;
         let texture = normals_of(mesh, &image.display().to_string(), decoded)?;
+        let texture = Arc::new(Arc::unwrap_or_clone(texture).with_wrap(wrap));
         self.normals.insert(key, texture.clone());
         Ok(Some(texture))
     }
@@ -148,7 +151,7 @@ impl TextureStore {
             Ok(format) => format,
             Err(_) if extension.is_some_and(|e| e.eq_ignore_ascii_case("tga")) => ImageFormat::Tga,
             Err(_) if bytes.is_empty() => return Err(fail("it is empty".into())),
-            Err(_) => return Err(fail("it is neither PNG, JPEG, BMP nor TGA; convert it to one of them".into())),
+            Err(_) => return Err(fail(unknown_format(bytes))),
         };
         let mut limits = Limits::default();
         limits.max_image_width = Some(MAX_TEXTURE_SIDE);
@@ -173,6 +176,16 @@ impl TextureStore {
         self.texels_left -= texels;
         Ok(decoded)
     }
+}
+
+/// Why an image in no format that can be read is refused.
+fn unknown_format(bytes: &[u8]) -> String {
+    let known = [(&b"\xabKTX 20\xbb"[..], "KTX2"), (b"\xabKTX 11\xbb", "KTX"), (b"sB", "Basis")];
+    let found = known.iter().find(|(start, _)| bytes.starts_with(start));
+    let found = found.map_or("it is none of PNG, JPEG, WebP, TGA, BMP and DDS".to_owned(), |(_, name)| {
+        format!("it is a {name} image, which is not supported")
+    });
+    format!("{found}; convert it to PNG, JPEG or WebP")
 }
 
 /// Makes a texture from decoded pixels.

@@ -1,4 +1,5 @@
-//! Reads triangle meshes from files: OBJ, glTF (text and binary), PLY and STL (text and binary).
+//! Reads triangle meshes from files: OBJ, glTF (text and binary), PLY and STL (text and binary); and voxel models: `.vox` of
+//! MagicaVoxel.
 //!
 //! The result is either a mesh that [`Mesh::validate`] accepts or one error that names the file and the place in it.
 //! Bad input causes no panics and no endless loops, and memory stays proportional to the file (within the limits below).
@@ -6,9 +7,13 @@
 mod assembly;
 mod error;
 mod file;
+mod foreign;
 mod gltf;
+mod gltf_alpha;
 mod gltf_data;
 mod gltf_material;
+mod gltf_pose;
+mod gltf_scene;
 mod image;
 mod loss;
 mod map_statement;
@@ -22,17 +27,20 @@ mod ply;
 mod ply_file;
 mod polygon;
 mod stl;
+mod vox;
 
 use std::io;
 use std::path::Path;
 
 use crate::mesh::Mesh;
 use crate::mesh::maps::{HeightMap, UvTransform};
-use file::{Content, Kind, read_file};
+use crate::voxels::VoxelModel;
+use file::{Content, read_file};
 use image::{Channel, TextureStore};
 
 pub use crate::mesh::{MAX_ELEMENTS, MAX_TEXTURE_SIDE, TextureError};
 pub use error::ImportError;
+pub use file::Format;
 pub use image::MAX_TEXTURE_TEXELS;
 
 /// Reads a mesh, its materials and its textures.
@@ -43,42 +51,91 @@ pub use image::MAX_TEXTURE_TEXELS;
 ///
 /// # Errors
 /// See [`ImportError`]. A mesh without triangles, with a vertex that is not finite, or with an index out of range is an
-/// error.
+/// error. Files of other programs that cannot be read (point clouds, volumes) are named in the error.
 pub fn load_mesh(path: &Path) -> Result<Mesh, ImportError> {
-    let kind = Kind::of_extension(path).ok_or_else(|| {
-        // For a directory without an extension, `NotAFile` is the more helpful message.
-        if path.is_dir() {
-            ImportError::NotAFile { path: path.into() }
-        } else {
-            ImportError::UnknownKind { path: path.into() }
+    let format = format_of(path)?;
+    load_mesh_from(path, format, read_file(path)?)
+}
+
+/// Reads a mesh from the bytes of its file. `path` is its name in messages. Files that it refers to are searched in the
+/// folder of `path`: for a name without a folder, in the working directory.
+///
+/// # Errors
+/// As [`load_mesh`].
+pub fn load_mesh_from(path: &Path, format: Format, bytes: Vec<u8>) -> Result<Mesh, ImportError> {
+    check_content(path, format, &bytes)?;
+    let mesh = match format {
+        Format::Obj => obj::load(path, &bytes)?,
+        Format::Gltf | Format::Glb => gltf::load(path, bytes)?,
+        Format::Ply => ply::load(path, &bytes)?,
+        Format::Stl => stl::load(path, &bytes)?,
+        Format::Vox => {
+            return Err(ImportError::unsupported(
+                path,
+                "is a voxel model, not a mesh; esvo build makes an octree from it",
+            ));
         }
-    })?;
-    let bytes = read_file(path)?;
-    if bytes.is_empty() {
-        return Err(ImportError::Empty { path: path.into() });
-    }
-    let found = Content::of(&bytes);
-    if !kind.allows(found) {
-        return Err(ImportError::WrongKind {
-            path: path.into(),
-            expected: kind.description(),
-            found: found.description(),
-        });
-    }
-    let mesh = match kind {
-        Kind::Obj => obj::load(path, &bytes)?,
-        Kind::Gltf | Kind::Glb => gltf::load(path, bytes)?,
-        Kind::Ply => ply::load(path, &bytes)?,
-        Kind::Stl => stl::load(path, &bytes)?,
     };
     mesh.validate().map_err(|source| ImportError::Mesh { path: path.into(), source })?;
     Ok(mesh)
 }
 
+/// Reads a voxel model of MagicaVoxel (`.vox`): all models as its scene places them, with the colours of its palette.
+/// Voxels at the same place: that of the later model counts.
+///
+/// # Errors
+/// See [`ImportError`].
+pub fn load_voxels(path: &Path) -> Result<VoxelModel, ImportError> {
+    load_voxels_from(path, &read_file(path)?)
+}
+
+/// Reads a voxel model from the bytes of its file. `path` is its name in messages.
+///
+/// # Errors
+/// As [`load_voxels`].
+pub fn load_voxels_from(path: &Path, bytes: &[u8]) -> Result<VoxelModel, ImportError> {
+    check_content(path, Format::Vox, bytes)?;
+    vox::load(path, bytes)
+}
+
+/// The format of a file by its extension.
+fn format_of(path: &Path) -> Result<Format, ImportError> {
+    if let Some(format) = Format::of_extension(path) {
+        return Ok(format);
+    }
+    // For a directory without an extension, `NotAFile` is the more helpful message.
+    if path.is_dir() {
+        return Err(ImportError::NotAFile { path: path.into() });
+    }
+    let head = foreign::head(path);
+    Err(match foreign::of_content(&head).or_else(|| foreign::of_extension(path)) {
+        Some(what) => ImportError::unsupported(path, what),
+        None => ImportError::UnknownKind { path: path.into() },
+    })
+}
+
+/// Checks that the first bytes of a file agree with its format.
+fn check_content(path: &Path, format: Format, bytes: &[u8]) -> Result<(), ImportError> {
+    if bytes.is_empty() {
+        return Err(ImportError::Empty { path: path.into() });
+    }
+    // The header of a binary STL file may contain any text.
+    if format != Format::Stl
+        && let Some(what) = foreign::of_content(bytes)
+    {
+        return Err(ImportError::unsupported(path, what));
+    }
+    let found = Content::of(bytes);
+    if format.allows(found) {
+        return Ok(());
+    }
+    Err(ImportError::WrongKind { path: path.into(), expected: format.description(), found: found.description() })
+}
+
 /// Whether the extension of `path` is one that [`load_mesh`] can read.
 #[must_use]
 pub fn is_mesh_file(path: &Path) -> bool {
-    Kind::of_extension(path).is_some()
+    Format::of_extension(path).is_some_and(|format| format != Format::Vox)
 }
 
 /// Reads an image as a height map with amplitude 1 and bias 0. The height is the luminance: black is 0, white is 1.

@@ -182,13 +182,8 @@ impl Converter<'_> {
         }
         let normal_map = normals.and_then(|(map, file)| {
             let what = format!("material {label}: the normal map {}", map.file);
-            let loaded = self.store.load_normals(self.obj, &file);
+            let loaded = self.store.load_normals(self.obj, &file, map.wrap());
             let texture = self.assembly.or_warn(loaded, &what, "it is left out")?;
-            let texture = if map.wrap() == texture.wrap {
-                texture
-            } else {
-                Arc::new(Arc::unwrap_or_clone(texture).with_wrap(map.wrap()))
-            };
             let uv_transform = self.relative(&map, base, &what);
             Some(NormalMap { texture, scale: map.bump_factor as f32, uv_transform })
         });

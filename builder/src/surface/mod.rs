@@ -6,7 +6,7 @@ mod edges;
 mod look;
 mod range;
 mod shading;
-mod srgb;
+pub(crate) mod srgb;
 pub(crate) mod voxel;
 
 use glam::{DMat4, DVec3, Vec3};

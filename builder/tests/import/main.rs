@@ -2,6 +2,8 @@
 
 mod cases;
 mod gltf;
+mod gltf_cases;
+mod leaves;
 mod obj;
 mod ply;
 mod robustness;
@@ -9,3 +11,4 @@ mod scenes;
 mod shared_cases;
 mod stl;
 mod support;
+mod vox;

@@ -10,7 +10,7 @@ fn files_that_are_no_mesh_are_named_for_what_they_are() {
     assert_eq!(files.refuse("a.obj", ""), "a.obj: is empty");
     assert_eq!(
         files.refuse("a.3ds", "solid"),
-        "a.3ds: unknown kind of mesh; the extension must be .obj, .gltf, .glb, .ply or .stl"
+        "a.3ds: unknown kind of mesh; the extension must be .obj, .gltf, .glb, .ply, .stl or .vox"
     );
     let image = png(1, 1, &[[0; 4]]);
     assert_eq!(files.refuse("b.obj", &image), "b.obj: is a PNG image, not an OBJ text file as its extension says");
@@ -269,7 +269,7 @@ fn textures_that_cannot_be_decoded_are_treated_as_missing() {
     );
     files.write("bad.png", "this is no image");
     files.write("a.obj", TEXTURED);
-    let reason = "cannot be decoded: it is neither PNG, JPEG, BMP nor TGA; convert it to one of them";
+    let reason = "cannot be decoded: it is none of PNG, JPEG, WebP, TGA, BMP and DDS; convert it to PNG, JPEG or WebP";
     let mesh = files.mesh("a.obj");
     assert_eq!(mesh.materials[0].base_color, [1.0, 0.0, 0.0, 1.0]);
     assert!(mesh.materials[0].texture.is_none() && mesh.materials[0].height_map.is_none());
@@ -345,6 +345,9 @@ fn a_missing_height_map_on_its_own_is_an_error() {
     assert_eq!(load().unwrap().sample([0.0, 0.0], 1.0), 1.0);
     files.write("h.png", "no image");
     assert!(
-        load().unwrap_err().to_string().contains("it is neither PNG, JPEG, BMP nor TGA; convert it to one of them")
+        load()
+            .unwrap_err()
+            .to_string()
+            .contains("it is none of PNG, JPEG, WebP, TGA, BMP and DDS; convert it to PNG, JPEG or WebP")
     );
 }

@@ -1,6 +1,7 @@
 //! `esvo build`.
 
 pub(crate) mod displacement;
+mod input;
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -10,38 +11,47 @@ use esvo_bench::build_summary::{BuildSeconds, BuildSummary};
 use esvo_bench::scene::SceneSource;
 use esvo_bench::system::peak_bytes;
 use esvo_bench::{Progress, scene};
-use esvo_builder::import::{ImportError, load_mesh};
-use esvo_builder::{BuildError, BuildSettings, FileOptions, Mesh};
+use esvo_builder::{BuildError, BuildSettings, FileOptions, build_voxels_file, import};
 use esvo_format::WriteOptions;
 use esvo_scenes::{SceneEntry, SceneManifest};
 
 use crate::commands::build::displacement::Displacement;
+use crate::commands::build::input::{Input, is_standard_input, read_input};
 use crate::fail::{Failure, complain, print};
 use crate::files::{check_extension, check_not_input, check_output, extension, name_file};
 use crate::values::parse_gigabytes;
 use crate::words::{count, size};
 
-/// Build an octree from a mesh (.obj, .gltf, .glb, .ply, .stl).
+/// Build an octree from a mesh (.obj, .gltf, .glb, .ply, .stl) or a voxel model (.vox).
 #[derive(Debug, Args)]
 #[command(after_help = "\
 A voxel is divided until its shape, colour and normal are within the three allowed errors (--contour-error, --color-error,
 --normal-error), or to the deepest level. The default numbers are those of the paper's authors.
 
+A voxel model of MagicaVoxel does not go through triangles: each of its voxels becomes one voxel of the octree on the deepest
+level, which follows from the size of the model. Its z axis points up (render it with --up 0,0,1).
+
 Examples:
   esvo build conference.obj -o conference.esvo --levels 12 --paper conference
   esvo build scan.ply -o scan.esvo --levels 10 --no-contours
   esvo build sibenik.obj -o sibenik-d.esvo --levels 11 --displace 0.05
+  esvo build castle.vox -o castle.esvo
+  zcat bunny.obj.gz | esvo build - --format obj -o bunny.esvo
   esvo build --scene hairball -o hairball.esvo --levels 10 --json")]
 pub(crate) struct BuildArguments {
-    /// The mesh file
+    /// The mesh or voxel model; - reads it from standard input and needs --format
     #[arg(required_unless_present = "scene", conflicts_with = "scene")]
     pub(crate) mesh: Option<PathBuf>,
+    /// The format of the mesh or voxel model [default: by the extension]
+    #[arg(long, value_name = "NAME", conflicts_with = "scene")]
+    pub(crate) format: Option<Format>,
     /// The file to write
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: PathBuf,
-    /// Deepest level, 1 to 23: the finest voxels have 2^-N of the edge of the root cube
-    #[arg(short, long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=23))]
-    pub(crate) levels: u32,
+    /// Deepest level, 1 to 23: the finest voxels have 2^-N of the edge of the root cube [default: 10; of a voxel model, the level
+    /// of its voxels]
+    #[arg(short, long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=23))]
+    pub(crate) levels: Option<u32>,
     /// Build without contours: divide all geometry down to the deepest level
     #[arg(long)]
     pub(crate) no_contours: bool,
@@ -104,6 +114,39 @@ pub(crate) struct BuildArguments {
     pub(crate) json: bool,
 }
 
+/// The deepest level of the octree of a mesh unless --levels gives another.
+const DEFAULT_LEVELS: u32 = 10;
+
+/// The formats of [`esvo_builder::import::Format`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Format {
+    /// Wavefront OBJ
+    Obj,
+    /// glTF 2.0 as JSON
+    Gltf,
+    /// glTF 2.0 in a binary container
+    Glb,
+    /// PLY
+    Ply,
+    /// STL
+    Stl,
+    /// Voxel model of MagicaVoxel
+    Vox,
+}
+
+impl From<Format> for import::Format {
+    fn from(format: Format) -> Self {
+        match format {
+            Format::Obj => Self::Obj,
+            Format::Gltf => Self::Gltf,
+            Format::Glb => Self::Glb,
+            Format::Ply => Self::Ply,
+            Format::Stl => Self::Stl,
+            Format::Vox => Self::Vox,
+        }
+    }
+}
+
 /// The presets of [`esvo_builder::Preset`]. Help lists shape (level), colour (steps) and normal error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Preset {
@@ -151,7 +194,7 @@ pub(crate) fn run_build(arguments: &BuildArguments) -> Result<(), Failure> {
     let own = arguments.manifest.as_deref().map(|file| scene::manifest(Some(file))).transpose()?;
     let scene =
         arguments.scene.as_ref().map(|name| scene::buildable(own.as_ref().unwrap_or(&manifest), name)).transpose()?;
-    let settings = settings(arguments, &manifest, scene)?;
+    let mut settings = settings(arguments, &manifest, scene)?;
     settings.check()?;
     check_output(&arguments.output)?;
     match extension(&arguments.output).as_str() {
@@ -162,16 +205,26 @@ pub(crate) fn run_build(arguments: &BuildArguments) -> Result<(), Failure> {
         )?,
         _ => check_extension(&arguments.output, "esvo", "octrees are written as .esvo")?,
     }
-    if let Some(mesh) = &arguments.mesh {
+    if let Some(mesh) = arguments.mesh.as_ref().filter(|mesh| !is_standard_input(mesh)) {
         check_not_input(&arguments.output, mesh)?;
     }
     let progress = Progress::terminal();
     // Hashing the file is no part of the time of the import.
     let found = scene.map(|scene| found(arguments, scene)).transpose()?;
     let start = Instant::now();
-    let (mesh, source) = mesh(arguments, found.as_ref(), &progress)?;
-    let mesh =
-        arguments.displacement.apply(mesh, &source, settings.levels, scene.is_some_and(|scene| scene.displaced))?;
+    let (input, source) = input(arguments, found.as_ref(), &progress)?;
+    let input = match input {
+        Input::Mesh(mesh) => {
+            let always = scene.is_some_and(|scene| scene.displaced);
+            Input::Mesh(arguments.displacement.apply(mesh, &source, settings.levels, always)?)
+        }
+        Input::Voxels(model) => {
+            check_for_voxels(arguments)?;
+            settings.levels = model.levels().map_err(|e| format!("{source}: {e}"))?;
+            settings.contours = false;
+            Input::Voxels(model)
+        }
+    };
     let import = start.elapsed().as_secs_f64();
     let import_peak_bytes = peak_bytes();
     let start = Instant::now();
@@ -181,21 +234,24 @@ pub(crate) fn run_build(arguments: &BuildArguments) -> Result<(), Failure> {
         meta: serde_json::json!({
             "generator": concat!("esvo ", env!("CARGO_PKG_VERSION")),
             "source": source,
-            "triangles": mesh.triangle_count(),
+            "triangles": input.triangles(),
             "settings": settings,
         })
         .to_string(),
         resume: arguments.resume,
         memory_limit: arguments.memory_limit.map(|gigabytes| (gigabytes * 1e9) as u64),
     };
-    let built = esvo_builder::build_file(&mesh, &settings, &arguments.output, &options, &|p| {
-        if p.resumed > 0 {
-            let parts =
-                format!("{}.part, which holds {}", arguments.output.display(), count(p.resumed, "finished voxel"));
-            complain("note", &format!("going on from {parts}"));
-        }
-        progress.fraction(&what, p.done, &format!("{:.1} M voxels", p.voxels as f64 / 1e6));
-    })
+    let built = match &input {
+        Input::Mesh(mesh) => esvo_builder::build_file(mesh, &settings, &arguments.output, &options, &|p| {
+            if p.resumed > 0 {
+                let parts =
+                    format!("{}.part, which holds {}", arguments.output.display(), count(p.resumed, "finished voxel"));
+                complain("note", &format!("going on from {parts}"));
+            }
+            progress.fraction(&what, p.done, &format!("{:.1} M voxels", p.voxels as f64 / 1e6));
+        }),
+        Input::Voxels(model) => build_voxels_file(model, &settings, &arguments.output, &options),
+    }
     .map_err(|e| match e {
         BuildError::Format(e) => name_file(&arguments.output, e),
         BuildError::Io { .. } | BuildError::Busy(_) | BuildError::OtherWork(_) | BuildError::Part { .. } => {
@@ -206,7 +262,7 @@ pub(crate) fn run_build(arguments: &BuildArguments) -> Result<(), Failure> {
     let build = start.elapsed().as_secs_f64();
     let peaks = (import_peak_bytes, peak_bytes());
     progress.finish();
-    for warning in &mesh.warnings {
+    for warning in input.warnings() {
         complain("warning", warning);
     }
     let written = esvo_format::Octree::open(&arguments.output).map_err(|e| name_file(&arguments.output, e))?;
@@ -218,6 +274,7 @@ pub(crate) fn run_build(arguments: &BuildArguments) -> Result<(), Failure> {
         voxelize: built.stats.voxelize.as_secs_f64(),
         write: built.stats.assemble.as_secs_f64(),
     };
+    let mesh = input.summary_mesh();
     let summary = BuildSummary::new(&source, &arguments.output, &mesh, &settings, seconds, peaks, &stats);
     if arguments.json {
         return print(&format!("{}\n", serde_json::to_string_pretty(&summary)?));
@@ -242,31 +299,43 @@ fn found<'a>(arguments: &BuildArguments, scene: &'a SceneEntry) -> Result<SceneS
     Ok(source)
 }
 
-/// The mesh and its name.
-fn mesh(
+/// What to build, and its name.
+fn input(
     arguments: &BuildArguments,
     scene: Option<&SceneSource>,
     progress: &Progress,
-) -> Result<(Mesh, String), Failure> {
+) -> Result<(Input, String), Failure> {
     if let Some(path) = &arguments.mesh {
-        progress.say(format!("reading {}", path.display()));
-        let mesh = load_mesh(path).map_err(|e| explain(path, &e))?;
-        return Ok((mesh, path.file_name().unwrap_or_default().to_string_lossy().into_owned()));
+        return read_input(path, arguments.format.map(Into::into), progress);
     }
     // clap requires one of the two.
     let scene = scene.ok_or("neither a mesh nor a scene is given")?;
     let source = scene.source();
     progress.say(format!("reading {source}"));
-    Ok((scene.load()?, source))
+    Ok((Input::Mesh(scene.load()?), source))
 }
 
-/// The error of the importer; it also says what to do if the file is an octree already.
-fn explain(path: &Path, error: &ImportError) -> String {
-    match error {
-        ImportError::UnknownKind { .. } if matches!(extension(path).as_str(), "esvo" | "oct") => {
-            format!("{}: is an octree already; octrees are built from meshes", path.display())
+/// Refuses options that do not apply to voxel models.
+fn check_for_voxels(arguments: &BuildArguments) -> Result<(), Failure> {
+    let given = [
+        ("--levels", arguments.levels.is_some()),
+        ("--contour-error", arguments.contour_error.is_some()),
+        ("--color-error", arguments.color_error.is_some()),
+        ("--normal-error", arguments.normal_error.is_some()),
+        ("--texture-test", arguments.texture_test.is_some()),
+        ("--preset", arguments.preset.is_some()),
+        ("--paper", arguments.paper.is_some()),
+        ("--displace", arguments.displacement.displace.is_some()),
+        ("--height-map", !arguments.displacement.height_map.is_empty()),
+        ("--resume", arguments.resume),
+        ("--memory-limit", arguments.memory_limit.is_some()),
+    ];
+    match given.into_iter().find(|(_, given)| *given) {
+        Some((option, _)) => {
+            Err(format!("{option} does not apply to voxel models, whose voxels are taken as they are; leave it out")
+                .into())
         }
-        _ => error.to_string(),
+        None => Ok(()),
     }
 }
 
@@ -278,7 +347,7 @@ fn settings(
     let named = arguments.paper.as_ref().map(|name| scene::buildable(manifest, name)).transpose()?;
     let preset = arguments.preset.map(|preset| BuildSettings::preset(preset.into()));
     let mut settings = preset.or_else(|| named.or(scene).map(scene::settings)).unwrap_or_default();
-    settings.levels = arguments.levels;
+    settings.levels = arguments.levels.unwrap_or(DEFAULT_LEVELS);
     settings.contours = !arguments.no_contours;
     settings.colors = !arguments.no_colors;
     settings.normals = !arguments.no_normals;

@@ -1,0 +1,94 @@
+//! What `esvo build` builds: a mesh or a voxel model, from a file or from standard input.
+
+use std::borrow::Cow;
+use std::io::Read;
+use std::path::Path;
+
+use esvo_bench::Progress;
+use esvo_builder::import::{Format, ImportError, load_mesh, load_mesh_from, load_voxels, load_voxels_from};
+use esvo_builder::{Mesh, VoxelModel};
+
+use crate::fail::Failure;
+use crate::files::extension;
+
+/// The name of standard input in messages.
+const STANDARD_INPUT: &str = "standard input";
+
+/// What is built.
+pub(crate) enum Input {
+    Mesh(Mesh),
+    Voxels(VoxelModel),
+}
+
+impl Input {
+    pub(crate) fn triangles(&self) -> usize {
+        match self {
+            Self::Mesh(mesh) => mesh.triangle_count(),
+            Self::Voxels(_) => 0,
+        }
+    }
+
+    pub(crate) fn warnings(&self) -> &[String] {
+        match self {
+            Self::Mesh(mesh) => &mesh.warnings,
+            Self::Voxels(model) => &model.warnings,
+        }
+    }
+
+    /// The mesh, or for a voxel model one without triangles that has its warnings.
+    pub(crate) fn summary_mesh(&self) -> Cow<'_, Mesh> {
+        match self {
+            Self::Mesh(mesh) => Cow::Borrowed(mesh),
+            Self::Voxels(model) => Cow::Owned(Mesh { warnings: model.warnings.clone(), ..Mesh::default() }),
+        }
+    }
+}
+
+/// Whether a path stands for standard input.
+pub(crate) fn is_standard_input(path: &Path) -> bool {
+    path.as_os_str() == "-"
+}
+
+/// Reads a mesh or voxel model. Returns it with its name.
+pub(crate) fn read_input(path: &Path, format: Option<Format>, progress: &Progress) -> Result<(Input, String), Failure> {
+    if is_standard_input(path) {
+        let format = format.ok_or("standard input has no extension; give its format, e.g. --format obj")?;
+        progress.say(format!("reading {STANDARD_INPUT}"));
+        let mut bytes = Vec::new();
+        std::io::stdin()
+            .lock()
+            .read_to_end(&mut bytes)
+            .map_err(|e| format!("{STANDARD_INPUT}: cannot be read: {e}"))?;
+        return Ok((of_bytes(Path::new(STANDARD_INPUT), format, bytes)?, STANDARD_INPUT.to_owned()));
+    }
+    progress.say(format!("reading {}", path.display()));
+    let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let input = match format {
+        Some(format) => {
+            let bytes = std::fs::read(path).map_err(|e| format!("{}: cannot be read: {e}", path.display()))?;
+            of_bytes(path, format, bytes)?
+        }
+        None if Format::of_extension(path) == Some(Format::Vox) => {
+            Input::Voxels(load_voxels(path).map_err(|e| e.to_string())?)
+        }
+        None => Input::Mesh(load_mesh(path).map_err(|e| explain(path, &e))?),
+    };
+    Ok((input, name))
+}
+
+fn of_bytes(path: &Path, format: Format, bytes: Vec<u8>) -> Result<Input, Failure> {
+    Ok(match format {
+        Format::Vox => Input::Voxels(load_voxels_from(path, &bytes).map_err(|e| e.to_string())?),
+        _ => Input::Mesh(load_mesh_from(path, format, bytes).map_err(|e| e.to_string())?),
+    })
+}
+
+/// The error of the importer; it also says what to do if the file is an octree already.
+fn explain(path: &Path, error: &ImportError) -> String {
+    match error {
+        ImportError::UnknownKind { .. } if matches!(extension(path).as_str(), "esvo" | "oct") => {
+            format!("{}: is an octree already; octrees are built from meshes", path.display())
+        }
+        _ => error.to_string(),
+    }
+}
