@@ -16,8 +16,8 @@
 //! # Ok::<(), esvo_builder::BuildError>(())
 //! ```
 //!
-//! [`import::load_mesh`] reads a mesh from a file. [`build`] makes an octree in memory; [`build_file`] writes it directly to a
-//! file, within a memory limit, and can continue an interrupted build.
+//! [`import::load_mesh`] reads a mesh from a file, [`import::load_voxels`] a voxel model. [`build`] makes an octree in memory;
+//! [`build_file`] writes it directly to a file, within a memory limit, and can continue an interrupted build.
 //!
 //! # From triangles to blocks
 //!
@@ -50,9 +50,10 @@
 //! | [`voxels`] | voxel models and the octrees that they become, without triangles |
 //! | `settings.rs`, `error.rs` | [`BuildSettings`] and [`Preset`]; [`BuildError`] |
 //!
-//! Each row uses only rows above it (and settings and errors). Two folders are wider than their names: `surface/` needs
-//! `clip/` because areas and holes are those of clipped pieces, and `shape/plane.rs` also gives a voxel's attributes, because
-//! for a voxel inside one large triangle both follow from the same plane.
+//! Each row uses only rows above it (and settings and errors), except that [`import`] makes the models of [`voxels`]. Two
+//! folders are wider than their names: `surface/` needs `clip/` because areas and holes are those of clipped pieces, and
+//! `shape/plane.rs` also gives a voxel's attributes, because for a voxel inside one large triangle both follow from the same
+//! plane.
 //!
 //! # Guarantees
 //!

@@ -16,6 +16,10 @@ const SQUARE: &str =
 /// a blue right half.
 fn row(files: &Files, statement: &str) -> String {
     files.write("halves.png", png(64, 1, &[[RED_TEXEL; 32], [BLUE_TEXEL; 32]].concat()));
+    let mut bmp = std::io::Cursor::new(Vec::new());
+    let texel = |x, _| image::Rgb(if x < 32 { RED } else { BLUE });
+    image::RgbImage::from_fn(64, 1, texel).write_to(&mut bmp, image::ImageFormat::Bmp).unwrap();
+    files.write("other.bmp", bmp.into_inner());
     files.write("a.mtl", format!("newmtl a\nKd 1 1 1\n{statement}\n"));
     let mesh = files.accept("a.obj", format!("mtllib a.mtl\n{SQUARE}"));
     assert_eq!(mesh.warnings, [""; 0], "{statement}");
@@ -58,6 +62,7 @@ fn texture_statements_scale_move_and_clamp() {
     let files = Files::new();
     for (statement, colors) in [
         ("map_Kd halves.png", "rrrrbbbb"),
+        ("map_Kd .\\other.bmp", "rrrrbbbb"),
         ("map_Kd -s 2 1 1 halves.png", "rrbbrrbb"),
         ("map_Kd halves.png -s 2", "rrbbrrbb"),
         ("MAP_KD -O 0.5 \"halves.png\"", "bbbbrrrr"),
@@ -112,6 +117,20 @@ fn materials_are_found_by_any_spelling() {
         files.accept("a.obj", ambiguous).warnings,
         ["no material library defines Material; using a plain colour"]
     );
+}
+
+#[test]
+fn lines_end_and_continue_in_every_way() {
+    let files = Files::new();
+    let obj = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 \\\n 2 3\n";
+    let mtl = "newmtl a\nKd 1 \\\n 0 0";
+    for ends in ["\n", "\r", "\r\n"] {
+        for mark in ["", "\u{feff}"] {
+            files.write("a.mtl", format!("{mark}{}", mtl.replace('\n', ends)));
+            let mesh = files.accept("a.obj", format!("{mark}{}", obj.replace('\n', ends)));
+            assert_eq!((colors(&voxels(&mesh, 3)), mesh.warnings), (vec![(RED, 43)], vec![]), "{ends:?} {mark:?}");
+        }
+    }
 }
 
 #[test]

@@ -6,10 +6,10 @@
 
 use std::collections::BTreeMap;
 
-use esvo_builder::Mesh;
+use esvo_builder::{Mesh, Wrap};
 use serde_json::{Value, json};
 
-use crate::leaves::{colors, leaves};
+use crate::leaves::{colors, leaves, lines};
 use crate::support::{Files, data_uri, png};
 
 const RED: [u8; 3] = [255, 0, 0];
@@ -480,6 +480,57 @@ fn emission_is_the_colour_where_the_base_colour_is_black() {
     assert_eq!(colors(&document.mesh(), 4), sheet());
     *document.material(0) = json!({"pbrMetallicRoughness": {"baseColorTexture": {"index": black}}});
     assert_eq!(colors(&document.mesh(), 4), counts([([0; 3], 256 * LAYERS)]));
+}
+
+/// A square with coordinates from -1, -1 at the top left to 2, 2, and a texture whose top left quarter is red and the rest
+/// white, wrapped as the sampler says. With a normal map of the same texture.
+fn wrapped(sampler: Value) -> Mesh {
+    let mut document = Document::textured_square();
+    let uvs = document.floats("VEC2", &[-1.0, 2.0, 2.0, 2.0, 2.0, -1.0, -1.0, -1.0]);
+    document.attributes(0)["TEXCOORD_0"] = uvs.into();
+    let texel = |i: usize| if i % 64 < 32 && i < 32 * 64 { [255, 0, 0, 255] } else { [255; 4] };
+    let texture = document.texture(&png(64, 64, &(0..64 * 64).map(texel).collect::<Vec<_>>()));
+    document.push("samplers", sampler);
+    document.json["textures"][texture]["sampler"] = 0.into();
+    *document.material(0) = json!({
+        "pbrMetallicRoughness": {"baseColorTexture": {"index": texture}}, "normalTexture": {"index": texture},
+    });
+    let mesh = document.mesh();
+    assert_eq!(mesh.warnings, [""; 0]);
+    mesh
+}
+
+#[test]
+fn samplers_repeat_mirror_or_clamp() {
+    // The coordinate of voxel i is -1 + 3 (i + 0.5) / 16; red where the texture is read below 0.5.
+    const MODES: [(u32, Wrap, &str); 3] = [
+        (10497, Wrap::Repeat, "rrrwwrrrwwwrrwww"),
+        (33648, Wrap::Mirror, "wwwrrrrrwwwwwrrr"),
+        (33071, Wrap::Clamp, "rrrrrrrrwwwwwwww"),
+    ];
+    for (s, wrap_u, row) in MODES {
+        for (t, wrap_v, column) in MODES {
+            let mesh = wrapped(json!({"wrapS": s, "wrapT": t}));
+            let wrap = [wrap_u, wrap_v];
+            assert_eq!(mesh.materials[0].texture.as_ref().unwrap().wrap, wrap);
+            assert_eq!(mesh.materials[0].normal_map.as_ref().unwrap().texture.wrap, wrap);
+            assert_eq!(lines(&mesh), (row.to_owned(), column.to_owned()), "{wrap:?}");
+        }
+    }
+    // The default is to repeat.
+    assert_eq!(lines(&wrapped(json!({}))), (MODES[0].2.to_owned(), MODES[0].2.to_owned()));
+    // One image with two samplers.
+    let mut document = Document::two_squares();
+    let first = document.texture(&png(2, 2, &[[255, 0, 0, 255]; 4]));
+    let second = document.push("textures", json!({"source": 0, "sampler": 1}));
+    document.json["samplers"] = json!([{}, {"wrapS": 33071}]);
+    for (mesh, texture) in [(0, first), (1, second)] {
+        let uvs = document.floats("VEC2", &[0.5; 8]);
+        document.attributes(mesh)["TEXCOORD_0"] = uvs.into();
+        document.material(mesh)["pbrMetallicRoughness"]["baseColorTexture"] = json!({"index": texture});
+    }
+    let wraps = document.mesh().materials.iter().map(|m| m.texture.as_ref().unwrap().wrap).collect::<Vec<_>>();
+    assert_eq!(wraps, [[Wrap::Repeat; 2], [Wrap::Clamp, Wrap::Repeat]]);
 }
 
 /// An image of 4 x 4 texels of one colour in the format of `extension`.

@@ -46,3 +46,18 @@ pub(crate) fn colors(mesh: &Mesh, levels: u32) -> BTreeMap<[u8; 3], usize> {
     }
     counts
 }
+
+/// For a square of 16 x 16 voxels with a texture of red and white: the row of voxels through the upper half of its middle
+/// third, from left to right, and the column through the left half of its middle third, from top to bottom.
+pub(crate) fn lines(mesh: &Mesh) -> (String, String) {
+    let leaves = leaves(mesh, 4);
+    assert_eq!(leaves.len(), 256);
+    // At least half of the light is red, in linear values.
+    let letter = |leaf: &Leaf| if leaf.color[1] < 188 { 'r' } else { 'w' };
+    let line = |along: usize, across: usize, place: u32| {
+        let mut line: Vec<&Leaf> = leaves.iter().filter(|leaf| leaf.at[across] == place).collect();
+        line.sort_by_key(|leaf| leaf.at[along]);
+        line
+    };
+    (line(0, 1, 9).into_iter().map(letter).collect(), line(1, 0, 6).into_iter().rev().map(letter).collect())
+}
