@@ -34,13 +34,15 @@ pub enum ImportError {
         /// The path as given.
         path: PathBuf,
     },
-    /// The content does not fit the extension.
-    #[error("{}: is {found}, not {expected} as its extension says", path.display())]
+    /// The content does not fit the format.
+    #[error("{}: is {found}, not {expected} as {source_of_format} says", path.display())]
     WrongKind {
         /// The path as given.
         path: PathBuf,
-        /// The kind of file that the extension stands for.
+        /// The kind of file that the format stands for.
         expected: &'static str,
+        /// Where the format is from: "its extension" or "the given format".
+        source_of_format: &'static str,
         /// The kind of file that the first bytes look like.
         found: &'static str,
     },

@@ -50,9 +50,6 @@ pub(super) fn of_content(bytes: &[u8]) -> Option<String> {
     if is_pcd(text) {
         return named("a PCD point cloud", POINTS);
     }
-    if is_ply_points(text) {
-        return named("a PLY point cloud (its header has no element with faces)", POINTS);
-    }
     None
 }
 
@@ -63,23 +60,9 @@ fn is_pcd(text: &str) -> bool {
         && lines.next().is_some_and(|line| line.starts_with("FIELDS"))
 }
 
-/// A PLY header with vertices and nothing that connects them. Headers that do not end within `text` are not judged.
-fn is_ply_points(text: &str) -> bool {
-    if !text.starts_with("ply") {
-        return false;
-    }
-    let Some((header, _)) = text.split_once("end_header") else { return false };
-    let elements: Vec<&str> = header
-        .split(['\n', '\r'])
-        .filter_map(|line| line.trim().strip_prefix("element "))
-        .map(str::trim_start)
-        .collect();
-    let is = |element: &&str, names: &[&str]| {
-        let name = element.split_whitespace().next().unwrap_or("");
-        names.iter().any(|known| name.eq_ignore_ascii_case(known))
-    };
-    elements.iter().any(|e| is(e, &["vertex", "vertices", "point"]))
-        && !elements.iter().any(|e| is(e, &["face", "faces", "tristrips", "polygon", "material"]))
+/// What a PLY file is whose header declares vertices and nothing that connects them, and what to do.
+pub(super) fn ply_points() -> String {
+    format!("is a PLY point cloud (its header declares no element 'face'); {POINTS}")
 }
 
 /// What a file is by its extension, and what to do. For files without a mark in their first bytes.

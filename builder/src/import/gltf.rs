@@ -294,8 +294,8 @@ impl<'s> Importer<'s> {
             }
             _ => Vec::new(),
         };
-        let lowest = alphas.iter().copied().fold(1.0, f32::min);
-        let alpha = materials.vertex_alpha(source, material, part.material, lowest, assembly);
+        let lowest = alphas.iter().copied().reduce(f32::min);
+        let alpha = lowest.and_then(|lowest| materials.vertex_alpha(source, material, part.material, lowest, assembly));
         if let Some(alpha) = alpha.as_ref().filter(|alpha| alpha.scales_texture)
             && alphas.iter().any(|&alpha| alpha != alphas[0])
         {

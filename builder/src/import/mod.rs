@@ -129,7 +129,13 @@ fn check_content(path: &Path, format: Format, bytes: &[u8]) -> Result<(), Import
     if format.allows(found) {
         return Ok(());
     }
-    Err(ImportError::WrongKind { path: path.into(), expected: format.description(), found: found.description() })
+    let by_extension = Format::of_extension(path) == Some(format);
+    Err(ImportError::WrongKind {
+        path: path.into(),
+        expected: format.description(),
+        source_of_format: if by_extension { "its extension" } else { "the given format" },
+        found: found.description(),
+    })
 }
 
 /// Whether the extension of `path` is one that [`load_mesh`] can read.

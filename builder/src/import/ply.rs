@@ -9,6 +9,7 @@ use glam::DVec3;
 use super::assembly::{Assembly, Part};
 use super::error::ImportError;
 use super::file::text_of;
+use super::foreign::ply_points;
 use super::image::{TextureStore, has_holes};
 use super::loss::Loss;
 use super::names::find_file;
@@ -27,7 +28,7 @@ pub(super) fn load(path: &Path, bytes: &[u8]) -> Result<Mesh, ImportError> {
         return Err(no_vertices());
     }
     if !declares(&["face", "tristrips"]) {
-        return Err(ImportError::unsupported(path, "the file is a point cloud: it declares no element 'face'"));
+        return Err(ImportError::unsupported(path, ply_points()));
     }
     let text;
     let mut values = match header.encoding {

@@ -86,7 +86,8 @@ fn errors_say_what_and_where() {
     let header = |elements: &str| format!("ply\nformat binary_little_endian 1.0\n{elements}end_header\n");
     assert_eq!(
         files.refuse("a.ply", header("element vertex 1\nproperty float x\n") + "...."),
-        "a.ply: the file is a point cloud: it declares no element 'face'"
+        "a.ply: is a PLY point cloud (its header declares no element 'face'); a point cloud has no surface; make a mesh from it \
+         first, e.g. in MeshLab or CloudCompare"
     );
     assert_eq!(
         files.refuse("a.ply", header("element nothing 18446744073709551615\n")),

@@ -215,7 +215,7 @@ fn files_of_other_programs_are_named() {
         ("a.obj", &laz, "is a LAZ point cloud; "),
         ("a.e57", b"ASTM-E57\0\0\0\0", "is an E57 point cloud; "),
         ("a.pcd", pcd.as_bytes(), "is a PCD point cloud; "),
-        ("a.ply", points.as_bytes(), "is a PLY point cloud (its header has no element with faces); "),
+        ("a.ply", points.as_bytes(), "is a PLY point cloud (its header declares no element 'face'); "),
         ("a.xyz", b"0 0 0\n", "is a text file of points by its extension; "),
         ("a.binvox", b"#binvox 1\ndim 2 2 2\n", "is a binvox volume; "),
         ("a.nvdb", b"NanoVDB0\0\0", "is a NanoVDB volume; "),

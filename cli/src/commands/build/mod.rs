@@ -3,7 +3,7 @@
 pub(crate) mod displacement;
 mod input;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 use clap::{Args, ValueEnum};
