@@ -71,3 +71,35 @@ fn a_voxel_model_becomes_an_octree() {
     folder.put("a.las", "LASF");
     folder.fails(&["build", "a.las", "-o", "x.esvo"], 1, "is a LAS point cloud");
 }
+
+#[test]
+fn pictures_do_not_depend_on_where_the_mesh_is() {
+    // A box on a floor, and a floor alone, which is flat. All numbers have few digits, so that the sums are exact.
+    let floor = "v -1 0.125 -1\nv 3 0.125 -1\nv 3 0.125 3\nv -1 0.125 3\nf -4 -3 -2 -1\n";
+    let block = "v 0 0.5 0\nv 2 0.5 0\nv 2 1 0\nv 0 1 0\nv 0 0.5 1.5\nv 2 0.5 1.5\nv 2 1 1.5\nv 0 1 1.5\nf 1 2 3 4\nf 5 6 7 8\n\
+                 f 1 2 6 5\nf 4 3 7 8\nf 1 4 8 5\nf 2 3 7 6\n";
+    let moved = |text: &str| {
+        let mut lines = String::new();
+        for line in text.lines() {
+            match line.strip_prefix("v ") {
+                Some(place) => {
+                    let place: Vec<f64> = place.split(' ').map(|word| word.parse().unwrap()).collect();
+                    let [x, y, z] = [place[0] + 431_872.0, place[1] + 300.5, place[2] - 5_411_328.25];
+                    lines += &format!("v {x} {y} {z}\n");
+                }
+                None => lines += &format!("{line}\n"),
+            }
+        }
+        lines
+    };
+    let folder = Folder::new();
+    for (name, text) in [("scene", format!("{block}{floor}")), ("floor", floor.to_owned())] {
+        let picture = |place: &str, text: &str| {
+            folder.put(&format!("{place}.obj"), text);
+            folder.ok(&["build", &format!("{place}.obj"), "-o", &format!("{place}.esvo"), "-l", "7"]);
+            folder.ok(&["render", &format!("{place}.esvo"), "-o", &format!("{place}.png"), "--size", "64x48"]);
+            std::fs::read(folder.path(&format!("{place}.png"))).unwrap()
+        };
+        assert!(picture("here", &text) == picture("there", &moved(&text)), "{name}");
+    }
+}

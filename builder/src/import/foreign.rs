@@ -5,7 +5,8 @@ use std::io::Read;
 use std::path::Path;
 
 /// Advice for point clouds.
-const POINTS: &str = "a point cloud has no surface; make a mesh from it first, e.g. in MeshLab or CloudCompare";
+pub(super) const POINTS: &str =
+    "a point cloud has no surface; make a mesh from it first, e.g. in MeshLab or CloudCompare";
 /// Advice for volumes.
 const VOLUME: &str = "volumes cannot be read; export its surface as a mesh, or its voxels as .vox";
 /// Advice for worlds made of blocks.

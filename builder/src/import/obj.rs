@@ -9,6 +9,7 @@ use esvo_format::srgb::decode_f64 as srgb_to_linear;
 use super::assembly::{Assembly, Part};
 use super::error::ImportError;
 use super::file::{read_file, text_of};
+use super::foreign::POINTS as POINTS_ADVICE;
 use super::image::TextureStore;
 use super::mtl;
 use super::mtl_material::{Converted, Converter};
@@ -66,6 +67,12 @@ pub(super) fn load(path: &Path, bytes: &[u8]) -> Result<Mesh, ImportError> {
         let found = found.unwrap_or_default();
         let what = format!("{} and no polygons; convert them to polygons", found.trim_end_matches("; "));
         return Err(ImportError::unsupported(path, what));
+    }
+    if assembly.mesh.triangles.is_empty() && prepared.vertices > 0 {
+        let thin = prepared.thin.warning(["point or line", "points and lines"], "only polygons are read");
+        let found =
+            thin.unwrap_or_else(|| format!("it has {} vertices and no faces; {POINTS_ADVICE}", prepared.vertices));
+        return Err(ImportError::unsupported(path, format!("the mesh has no triangles: {found}")));
     }
     if !visible && !assembly.mesh.triangles.is_empty() {
         for material in &mut assembly.mesh.materials {

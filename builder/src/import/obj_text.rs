@@ -30,6 +30,10 @@ pub(super) struct Prepared {
     pub(super) lines: Vec<(u32, bool)>,
     /// Free-form curves and surfaces.
     pub(super) free_form: Loss,
+    /// Points and lines.
+    pub(super) thin: Loss,
+    /// Number of vertices.
+    pub(super) vertices: usize,
 }
 
 impl Prepared {
@@ -247,7 +251,6 @@ pub(super) fn prepare(path: &Path, source: &str) -> Result<Prepared, ImportError
     let mut corners: Vec<Corner> = Vec::new();
     let mut places: Vec<DVec3> = Vec::new();
     let mut shape = None;
-    let mut skipped = 0usize;
     statements(source, |line, key, value| {
         match key {
             "v" => {
@@ -274,7 +277,7 @@ pub(super) fn prepare(path: &Path, source: &str) -> Result<Prepared, ImportError
                 let kept = read_face(value, counts, &lists, line, &mut losses, &mut corners)
                     .map_err(|what| ImportError::malformed(path, format!("line {line}: {what}")))?;
                 if corners.len() < 3 {
-                    skipped += 1;
+                    prepared.thin.add(|| format!("line {line}"));
                     return Ok(());
                 }
                 let attributes = corners[0].map(|index| index != 0);
@@ -298,7 +301,7 @@ pub(super) fn prepare(path: &Path, source: &str) -> Result<Prepared, ImportError
                     }
                 }
             }
-            "p" | "l" => skipped += 1,
+            "p" | "l" => prepared.thin.add(|| format!("line {line}")),
             "mtllib" => prepared.libraries.push(value.to_owned()),
             "usemtl" => {
                 let index = prepared.material_number(value);
@@ -313,11 +316,8 @@ pub(super) fn prepare(path: &Path, source: &str) -> Result<Prepared, ImportError
         Ok(())
     })?;
     prepared.warnings.extend(losses.warnings());
-    if skipped > 0 {
-        prepared
-            .warnings
-            .push(format!("{skipped} points and lines were skipped; only triangles and polygons are read"));
-    }
+    prepared.vertices = lists.positions.len();
+    prepared.warnings.extend(prepared.thin.warning(["point or line", "points and lines"], "only polygons are read"));
     let what = ["free-form curve or surface", "free-form curves and surfaces"];
     prepared.warnings.extend(prepared.free_form.warning(what, "only polygons are read"));
     Ok(prepared)

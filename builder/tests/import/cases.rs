@@ -205,6 +205,10 @@ fn ply_faces_have_colours_textures_and_coordinates_of_their_own() {
     );
     let mesh = files.accept("a.ply", ply("comment TextureFile none.png\n", uvs, [left, right]));
     assert_eq!(mesh.warnings, ["the texture none.png is missing; using a plain colour"]);
+    files.write("bad.png", "no image");
+    let mesh = files.accept("a.ply", ply("comment TextureFile bad.png\n", uvs, [left, right]));
+    let why = "it is none of PNG, JPEG, WebP, TGA, BMP and DDS; convert it to PNG, JPEG or WebP";
+    assert_eq!(mesh.warnings, [format!("the texture bad.png cannot be decoded: {why}; using a plain colour")]);
 }
 
 #[test]

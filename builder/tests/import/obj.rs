@@ -117,7 +117,15 @@ fn vertex_colours_are_display_values() {
 fn geometry_errors_name_the_line() {
     let files = Files::new();
     let refuse = |text: &str| files.refuse("a.obj", text);
-    assert_eq!(refuse("v 0 0 0\n# no faces\n"), "a.obj: the mesh has no triangles");
+    assert_eq!(
+        refuse("v 0 0 0\n# no faces\nv 1 0 0\n"),
+        "a.obj: the mesh has no triangles: it has 2 vertices and no faces; a point cloud has no surface; make a mesh from it \
+         first, e.g. in MeshLab or CloudCompare"
+    );
+    assert_eq!(
+        refuse("v 0 0 0\nv 1 0 0\nl 1 2\np 1\n"),
+        "a.obj: the mesh has no triangles: line 3 and later: 2 points and lines; only polygons are read"
+    );
     assert_eq!(refuse("some words\n"), "a.obj: the mesh has no triangles");
     assert_eq!(
         refuse("v 0 0 0\n\nv 0 NaN 0\nv 1 0 0\nf 1 2 3\n"),
@@ -206,7 +214,7 @@ fn free_form_surfaces_are_named() {
 fn points_and_lines_are_skipped_with_a_warning() {
     let mesh = Files::new().accept("a.obj", format!("{TRIANGLE}l 1 2\np 1\nf 1 2\n"));
     assert_eq!(mesh.triangle_count(), 1);
-    assert_eq!(mesh.warnings, ["3 points and lines were skipped; only triangles and polygons are read"]);
+    assert_eq!(mesh.warnings, ["line 5 and later: 3 points and lines; only polygons are read"]);
 }
 
 #[test]
