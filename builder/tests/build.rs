@@ -196,6 +196,28 @@ fn a_flat_mesh_takes_one_layer_of_voxels() {
 }
 
 #[test]
+fn a_mesh_that_is_flat_but_for_rounding_takes_one_layer_of_voxels() {
+    use std::f64::consts::FRAC_PI_2;
+    let leaves = |triangles: &[[DVec3; 3]]| run(&mesh_of(triangles), every_voxel(5)).octree.objects()[0].leaf_voxels;
+    for turn in [glam::DQuat::from_rotation_x(FRAC_PI_2), glam::DQuat::from_rotation_y(-FRAC_PI_2)] {
+        for origin in [DVec3::ZERO, DVec3::new(1000.5, 2000.25, 3.0)] {
+            let turned: Vec<_> = sheet(2, 0.25, origin, 64.0).iter().map(|t| t.map(|p| turn * p)).collect();
+            let (lo, hi) =
+                turned.as_flattened().iter().fold((DVec3::MAX, DVec3::MIN), |(lo, hi), p| (lo.min(*p), hi.max(*p)));
+            assert!((hi - lo).min_element() > 0.0, "exactly flat");
+            assert_eq!(leaves(&turned), 1024, "{turn} {origin}");
+        }
+    }
+    // What is thicker keeps its place: on the border of two layers.
+    let mut bent = sheet(2, 0.25, DVec3::ZERO, 1.0);
+    let top = 0.25 + 1e-9;
+    bent[0][0].z = top;
+    bent[1][0].z = top;
+    let octree = run(&mesh_of(&bent), every_voxel(5)).octree;
+    assert_eq!(octree.octree_to_mesh(0).w_axis.z, (0.25 + top) * 0.5 - 0.5);
+}
+
+#[test]
 fn a_flat_mesh_far_away_gives_the_same_voxels() {
     let at = |origin: DVec3| {
         let mut octree = run(&mesh_of(&sheet(2, 0.5, origin, 32.0)), every_voxel(8)).octree;

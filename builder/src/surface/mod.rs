@@ -77,11 +77,15 @@ impl<'a> Surface<'a> {
     }
 }
 
+/// A mesh that is at most so thick along an axis, as a share of its largest extent, is flat: a plane that was turned, or one
+/// far from the origin, is rarely exactly flat. A 256th of half a voxel on the deepest level that an octree can have.
+const FLAT: f64 = 1.0 / (1u64 << 32) as f64;
+
 /// The transform from the root cube to the bounding box of the triangles that have an area: uniform scale, centred, with the
 /// largest extent filling the cube.
 ///
-/// Along an axis in which the box is flat, the cube is moved by half a voxel of the deepest level, so that the surface lies
-/// in the middle of one layer of voxels instead of on the border of two.
+/// Along an axis in which the box is flat but for rounding (see [`FLAT`]), the cube is moved by half a voxel of the deepest
+/// level, so that the surface lies in the middle of one layer of voxels instead of on the border of two.
 fn place(mesh: &Mesh, levels: u32) -> Result<DMat4, BuildError> {
     let (lo, hi) = bounds(mesh);
     let extent = (hi - lo).max_element();
@@ -94,8 +98,8 @@ fn place(mesh: &Mesh, levels: u32) -> Result<DMat4, BuildError> {
     // Far from the origin these are rounded. The cube must still contain all vertices.
     let mut origin = ((lo + hi) * 0.5 - DVec3::splat(extent * 0.5)).min(lo);
     let extent = extent.max((hi - origin).max_element());
-    for axis in (0..3).filter(|&axis| lo[axis] == hi[axis]) {
-        origin[axis] = lo[axis] - extent * (0.5 + 0.5 * (-f64::from(levels)).exp2());
+    for axis in (0..3).filter(|&axis| hi[axis] - lo[axis] <= FLAT * extent) {
+        origin[axis] = (lo[axis] + hi[axis]) * 0.5 - extent * (0.5 + 0.5 * (-f64::from(levels)).exp2());
     }
     Ok(DMat4::from_translation(origin) * DMat4::from_scale(DVec3::splat(extent)))
 }
