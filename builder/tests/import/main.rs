@@ -3,7 +3,8 @@
 mod cases;
 mod gltf;
 mod gltf_cases;
-mod leaves;
+mod gltf_colors;
+mod gltf_document;
 mod obj;
 mod ply;
 mod robustness;

@@ -24,18 +24,18 @@
 //! | 30-stl-count | `cases::stl_counts_that_were_never_written_follow_from_the_length` |
 //! | 31-stl-ascii-variants | `cases::stl_text_may_be_broken_into_lines_anyhow` |
 //! | 32-gltf-skin | `gltf_cases::the_joints_place_a_skinned_mesh_and_its_node_does_not` |
-//! | 33-gltf-wrap | `gltf_cases::samplers_repeat_mirror_or_clamp` |
+//! | 33-gltf-wrap | `gltf_colors::samplers_repeat_mirror_or_clamp` |
 //! | 34-gltf-gpu-instancing | `gltf_cases::instances_of_a_node_are_all_drawn` |
-//! | 35-gltf-emissive-texture | `gltf_cases::emission_is_the_colour_where_the_base_colour_is_black` |
-//! | 36-gltf-compressed | `gltf_cases::images_of_extensions_are_preferred_and_the_others_replace_them`, `gltf_cases::compressed_geometry_is_refused_by_name_unless_there_is_a_copy` |
-//! | 37-gltf-vertex-alpha | `gltf_cases::the_opacity_of_vertices_cuts_masked_and_blended_materials` |
+//! | 35-gltf-emissive-texture | `gltf_colors::emission_is_the_colour_where_the_base_colour_is_black` |
+//! | 36-gltf-compressed | `gltf_colors::images_of_extensions_are_preferred_and_the_others_replace_them`, `gltf_cases::compressed_geometry_is_refused_by_name_unless_there_is_a_copy` |
+//! | 37-gltf-vertex-alpha | `gltf_colors::the_opacity_of_vertices_cuts_masked_and_blended_materials` |
 //! | 38-gltf-morph | `gltf_cases::morph_targets_have_their_default_weights` |
-//! | 41-gltf-geometry | `gltf_cases::hidden_nodes_are_left_out_but_keep_their_place`, `gltf_cases::opacity_0_is_invisible`, `gltf` |
+//! | 41-gltf-geometry | `gltf_cases::hidden_nodes_are_left_out_but_keep_their_place`, `gltf_colors::opacity_0_is_invisible`, `gltf` |
 //! | 50-outlier | `build::triangles_without_area_do_not_count_for_the_bounds` |
 //! | 53-quoted-names, 55-mtllib-escaped-blanks | `cases::materials_are_found_by_any_spelling`, `names::lists_of_names_are_split_at_blanks_that_separate` |
 //! | 54-mtl-option-one-number | `cases::texture_statements_scale_move_and_clamp`, `map_statement::options_have_one_to_three_numbers` |
 //! | 56-glb-unpadded-chunk | `gltf_cases::chunks_of_a_glb_may_be_unpadded` |
-//! | 57-undecodable-images | `obj::textures_that_cannot_be_decoded_are_treated_as_missing`, `cases::ply_faces_have_colours_textures_and_coordinates_of_their_own`, `gltf_cases::an_image_that_cannot_be_decoded_is_like_one_that_is_missing` |
+//! | 57-undecodable-images | `obj::textures_that_cannot_be_decoded_are_treated_as_missing`, `cases::ply_faces_have_colours_textures_and_coordinates_of_their_own`, `gltf_colors::an_image_that_cannot_be_decoded_is_like_one_that_is_missing` |
 //! | 59-dangling-attribute-index | `obj::bad_attributes_are_dropped_with_their_place` |
 
 use std::collections::BTreeSet;
@@ -45,8 +45,7 @@ use std::path::{Path, PathBuf};
 use esvo_builder::import::load_mesh;
 use esvo_builder::{BuildSettings, build};
 
-use crate::leaves::lines;
-use crate::support::{colors, voxels};
+use crate::support::{colors, lines, voxels};
 
 const RED: [u8; 3] = [255, 0, 0];
 const GREEN: [u8; 3] = [0, 255, 0];

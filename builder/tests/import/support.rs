@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use base64::Engine;
 use esvo_builder::import::load_mesh;
 use esvo_builder::{BuildSettings, Mesh, build};
+use esvo_format::Octree;
 use tempfile::TempDir;
 
 /// A directory that holds the files of one test.
@@ -66,7 +67,11 @@ pub(crate) fn data_uri(bytes: &[u8]) -> String {
 /// the surface is there.
 pub(crate) fn voxels(mesh: &Mesh, levels: u32) -> Vec<([u32; 3], [u8; 3])> {
     let settings = BuildSettings { levels, contours: false, plain_attributes: true, ..BuildSettings::default() };
-    let octree = build(mesh, &settings, &|_| ()).unwrap_or_else(|e| panic!("{e}")).octree;
+    octree_voxels(&build(mesh, &settings, &|_| ()).unwrap_or_else(|e| panic!("{e}")).octree, levels)
+}
+
+/// The leaves of an octree with their places, in voxels of the deepest level, and colours. All must be on that level.
+pub(crate) fn octree_voxels(octree: &Octree, levels: u32) -> Vec<([u32; 3], [u8; 3])> {
     octree.sound().unwrap();
     let mut found = Vec::new();
     let mut waiting = vec![(octree.objects()[0].root_slot as u32, 1, [0; 3])];
@@ -74,11 +79,13 @@ pub(crate) fn voxels(mesh: &Mesh, levels: u32) -> Vec<([u32; 3], [u8; 3])> {
         let descriptor = octree.descriptor(slot);
         for child in (0..8u8).filter(|c| descriptor.valid_mask() >> c & 1 != 0) {
             let at: [u32; 3] = std::array::from_fn(|axis| 2 * at[axis] + u32::from(child >> axis & 1));
-            if level == levels {
-                let color = octree.color(slot, child).unwrap();
-                found.push((at, std::array::from_fn(|k| (color[k] * 255.0).round() as u8)));
-            } else {
-                waiting.push((octree.child(slot, child).unwrap(), level + 1, at));
+            match octree.child(slot, child) {
+                Some(next) => waiting.push((next, level + 1, at)),
+                None => {
+                    assert_eq!(level, levels, "a leaf above the deepest level");
+                    let color = octree.color(slot, child).unwrap();
+                    found.push((at, std::array::from_fn(|k| (color[k] * 255.0).round() as u8)));
+                }
             }
         }
     }
@@ -92,4 +99,19 @@ pub(crate) fn colors(voxels: &[([u32; 3], [u8; 3])]) -> Vec<([u8; 3], usize)> {
         *counts.entry(*color).or_insert(0) += 1;
     }
     counts.into_iter().collect()
+}
+
+/// For a square of 16 x 16 voxels with a texture of red and white: the row of voxels through the upper half of its middle
+/// third, from left to right, and the column through the left half of its middle third, from top to bottom.
+pub(crate) fn lines(mesh: &Mesh) -> (String, String) {
+    let voxels = voxels(mesh, 4);
+    assert_eq!(voxels.len(), 256);
+    // At least half of the light is red, in linear values.
+    let letter = |(_, color): ([u32; 3], [u8; 3])| if color[1] < 188 { 'r' } else { 'w' };
+    let line = |along: usize, across: usize, place: u32| {
+        let mut line: Vec<_> = voxels.iter().copied().filter(|(at, _)| at[across] == place).collect();
+        line.sort_by_key(|(at, _)| at[along]);
+        line
+    };
+    (line(0, 1, 9).into_iter().map(letter).collect(), line(1, 0, 6).into_iter().rev().map(letter).collect())
 }

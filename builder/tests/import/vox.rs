@@ -7,8 +7,7 @@ use esvo_builder::import::{load_mesh, load_voxels, load_voxels_from};
 use esvo_builder::{BuildSettings, VoxelModel, build_voxels};
 use esvo_format::{AssembleOptions, Octree};
 
-use crate::leaves::visit;
-use crate::support::Files;
+use crate::support::{Files, octree_voxels};
 
 fn dict(pairs: &[(&str, &str)]) -> Dict {
     pairs.iter().map(|(key, value)| ((*key).to_owned(), (*value).to_owned())).collect()
@@ -56,14 +55,12 @@ fn places(model: &VoxelModel) -> BTreeMap<[i32; 3], [u8; 3]> {
 
 /// The leaves of an octree in mesh space, with their colours.
 fn leaves(octree: &Octree, levels: u32) -> BTreeMap<[i32; 3], [u8; 3]> {
-    let object = &octree.objects()[0];
     let to_mesh = octree.octree_to_mesh(0);
-    let mut found = Vec::new();
-    visit(octree, object.root_slot as u32, levels, [0; 3], &mut found);
     let edge = to_mesh.x_axis.x / f64::from(levels).exp2();
     assert_eq!(edge, 1.0, "a voxel is a unit");
     let origin = to_mesh.w_axis.truncate().to_array();
-    found.iter().map(|leaf| (std::array::from_fn(|k| leaf.at[k] as i32 + origin[k] as i32), leaf.color)).collect()
+    let place = |at: [u32; 3]| std::array::from_fn(|k| at[k] as i32 + origin[k] as i32);
+    octree_voxels(octree, levels).into_iter().map(|(at, color)| (place(at), color)).collect()
 }
 
 const RED: [u8; 3] = [255, 0, 0];
