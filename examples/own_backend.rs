@@ -67,7 +67,7 @@ fn nearest(leaves: &[(Vec3, Hit)], ray: &Ray) -> Hit {
     leaves.iter().fold(Hit::miss(1), |best, (low, hit)| {
         let (a, b) = ((low - ray.origin) / ray.direction, (low + hit.size() - ray.origin) / ray.direction);
         let (enter, leave) = (a.min(b).max_element().max(ray.t_min), a.max(b).min_element().min(ray.t_max));
-        if enter <= leave && enter < best.t { Hit { t: enter, ..*hit } } else { best }
+        if enter <= leave && enter < best.raw_t { Hit { raw_t: enter, ..*hit } } else { best }
     })
 }
 

@@ -83,8 +83,8 @@ fn one_wrong_pixel_is_caught() {
         assert!(!passes(|hits| first_hit(hits).slot += 1, backend), "another parent");
         assert!(!passes(|hits| first_hit(hits).voxel ^= 1, backend), "another child");
         assert!(!passes(|hits| *first_hit(hits) = Hit::miss(1), backend), "a hole");
-        assert!(!passes(|hits| first_hit(hits).t += 0.01, backend), "another distance");
-        assert!(!passes(|hits| first_hit(hits).t = f32::NAN, backend), "no distance");
+        assert!(!passes(|hits| first_hit(hits).raw_t += 0.01, backend), "another distance");
+        assert!(!passes(|hits| first_hit(hits).raw_t = f32::NAN, backend), "no distance");
         assert!(!passes(|hits| hits.truncate(hits.len() - 1), backend), "a pixel less");
         assert!(!passes(Vec::clear, backend), "nothing");
     }
@@ -92,7 +92,7 @@ fn one_wrong_pixel_is_caught() {
 
 #[test]
 fn the_cpu_may_not_even_round_differently() {
-    let nudge = |hits: &mut Vec<Hit>| first_hit(hits).t = first_hit(hits).t.next_up();
+    let nudge = |hits: &mut Vec<Hit>| first_hit(hits).raw_t = first_hit(hits).raw_t.next_up();
     assert!(!passes(nudge, EngineId::Cpu));
     assert!(passes(nudge, EngineId::Ash));
 }

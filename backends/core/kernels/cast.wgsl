@@ -48,7 +48,7 @@ struct Ray {
 }
 
 struct Hit {
-    t: f32,
+    raw_t: f32,
     slot: u32,
     voxel: u32,
     iterations: u32,
@@ -286,7 +286,7 @@ fn coarse_pass(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocatio
     var start = 1.0;
     if hit.voxel != MISS_VOXEL {
         let size = bitcast<f32>(((hit.voxel >> 8u) + 104u) << 23u);
-        start = max(mad(size * -SQRT_3, view.t_per_depth, hit.t), view.t_near);
+        start = max(mad(size * -SQRT_3, view.t_per_depth, hit.raw_t), view.t_near);
     }
     coarse_out[at.y * coarse_columns() + at.x] = start;
 }
@@ -353,7 +353,7 @@ fn timing_pass(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocatio
     let at = place(group, local);
     let y = at.y + view.first_row;
     if at.x < view.width && y < view.height {
-        depths[at.y * view.width + at.x] = cast_pixel(at.x, y).t;
+        depths[at.y * view.width + at.x] = cast_pixel(at.x, y).raw_t;
     }
 }
 

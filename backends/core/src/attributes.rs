@@ -39,7 +39,7 @@ pub(crate) fn own_normal(octree: &Octree, octree_to_mesh: &DMat4, ray: &Ray, hit
 
 /// Normal of the face of the cube by which the ray entered: of the planes of the voxel's grid, the one nearest to the hit.
 fn entry_side(ray: &Ray, hit: &Hit) -> DVec3 {
-    let cells = (ray.origin + ray.direction * hit.t) / hit.size();
+    let cells = (ray.origin + ray.direction * hit.raw_t) / hit.size();
     let off = (cells - cells.round()).abs();
     let mut side = DVec3::ZERO;
     side[off.min_position()] = 1.0;
@@ -49,7 +49,7 @@ fn entry_side(ray: &Ray, hit: &Hit) -> DVec3 {
 /// The place of a hit in its voxel, 0 to 1 on each axis. Attributes at corners are interpolated for it.
 fn place(ray: &Ray, hit: &Hit) -> Vec3 {
     // Moved a little along the ray: on the face itself, rounding could select the voxel before it.
-    let point = ray.origin + ray.direction * hit.t + ray.direction.normalize_or_zero() * (hit.size() * 1e-3);
+    let point = ray.origin + ray.direction * hit.raw_t + ray.direction.normalize_or_zero() * (hit.size() * 1e-3);
     let cells = point / hit.size();
     cells - cells.floor()
 }

@@ -7,9 +7,9 @@ use bytemuck::{Pod, Zeroable};
 #[repr(C)]
 #[derive(Clone, Copy, PartialEq, Debug, Pod, Zeroable)]
 pub struct Hit {
-    /// Where the ray enters the voxel or its contour, in lengths of the ray's direction. [`Hit::MISS_T`] for a miss, a number that
-    /// a hit can have too: [`t`](Self::t()) tells them apart.
-    pub t: f32,
+    /// As kernels write it: what [`t`](Self::t) returns for a hit; [`Hit::MISS_T`] for a miss, a number that a hit can have
+    /// too.
+    pub raw_t: f32,
     /// Slot of the parent's child descriptor.
     pub slot: u32,
     /// Child slot in bits 0..3, scale of the voxel in bits 8..13: its edge is `2^(scale - 23)` of the root.
@@ -19,7 +19,7 @@ pub struct Hit {
 }
 
 impl Hit {
-    /// `t` of a ray that hits nothing.
+    /// `raw_t` of a ray that hits nothing.
     pub const MISS_T: f32 = 2.0;
 
     /// `voxel` of a ray that hits nothing.
@@ -27,12 +27,12 @@ impl Hit {
 
     /// A ray that hit nothing.
     pub fn miss(iterations: u32) -> Self {
-        Self { t: Self::MISS_T, slot: 0, voxel: Self::MISS_VOXEL, iterations }
+        Self { raw_t: Self::MISS_T, slot: 0, voxel: Self::MISS_VOXEL, iterations }
     }
 
     /// A hit.
     pub fn new(t: f32, slot: u32, child: u32, scale: u32, iterations: u32) -> Self {
-        Self { t, slot, voxel: child | scale << 8, iterations }
+        Self { raw_t: t, slot, voxel: child | scale << 8, iterations }
     }
 
     /// Whether nothing was hit.
@@ -43,7 +43,7 @@ impl Hit {
     /// Where the ray enters the voxel or its contour, in lengths of the ray's direction; `None` for a miss. In a picture,
     /// depth divided by the depth of the far plane.
     pub fn t(&self) -> Option<f32> {
-        (!self.is_miss()).then_some(self.t)
+        (!self.is_miss()).then_some(self.raw_t)
     }
 
     /// Child slot of the voxel.

@@ -152,11 +152,11 @@ mod tests {
             let direction = towards - origin;
             for length in [1e-3, 1.0, 1e20] {
                 let hit = cast(direction * length, 0.0..f64::INFINITY);
-                assert!(!hit.is_miss() && (hit.t - 0.5).abs() < 1e-6, "{edge} {length}: {hit:?}");
+                assert!(!hit.is_miss() && (hit.raw_t - 0.5).abs() < 1e-6, "{edge} {length}: {hit:?}");
             }
             assert!(cast(direction, 0.0..0.49 * edge).is_miss() && !cast(direction, 0.0..0.51 * edge).is_miss());
             assert!(cast(direction, 1.01 * edge..2.0 * edge).is_miss());
-            assert!((cast(direction, 0.75 * edge..2.0 * edge).t - 0.75).abs() < 1e-6);
+            assert!((cast(direction, 0.75 * edge..2.0 * edge).raw_t - 0.75).abs() < 1e-6);
             assert!(cast(DVec3::ZERO, 0.0..1.0).is_miss() && cast(DVec3::NAN, 0.0..1.0).is_miss());
             assert_eq!(
                 Ray::from_mesh(&octree, 0, origin, direction, 0.0..1.0),

@@ -263,7 +263,7 @@ pub fn cast_coarse(octree: &Octree, view: &View) -> Vec<f32> {
 /// One value of the coarse pass. Contours are off: they would let a ray pass through voxels that others hit.
 pub fn coarse_value(octree: &Octree, view: &View, i: u32, j: u32) -> f32 {
     let hit = cast_ray(octree, view.root, &view.coarse_ray(i, j), false);
-    if hit.is_miss() { 1.0 } else { view.coarse_start(hit.t, hit.size()) }
+    if hit.is_miss() { 1.0 } else { view.coarse_start(hit.raw_t, hit.size()) }
 }
 
 /// The main pass; `coarse` is what [`cast_coarse`] returned, or empty for a view without beam optimization.

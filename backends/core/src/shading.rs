@@ -146,7 +146,7 @@ pub fn normal_map(octree: &Octree, view: &View, hits: &[Hit]) -> Picture {
 /// # Panics
 /// There are fewer hits than pixels.
 pub fn depth_map(view: &View, hits: &[Hit]) -> Picture {
-    let depths = || hits.iter().filter(|hit| !hit.is_miss()).map(|hit| hit.t);
+    let depths = || hits.iter().filter(|hit| !hit.is_miss()).map(|hit| hit.raw_t);
     let (nearest, farthest) = (depths().fold(f32::MAX, f32::min), depths().fold(0.0, f32::max));
     Picture::from_fn((view.width, view.height), |x, y| {
         let hit = &hits[y as usize * view.width as usize + x as usize];
@@ -154,7 +154,7 @@ pub fn depth_map(view: &View, hits: &[Hit]) -> Picture {
             return [0.0; 3];
         }
         let span = farthest - nearest;
-        let at = if span > 0.0 { (hit.t - nearest) / span } else { 0.0 };
+        let at = if span > 0.0 { (hit.raw_t - nearest) / span } else { 0.0 };
         [1.0 - 0.85 * at; 3]
     })
 }
@@ -295,7 +295,7 @@ mod tests {
         for x in 15..33 {
             let (ray, hit) = (view.ray(x, 16), &hits[16 * 48 + x as usize]);
             assert!(!hit.is_miss());
-            let at = ((ray.origin + ray.direction * hit.t).x - 1.0) * 2.0;
+            let at = ((ray.origin + ray.direction * hit.raw_t).x - 1.0) * 2.0;
             let [red, ..] = voxel_color(&octree, &ray, hit);
             assert!((red - at).abs() < 2e-3, "{red} at {at}");
             assert_eq!(voxel_normal(&octree, &to_mesh, &ray, hit), DVec3::NEG_Z);

@@ -121,7 +121,7 @@ impl Shape {
     /// Finds the voxel of a hit in an octree. `None`: the ray does not pass it.
     pub(crate) fn find(octree: &Octree, root: u32, contours: bool, ray: &Ray, hit: &Hit) -> Option<Self> {
         let (origin, direction) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
-        let point = origin + direction * f64::from(hit.t);
+        let point = origin + direction * f64::from(hit.raw_t);
         // Errors of `t` grow with the distance of the origin, and their effect along the ray with the angle to the plane.
         let error = 32.0 * UNIT * (2.0 + origin.abs().max_element());
         let mut path = Vec::new();
@@ -134,7 +134,7 @@ impl Shape {
             let axes = [0, 1, 2].map(|axis| {
                 let d = direction[axis];
                 if d.abs() < SMALLEST {
-                    let slack = SMALLEST * f64::from(hit.t.abs());
+                    let slack = SMALLEST * f64::from(hit.raw_t.abs());
                     return if low[axis] <= slack && high[axis] >= -slack { (f64::MIN, f64::MAX) } else { (1.0, 0.0) };
                 }
                 let (a, b) = (low[axis] / d, high[axis] / d);
@@ -162,7 +162,7 @@ impl Shape {
         planes.extend(slab.into_iter().flat_map(|slab| Plane::of_slab(&slab, own.corner, own.size)));
         let with = enter(&planes, origin, direction, f64::from(ray.t_min));
         // A small voxel ends a ray before its contour is looked at.
-        let off = |entry: &(f64, Option<Plane>)| (entry.0 - f64::from(hit.t)).abs();
+        let off = |entry: &(f64, Option<Plane>)| (entry.0 - f64::from(hit.raw_t)).abs();
         let small = ray.has_size() && off(&without) < off(&with);
         let (t, entry) = if small { without } else { with };
         let slab = slab.filter(|_| !small);

@@ -101,13 +101,13 @@ impl Difference {
             return;
         }
         // The authors' point is in the voxel; ours must be in the same voxel, up to rounding.
-        let point = record.ray.origin + record.ray.direction * hit.t;
+        let point = record.ray.origin + record.ray.direction * hit.raw_t;
         let near = (point - record.position).abs().max_element() < 0.5 * hit.size();
         if u32::from(hit.child()) != record.child || hit.scale() != record.scale || !near {
             self.voxels += 1;
-        } else if hit.t != record.t {
+        } else if hit.raw_t != record.t {
             self.t += 1;
-            self.worst_t = self.worst_t.max((hit.t - record.t).abs());
+            self.worst_t = self.worst_t.max((hit.raw_t - record.t).abs());
         } else if hit.iterations != record.iterations {
             self.iterations += 1;
         }

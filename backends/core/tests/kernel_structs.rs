@@ -69,7 +69,7 @@ fn rust_view() -> Layout {
 }
 
 fn rust_hit() -> Layout {
-    rust_layout!(Hit { t, slot, voxel, iterations })
+    rust_layout!(Hit { raw_t, slot, voxel, iterations })
 }
 
 fn rust_ray() -> Layout {

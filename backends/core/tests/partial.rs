@@ -89,14 +89,14 @@ fn coarse_blocks_show_ancestors_and_all_blocks_the_same() {
                 let slot = places.of_part[&ours.slot];
                 if whole.descriptor(slot).leaf_mask() >> ours.child() & 1 != 0 {
                     // A leaf of the whole, with nothing finer in front of it: both give the same hit.
-                    assert_eq!((theirs.slot, theirs.child(), theirs.t), (slot, ours.child(), ours.t));
+                    assert_eq!((theirs.slot, theirs.child(), theirs.raw_t), (slot, ours.child(), ours.raw_t));
                     same += 1;
                 } else if theirs.is_miss() || !places.is_ancestor_or_equal(ours, theirs) {
                     // The ray passes between the finer voxels of the coarse one and hits something beyond it.
-                    assert!(ours.t <= theirs.t, "{ours:?} {theirs:?}");
+                    assert!(ours.raw_t <= theirs.raw_t, "{ours:?} {theirs:?}");
                 } else {
                     // Both enter by the same face, or the whole by one further along the ray; `t` is rounded.
-                    assert!(ours.t <= theirs.t * (1.0 + 1e-5), "{ours:?} {theirs:?}");
+                    assert!(ours.raw_t <= theirs.raw_t * (1.0 + 1e-5), "{ours:?} {theirs:?}");
                     coarser += 1;
                 }
             }

@@ -103,10 +103,10 @@ impl DepthErrors {
         let counts = &mut self.counts;
         counts.rays += hits.len() as u64;
         for (index, (exact, hit)) in exact.iter().zip(hits).enumerate() {
-            let t = f64::from(hit.t);
+            let t = f64::from(hit.raw_t);
             match (exact.is_miss(), hit.is_miss()) {
                 (_, false) if !(0.0..=1.0).contains(&t) => counts.strange += 1,
-                (_, true) if hit.t != Hit::MISS_T => counts.strange += 1,
+                (_, true) if hit.raw_t != Hit::MISS_T => counts.strange += 1,
                 (true, true) => {}
                 (false, true) => counts.only_exact += 1,
                 (true, false) => counts.only_octree += 1,
@@ -285,11 +285,11 @@ mod tests {
         let good = DepthError::between(&rays, &exact, &hits, edges);
         let mut bad = hits.clone();
         let full: Vec<usize> = (0..bad.len()).filter(|&i| !bad[i].is_miss() && !exact[i].is_miss()).collect();
-        bad[full[0]].t = f32::NAN;
-        bad[full[1]].t = -0.1;
+        bad[full[0]].raw_t = f32::NAN;
+        bad[full[1]].raw_t = -0.1;
         bad[full[2]] = Hit::miss(1);
-        bad[full[3]].t *= 1.5;
-        bad[full[4]] = Hit { t: 0.3, ..Hit::miss(1) };
+        bad[full[3]].raw_t *= 1.5;
+        bad[full[4]] = Hit { raw_t: 0.3, ..Hit::miss(1) };
         let error = DepthError::between(&rays, &exact, &bad, edges);
         assert_eq!((error.strange, error.only_exact), (3, good.only_exact + 1));
         assert!(error.scene.max > 1.9 && error.pixels.p99 < 1e-3, "{error:?}");

@@ -52,10 +52,10 @@ impl HitRecord {
                 iterations: hit.iterations,
             };
         }
-        let at = ray.origin.as_dvec3() + ray.direction.as_dvec3() * f64::from(hit.t) - DVec3::ONE;
+        let at = ray.origin.as_dvec3() + ray.direction.as_dvec3() * f64::from(hit.raw_t) - DVec3::ONE;
         Self {
             hit: true,
-            t: hit.t,
+            t: hit.raw_t,
             size: hit.size(),
             slot: hit.slot,
             child: hit.child(),

@@ -18,16 +18,16 @@ fn cast(object: &Object, ray: &Ray) -> Hit {
 
 /// Numbers from -1 to 1.
 fn vector(noise: &mut Noise) -> DVec3 {
-    DVec3::from(std::array::from_fn(|_| noise.next() * 2.0 - 1.0))
+    DVec3::from(std::array::from_fn(|_| noise.number() * 2.0 - 1.0))
 }
 
 /// A direction at an angle to the plane with this normal: steep, grazing down to 1e-9, or within it.
 fn grazing(noise: &mut Noise, normal: DVec3) -> DVec3 {
     let along = vector(noise).reject_from(normal).normalize();
-    let rise = if noise.next() < 0.1 { 0.0 } else { 10f64.powf(-9.0 * noise.next()) };
-    let along = if noise.next() < 0.2 {
+    let rise = if noise.number() < 0.1 { 0.0 } else { 10f64.powf(-9.0 * noise.number()) };
+    let along = if noise.number() < 0.2 {
         // Along an axis, as far as the plane allows.
-        [DVec3::X, DVec3::Y, DVec3::Z][(noise.next() * 3.0) as usize].reject_from(normal).normalize_or(along)
+        [DVec3::X, DVec3::Y, DVec3::Z][(noise.number() * 3.0) as usize].reject_from(normal).normalize_or(along)
     } else {
         along
     };
@@ -48,7 +48,7 @@ fn own_hits(octree: &Octree, contours: bool, margins: &Margins, seed: u64) -> [f
     let mut noise = Noise(seed);
     for ray in incoherent(4000, seed) {
         // Half of them end at large voxels too.
-        let ray = if noise.next() < 0.5 { Ray { size_at_origin: 0.0, size_per_t: 0.0, ..ray } } else { ray };
+        let ray = if noise.number() < 0.5 { Ray { size_at_origin: 0.0, size_per_t: 0.0, ..ray } } else { ray };
         let mut point = HitPoint::new(&object, &ray, &cast(&object, &ray));
         // And from where the next ray ends, and so on.
         for _ in 0..4 {
@@ -229,10 +229,10 @@ fn positions_and_voxels_are_where_the_ray_is() {
                 assert_eq!(voxel.octree_edge, f64::from(hit.size()));
                 let inside = (position - voxel.corner) / voxel.octree_edge;
                 assert!(inside.min_element() > -1e-4 && inside.max_element() < 1.0 + 1e-4, "{ray:?}: {inside}");
-                let along = ray.origin.as_dvec3() - 1.0 + ray.direction.as_dvec3() * f64::from(hit.t);
+                let along = ray.origin.as_dvec3() - 1.0 + ray.direction.as_dvec3() * f64::from(hit.raw_t);
                 let off = (position - along).reject_from(ray.direction.as_dvec3()).length();
                 assert!(off < 1e-5, "{ray:?}: {off}");
-                let distance = f64::from(hit.t.abs() * ray.direction.length());
+                let distance = f64::from(hit.raw_t.abs() * ray.direction.length());
                 assert!((point.distance() - distance).abs() < 1e-3 * distance.max(0.1), "{ray:?} {hit:?}");
                 assert!((point.normal().length() - 1.0).abs() < 1e-6 && point.ambient() == 1.0);
             }

@@ -41,11 +41,11 @@ impl Comparison {
             } else if !a.is_miss() && !a.same_voxel(b) {
                 all.other_voxel += 1;
             } else {
-                let difference = (a.t - b.t).abs();
+                let difference = (a.raw_t - b.raw_t).abs();
                 // A maximum would ignore NaN.
                 all.max_t_difference =
                     all.max_t_difference.max(if difference.is_nan() { f32::MAX } else { difference });
-                all.max_t_ulps = all.max_t_ulps.max(ordinal(a.t).abs_diff(ordinal(b.t)));
+                all.max_t_ulps = all.max_t_ulps.max(ordinal(a.raw_t).abs_diff(ordinal(b.raw_t)));
             }
         }
         all
@@ -92,7 +92,7 @@ mod tests {
         let same = Comparison::of(&[hit, Hit::miss(1)], &[Hit { iterations: 1, ..hit }, Hit::miss(4)]);
         assert!(same.within(0.0, 0) && same.rays == 2);
 
-        let next = Hit { t: f32::from_bits(0.5f32.to_bits() + 3), ..hit };
+        let next = Hit { raw_t: f32::from_bits(0.5f32.to_bits() + 3), ..hit };
         let near = Comparison::of(&[hit], &[next]);
         assert!(near.within(0.0, 3) && !near.within(0.0, 2));
 
@@ -101,8 +101,8 @@ mod tests {
         assert!(!other.within(0.5, 0) && other.within(1.0, 0));
 
         assert!(!Comparison::of(&[hit], &[]).within(1.0, u32::MAX));
-        assert!(!Comparison::of(&[Hit { t: f32::NAN, ..hit }], &[hit]).within(0.0, 100));
-        assert_eq!(Comparison::of(&[Hit { t: -0.0, ..hit }], &[Hit { t: 0.0, ..hit }]).max_t_ulps, 0);
+        assert!(!Comparison::of(&[Hit { raw_t: f32::NAN, ..hit }], &[hit]).within(0.0, 100));
+        assert_eq!(Comparison::of(&[Hit { raw_t: -0.0, ..hit }], &[Hit { raw_t: 0.0, ..hit }]).max_t_ulps, 0);
         assert_eq!(near.and(other).rays, 4);
     }
 }

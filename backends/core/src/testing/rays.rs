@@ -14,7 +14,7 @@ use crate::{CastError, Caster, Hit, Ray, Rays};
 /// own. Some have no end, some no size, some an empty span. The same numbers give the same rays.
 pub fn incoherent(count: usize, seed: u64) -> Vec<Ray> {
     let mut noise = Noise(seed);
-    let mut number = |low: f32, high: f32| low + (high - low) * noise.next() as f32;
+    let mut number = |low: f32, high: f32| low + (high - low) * noise.number() as f32;
     let mut rays = Vec::with_capacity(count);
     for index in 0..count {
         let mut vector = |low, high| Vec3::new(number(low, high), number(low, high), number(low, high));
@@ -126,7 +126,7 @@ mod tests {
         assert!((600..1800).contains(&found), "{found}");
         let ended = hits.iter().filter(|hit| !hit.is_miss() && hit.scale() > 23 - 6 + 1).count();
         assert!(ended > 100, "{ended} end at large voxels");
-        assert!(hits.iter().any(|hit| !hit.is_miss() && hit.t < 0.0));
+        assert!(hits.iter().any(|hit| !hit.is_miss() && hit.raw_t < 0.0));
         let cast = strange().iter().filter(|ray| ray.is_cast()).count();
         assert!(cast > 100 && strange().len() - cast > 50, "{cast}");
     }

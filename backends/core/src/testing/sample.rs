@@ -53,11 +53,11 @@ impl Sample {
             let centre = at + edge * 0.5;
             let (value, gradient) = surface(centre);
             // Keeps every voxel that the surface may reach, except a few that become holes.
-            if value.abs() > edge * 0.9 * gradient.length() || (level >= 2 && noise.next() < 0.02) {
+            if value.abs() > edge * 0.9 * gradient.length() || (level >= 2 && noise.number() < 0.02) {
                 continue;
             }
-            let leaf = level + 1 == self.levels || (level >= 3 && noise.next() < 0.05);
-            let contour = if self.contours && level >= 1 && noise.next() < 0.9 {
+            let leaf = level + 1 == self.levels || (level >= 3 && noise.number() < 0.05);
+            let contour = if self.contours && level >= 1 && noise.number() < 0.9 {
                 let bits = Contour::encode_normal(gradient.into());
                 bits.and_then(|bits| {
                     let normal = DVec3::from(Contour::decode_normal(bits));
@@ -95,10 +95,11 @@ fn surface(p: DVec3) -> (f64, DVec3) {
 }
 
 /// Numbers in `0.0..1.0` from the high bits of a 64-bit linear congruential generator.
-pub(crate) struct Noise(pub(crate) u64);
+pub struct Noise(pub u64);
 
 impl Noise {
-    pub(crate) fn next(&mut self) -> f64 {
+    /// The next number.
+    pub fn number(&mut self) -> f64 {
         self.0 = self.0.wrapping_mul(0x5851_f42d_4c95_7f2d).wrapping_add(0x1405_7b7e_f767_814f);
         (self.0 >> 11) as f64 / (1u64 << 53) as f64
     }

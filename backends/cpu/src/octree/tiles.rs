@@ -77,13 +77,13 @@ impl Found {
 
     #[inline(always)]
     pub(super) fn set(&mut self, lane: usize, hit: Hit) {
-        (self.t[lane], self.slot[lane]) = (hit.t, hit.slot);
+        (self.t[lane], self.slot[lane]) = (hit.raw_t, hit.slot);
         (self.voxel[lane], self.iterations[lane]) = (hit.voxel, hit.iterations);
     }
 
     #[inline(always)]
     fn get(&self, lane: usize) -> Hit {
-        Hit { t: self.t[lane], slot: self.slot[lane], voxel: self.voxel[lane], iterations: self.iterations[lane] }
+        Hit { raw_t: self.t[lane], slot: self.slot[lane], voxel: self.voxel[lane], iterations: self.iterations[lane] }
     }
 }
 
@@ -101,8 +101,8 @@ pub(super) enum Task<'a> {
     CoarseRow { view: &'a View, row: u32, starts: &'a mut [f32] },
     /// The rays of some of the fans.
     Fans { all: &'a Fans<'a>, some: &'a [Fan], hits: &'a mut [Hit] },
-    /// Rays, and a hit for each. `order` is empty, or names every ray once: neighbours in it are cast together.
-    Rays { rays: &'a [Ray], order: &'a [u32], contours: bool, hits: &'a mut [Hit] },
+    /// Rays, and a hit for each.
+    Rays { rays: &'a [Ray], contours: bool, hits: &'a mut [Hit] },
 }
 
 impl Task<'_> {
@@ -119,11 +119,11 @@ impl Task<'_> {
             Self::CoarseRow { view, row, starts } => coarse_row(caster, view, row, starts),
             Self::Fans { all, some, hits } if all.contours => fans::<_, true>(caster, all, some, hits),
             Self::Fans { all, some, hits } => fans::<_, false>(caster, all, some, hits),
-            Self::Rays { rays, order, contours, hits } => match (contours, rays.iter().any(Ray::has_size)) {
-                (true, true) => list::<_, true, true>(caster, rays, order, hits),
-                (true, false) => list::<_, true, false>(caster, rays, order, hits),
-                (false, true) => list::<_, false, true>(caster, rays, order, hits),
-                (false, false) => list::<_, false, false>(caster, rays, order, hits),
+            Self::Rays { rays, contours, hits } => match (contours, rays.iter().any(Ray::has_size)) {
+                (true, true) => list::<_, true, true>(caster, rays, hits),
+                (true, false) => list::<_, true, false>(caster, rays, hits),
+                (false, true) => list::<_, false, true>(caster, rays, hits),
+                (false, false) => list::<_, false, false>(caster, rays, hits),
             },
         }
     }
@@ -193,7 +193,7 @@ fn coarse_row(caster: &impl CastPacket, view: &View, row: u32, starts: &mut [f32
         let found = caster.cast::<_, false, true>(&packet);
         for (lane, start) in starts.iter_mut().enumerate() {
             let hit = found.get(lane);
-            *start = if hit.is_miss() { 1.0 } else { view.coarse_start(hit.t, hit.size()) };
+            *start = if hit.is_miss() { 1.0 } else { view.coarse_start(hit.raw_t, hit.size()) };
         }
     }
 }
@@ -226,16 +226,9 @@ fn fans<C: CastPacket, const CONTOURS: bool>(caster: &C, all: &Fans, some: &[Fan
 }
 
 #[inline(always)]
-fn list<C: CastPacket, const CONTOURS: bool, const LOD: bool>(
-    caster: &C,
-    rays: &[Ray],
-    order: &[u32],
-    hits: &mut [Hit],
-) {
+fn list<C: CastPacket, const CONTOURS: bool, const LOD: bool>(caster: &C, rays: &[Ray], hits: &mut [Hit]) {
     const NONE: [f32; LANES] = [0.0; LANES];
-    for first in (0..rays.len()).step_by(LANES) {
-        let count = LANES.min(rays.len() - first);
-        let index = |lane: usize| order.get(first + lane).map_or(first + lane, |index| *index as usize);
+    for (rays, hits) in rays.chunks(LANES).zip(hits.chunks_mut(LANES)) {
         let mut packet = Packet {
             origin: [NONE; 3],
             direction: [NONE; 3],
@@ -245,8 +238,7 @@ fn list<C: CastPacket, const CONTOURS: bool, const LOD: bool>(
             size_per_t: NONE,
             active: 0,
         };
-        for lane in 0..count {
-            let ray = &rays[index(lane)];
+        for (lane, ray) in rays.iter().enumerate() {
             packet.active |= u16::from(ray.is_cast()) << lane;
             for axis in 0..3 {
                 packet.origin[axis][lane] = ray.origin[axis];
@@ -256,8 +248,8 @@ fn list<C: CastPacket, const CONTOURS: bool, const LOD: bool>(
             (packet.size_at_origin[lane], packet.size_per_t[lane]) = (ray.size_at_origin, ray.size_per_t);
         }
         let found = caster.cast::<_, CONTOURS, LOD>(&packet);
-        for lane in 0..count {
-            hits[index(lane)] = if packet.active >> lane & 1 != 0 { found.get(lane) } else { Hit::miss(0) };
+        for (lane, hit) in hits.iter_mut().enumerate() {
+            *hit = if packet.active >> lane & 1 != 0 { found.get(lane) } else { Hit::miss(0) };
         }
     }
 }

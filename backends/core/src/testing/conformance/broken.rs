@@ -24,7 +24,7 @@ pub(super) const WAYS: [Way; 6] = [
     Way { what: "one hit in another voxel", hits: |hits| first(hits, |hit| hit.voxel ^= 1), ..NONE },
     Way {
         what: "one hit off by a last bit",
-        hits: |hits| first(hits, |hit| hit.t = hit.t.next_up()),
+        hits: |hits| first(hits, |hit| hit.raw_t = hit.raw_t.next_up()),
         only_exact: true,
         ..NONE
     },
@@ -100,7 +100,7 @@ pub(super) const RAY_WAYS: [RayWay; 8] = [
     RayWay { what: "the last ray is left out", hits: |hits| last(hits, |hit| *hit = Hit::miss(0)), ..NO_RAYS },
     RayWay {
         what: "one hit off by a last bit",
-        hits: |hits| last(hits, |hit| hit.t = hit.t.next_up()),
+        hits: |hits| last(hits, |hit| hit.raw_t = hit.raw_t.next_up()),
         only_exact: true,
         ..NO_RAYS
     },
