@@ -35,6 +35,17 @@ fn render_picture() {
 }
 
 #[test]
+fn cast_rays() {
+    let text = run("cast_rays", &[]);
+    assert!(text.starts_with("10000 of 10000 rays hit; the first one after 0.25"), "{text}");
+    assert!(text.contains("normal [-0.00, 1.00, 0.00]") || text.contains("normal [0.00, 1.00, 0.00]"), "{text}");
+    // From the lamp, the board covers a square of 0.8 on the floor: 1600 points, give or take those at its rim.
+    let dark: u32 = text.lines().last().and_then(|line| line.split(' ').next()).unwrap().parse().unwrap();
+    assert!((1500..1720).contains(&dark), "{text}");
+    assert_eq!(run("cast_rays", &["reference"]).replace("reference", "cpu"), text);
+}
+
+#[test]
 fn stream_region() {
     let text = run("stream_region", &[]);
     let number = |line: &str| line.split(' ').next().unwrap().parse::<u64>().unwrap();

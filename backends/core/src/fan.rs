@@ -7,7 +7,7 @@ use crate::Ray;
 /// Where a bundle of rays starts, and how it is turned.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Fan {
-    /// Common origin, in the octree `[1, 2]³`.
+    /// Common origin, in cast space: see [`Object`](crate::Object).
     pub origin: Vec3,
     /// Turns and stretches the directions that all fans share into those of this fan.
     pub axes: Mat3,

@@ -7,8 +7,8 @@ use glam::Vec3;
 /// Largest absolute value of a direction component. Rays with a larger one miss.
 pub const MAX_COMPONENT: f32 = (1u32 << 20) as f32;
 
-/// One ray in the cube `[1, 2]³` of the casters, 40 bytes, as the kernels read it. A test compares it with the kernel's
-/// struct `RayRecord`.
+/// One ray in cast space, the cube `[1, 2]³` of the casters, 40 bytes, as the kernels read it. A test compares it with the
+/// kernel's struct `RayRecord`.
 ///
 /// [`Object::ray`](crate::Object::ray) makes one from mesh space.
 #[repr(C)]
