@@ -19,6 +19,7 @@
 //! - [`build_bench`]: `esvo bench build`, time, memory, size and error of building, compared with the authors' builder.
 //! - [`format_bench`]: `esvo bench format`, storing, validating and reading files.
 //! - [`picture_bench`]: `esvo bench pictures`, octrees next to their triangles. Also the exact pictures of meshes.
+//! - [`ray_bench`]: `esvo bench rays`, lists of rays on every engine next to a picture.
 //! - [`import_bench`]: `esvo bench import`, what happens to each mesh file of a folder.
 //!
 //! What they share:
@@ -42,6 +43,7 @@ pub mod output;
 pub mod paper_bench;
 pub mod picture_bench;
 mod progress;
+pub mod ray_bench;
 pub mod ray_files;
 pub mod scene;
 pub mod system;

@@ -138,6 +138,21 @@ fn bench_format_writes_its_record() {
 }
 
 #[test]
+fn bench_rays_writes_its_record() {
+    let folder = Folder::new();
+    let small = "bench rays --scene fairy --levels 4 --rays 2000 --size 32x24 --seconds 0 --backends reference,cpu";
+    let text = folder.ok(&small.split(' ').chain(["--machine", "Test Machine"]).collect::<Vec<_>>());
+    for part in ["FAIRY", "shadow rays", "incoherent, many", "Millions of rays per second", "Written to "] {
+        assert!(text.contains(part), "{part} is not in:\n{text}");
+    }
+    let day = std::fs::read_dir(folder.path("results/test-machine")).unwrap().next().unwrap().unwrap();
+    assert!(day.file_name().to_string_lossy().ends_with("-rays"));
+    assert!(day.path().join("report.json").is_file() && day.path().join("tables.md").is_file());
+    folder.fails(&["bench", "rays", "--rays", "0"], 2, "1..=100000000");
+    folder.fails(&["bench", "rays", "--scene", "teapot"], 1, "the scenes are");
+}
+
+#[test]
 fn bench_build_goes_on_where_it_can_and_says_what_is_left_out() {
     let folder = Folder::new();
     let scenes = "sibenik-d,sibenik";

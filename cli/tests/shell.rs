@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 use common::Folder;
 
 /// All commands, by the names of their pages.
-const PAGES: [&str; 18] = [
+const PAGES: [&str; 19] = [
     "esvo",
     "esvo-ambient",
     "esvo-bench",
@@ -15,6 +15,7 @@ const PAGES: [&str; 18] = [
     "esvo-bench-format",
     "esvo-bench-import",
     "esvo-bench-pictures",
+    "esvo-bench-rays",
     "esvo-build",
     "esvo-completions",
     "esvo-convert",

@@ -4,6 +4,7 @@ pub(crate) mod build;
 pub(crate) mod format;
 pub(crate) mod import;
 pub(crate) mod pictures;
+pub(crate) mod rays;
 pub(crate) mod selection;
 pub(crate) mod tables;
 
@@ -14,6 +15,7 @@ use build::BenchBuildArguments;
 use format::BenchFormatArguments;
 use import::BenchImportArguments;
 use pictures::BenchPicturesArguments;
+use rays::BenchRaysArguments;
 use tables::TablesArguments;
 
 /// Measure the paper's two tables on this machine.
@@ -43,6 +45,7 @@ pub(crate) enum BenchCommand {
     Format(BenchFormatArguments),
     Pictures(BenchPicturesArguments),
     Import(BenchImportArguments),
+    Rays(BenchRaysArguments),
 }
 
 pub(crate) fn run_bench(arguments: &BenchArguments) -> Result<(), Failure> {
@@ -52,5 +55,6 @@ pub(crate) fn run_bench(arguments: &BenchArguments) -> Result<(), Failure> {
         Some(BenchCommand::Format(arguments)) => format::run_bench_format(arguments),
         Some(BenchCommand::Pictures(arguments)) => pictures::run_bench_pictures(arguments),
         Some(BenchCommand::Import(arguments)) => import::run_bench_import(arguments),
+        Some(BenchCommand::Rays(arguments)) => rays::run_bench_rays(arguments),
     }
 }

@@ -1,0 +1,111 @@
+//! The rays that are cast.
+
+use esvo_core::reference::ReferenceCaster;
+use esvo_core::testing::sample::Noise;
+use esvo_core::{CastError, Caster, Hit, HitPoint, Object, Ray, View};
+use glam::DVec3;
+
+use super::SetRow;
+
+/// Rays of the short lists.
+const FEW: usize = 1000;
+
+/// A set of rays, and the reference's hits.
+pub(super) struct Set {
+    pub(super) row: SetRow,
+    work: Work,
+    pub(super) expected: Vec<Hit>,
+}
+
+enum Work {
+    Picture(View),
+    List(Vec<Ray>),
+    /// Each ray is a list of its own.
+    OneByOne(Vec<Ray>),
+}
+
+impl Set {
+    fn new(name: &str, work: Work, reference: &mut ReferenceCaster, object: &Object) -> Result<Self, CastError> {
+        let (rays, calls) = match &work {
+            Work::Picture(view) => (view.pixels(), 1),
+            Work::List(rays) => (rays.len(), 1),
+            Work::OneByOne(rays) => (rays.len(), rays.len()),
+        };
+        let row = SetRow { name: name.into(), rays: rays as u64, calls: calls as u64, hits: 0 };
+        let mut set = Self { row, work, expected: Vec::new() };
+        let mut expected = Vec::new();
+        set.cast(reference, object, &mut expected)?;
+        set.row.hits = expected.iter().filter(|hit| !hit.is_miss()).count() as u64;
+        set.expected = expected;
+        Ok(set)
+    }
+
+    /// Casts the rays by an engine that has loaded the octree.
+    pub(super) fn cast(&self, caster: &mut dyn Caster, object: &Object, hits: &mut Vec<Hit>) -> Result<(), CastError> {
+        match &self.work {
+            Work::Picture(view) => caster.cast(view, hits),
+            Work::List(rays) => caster.cast_rays(&object.rays(rays), hits),
+            Work::OneByOne(rays) => {
+                let mut one = Vec::new();
+                hits.clear();
+                rays.chunks(1).try_for_each(|ray| {
+                    caster.cast_rays(&object.rays(ray), &mut one)?;
+                    hits.append(&mut one);
+                    Ok(())
+                })
+            }
+        }
+    }
+}
+
+/// All sets. `bounds` are those of the mesh; the reference has loaded the octree.
+pub(super) fn all(
+    object: &Object,
+    view: &View,
+    bounds: [[f64; 3]; 2],
+    rays: usize,
+    reference: &mut ReferenceCaster,
+) -> Result<Vec<Set>, CastError> {
+    let picture = Set::new("picture", Work::Picture(*view), reference, object)?;
+    let pixels: Vec<Ray> = (0..view.height).flat_map(|y| (0..view.width).map(move |x| view.ray(x, y))).collect();
+    let shadow = shadow_rays(object, &pixels, &picture.expected);
+    let few = incoherent(object, bounds, FEW, 1);
+    let lists = [
+        ("the picture's rays", Work::List(pixels)),
+        ("shadow rays", Work::List(shadow)),
+        ("incoherent, few", Work::List(few.clone())),
+        ("few, one by one", Work::OneByOne(few)),
+        ("incoherent, many", Work::List(incoherent(object, bounds, rays, 2))),
+    ];
+    let mut sets = vec![picture];
+    for (name, work) in lists {
+        sets.push(Set::new(name, work, reference, object)?);
+    }
+    Ok(sets)
+}
+
+/// Rays from anywhere in the bounds of the mesh in any direction, without end: neighbours have nothing in common.
+fn incoherent(object: &Object, [low, high]: [[f64; 3]; 2], count: usize, seed: u64) -> Vec<Ray> {
+    let mut noise = Noise(seed);
+    let mut vector = || DVec3::from(std::array::from_fn(|_| noise.number()));
+    let (low, high) = (DVec3::from(low), DVec3::from(high));
+    let ray = |_| {
+        let origin = low + (high - low) * vector();
+        // Equally dense in all directions.
+        let direction = std::iter::repeat_with(|| vector() * 2.0 - 1.0).find(|v| (1e-3..1.0).contains(&v.length()));
+        object.ray(origin, direction.unwrap_or(DVec3::X), 0.0..f64::INFINITY)
+    };
+    (0..count).map(ray).collect()
+}
+
+/// From each hit to a lamp in the middle of the root cube.
+fn shadow_rays(object: &Object, rays: &[Ray], hits: &[Hit]) -> Vec<Ray> {
+    let lamp = object.octree_to_mesh().transform_point3(DVec3::splat(0.5));
+    let points = rays.iter().zip(hits).filter_map(|(ray, hit)| HitPoint::new(object, ray, hit));
+    points
+        .map(|point| {
+            let way = lamp - point.position();
+            point.next_ray(way, way.length())
+        })
+        .collect()
+}
