@@ -7,7 +7,7 @@ use esvo_format::srgb::decode_f64 as srgb_to_linear;
 use glam::DVec3;
 
 use super::assembly::{Assembly, Part};
-use super::error::ImportError;
+use super::error::{ImportError, one_line};
 use super::file::text_of;
 use super::foreign::ply_points;
 use super::image::{TextureStore, has_holes};
@@ -45,8 +45,16 @@ pub(super) fn load(path: &Path, bytes: &[u8]) -> Result<Mesh, ImportError> {
     let mut row = Row::default();
     for element in &header.elements {
         let mut kind = match element.name.as_str() {
-            "vertex" => Kind::Vertices(Box::new(Vertices::new(element).map_err(fail)?)),
-            "face" | "tristrips" => Kind::Faces(FaceReader::new(element)),
+            "vertex" => {
+                warn_of_incomplete(element, &NORMALS, "normals", &mut assembly);
+                warn_of_incomplete(element, &UVS, "texture coordinates", &mut assembly);
+                warn_of_incomplete(element, &COLORS, "colours", &mut assembly);
+                Kind::Vertices(Box::new(Vertices::new(element).map_err(fail)?))
+            }
+            "face" | "tristrips" => {
+                warn_of_incomplete(element, &COLORS, "colours", &mut assembly);
+                Kind::Faces(FaceReader::new(element))
+            }
             _ => Kind::Ignored,
         };
         for number in 0..element.count {
@@ -108,6 +116,21 @@ const UVS: [[&str; 2]; 4] = [["s", "t"], ["u", "v"], ["texture_u", "texture_v"],
 const COLORS: [[&str; 3]; 3] =
     [["red", "green", "blue"], ["diffuse_red", "diffuse_green", "diffuse_blue"], ["r", "g", "b"]];
 
+/// Warns if an element has only some of the properties that make up an attribute. Names of one letter can mean anything, and
+/// do not count.
+fn warn_of_incomplete<const N: usize>(element: &Element, sets: &[[&str; N]], what: &str, assembly: &mut Assembly) {
+    if element.scalars(sets).is_some() {
+        return;
+    }
+    for set in sets.iter().filter(|set| set[0].len() > 1) {
+        let (there, missing): (Vec<&str>, Vec<&str>) = set.iter().partition(|name| element.scalar(name).is_some());
+        if !there.is_empty() {
+            let (name, there, missing) = (one_line(&element.name), there.join(", "), missing.join(", "));
+            assembly.warn(format!("the element '{name}' has {there} but not {missing}; its {what} are left out"));
+        }
+    }
+}
+
 /// The places of three colour properties, and the value of each that stands for 1.
 #[derive(Clone, Copy)]
 struct ColorPlaces {
@@ -128,9 +151,10 @@ impl ColorPlaces {
         Some(Self { places, units })
     }
 
-    /// A colour encoded as sRGB, 0..=1.
-    fn read(&self, row: &Row) -> [f32; 3] {
-        std::array::from_fn(|k| (row.scalars[self.places[k]] / self.units[k]) as f32)
+    /// A colour encoded as sRGB, 0..=1; `None` if it cannot be read or is not finite.
+    fn read(&self, row: &Row) -> Option<[f32; 3]> {
+        let color: [f32; 3] = std::array::from_fn(|k| (row.scalars[self.places[k]] / self.units[k]) as f32);
+        color.iter().all(|x| x.is_finite()).then_some(color)
     }
 }
 
@@ -149,6 +173,13 @@ fn linear_colors(colors: &mut [[f32; 3]], of: &str, assembly: &mut Assembly) {
     }
 }
 
+/// Stands for a colour that is not there: it becomes white.
+const NO_COLOR: [f32; 3] = [f32::NAN; 3];
+
+/// What colours are that cannot be used, one and many.
+const BAD_COLORS: [&str; 2] =
+    ["colour that cannot be read or is not finite", "colours that cannot be read or are not finite"];
+
 /// The vertices: a part without triangles.
 struct Vertices {
     part: Part,
@@ -156,8 +187,8 @@ struct Vertices {
     normal: Option<[usize; 3]>,
     uv: Option<[usize; 2]>,
     color: Option<ColorPlaces>,
-    /// Normals, and texture coordinates, that cannot be read or are not finite.
-    bad: [Loss; 2],
+    /// Normals, texture coordinates, and colours that cannot be read or are not finite.
+    bad: [Loss; 3],
 }
 
 impl Vertices {
@@ -197,7 +228,11 @@ impl Vertices {
             self.part.uvs.push(if finite { [u, 1.0 - v] } else { [0.0, 1.0] });
         }
         if let Some(places) = &self.color {
-            self.part.colors.push(places.read(row));
+            let color = places.read(row);
+            if color.is_none() {
+                self.bad[2].add(|| format!("vertex {vertex}"));
+            }
+            self.part.colors.push(color.unwrap_or(NO_COLOR));
         }
     }
 
@@ -215,6 +250,7 @@ impl Vertices {
                 ],
                 "0 is used instead",
             ),
+            self.bad[2].warning(BAD_COLORS, "white is used instead"),
         ];
         bad.into_iter().flatten().for_each(|line| assembly.warn(line));
     }
@@ -301,8 +337,12 @@ impl<'a> FaceReader<'a> {
             faces.textures.push(Some(row.scalars[place]));
         }
         if let Some(places) = &self.color {
-            faces.colors.resize(face, [f32::NAN; 3]);
-            faces.colors.push(places.read(row));
+            faces.colors.resize(face, NO_COLOR);
+            let color = places.read(row);
+            if color.is_none() {
+                faces.bad_colors.add(|| format!("face {number}"));
+            }
+            faces.colors.push(color.unwrap_or(NO_COLOR));
         }
     }
 }
@@ -319,6 +359,7 @@ struct Faces {
     /// As `indices`: texture coordinates per corner. May be shorter.
     uvs: Vec<Option<[f32; 2]>>,
     bad_uvs: Loss,
+    bad_colors: Loss,
     /// As `ends`: the number of the texture. May be shorter.
     textures: Vec<Option<f64>>,
     /// As `ends`: colours; at first sRGB-encoded. May be shorter.
@@ -399,7 +440,8 @@ impl Faces {
             "faces without a finite texture coordinate for each corner",
         ];
         let bad_uvs = self.bad_uvs.warning(what, "they get the plain colour");
-        crossing.into_iter().chain(bad_uvs).for_each(|line| assembly.warn(line));
+        let bad_colors = self.bad_colors.warning(BAD_COLORS, "white is used instead");
+        crossing.into_iter().chain(bad_uvs).chain(bad_colors).for_each(|line| assembly.warn(line));
         Ok(triangles)
     }
 

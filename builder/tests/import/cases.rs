@@ -212,6 +212,29 @@ fn ply_faces_have_colours_textures_and_coordinates_of_their_own() {
 }
 
 #[test]
+fn ply_colours_that_are_bad_or_incomplete_are_named() {
+    let files = Files::new();
+    let floats = "property float red\nproperty float green\nproperty float blue\n";
+    let mesh = files.accept("a.ply", ply("", floats, ["1 nan 0", "0 0 1"]));
+    assert_eq!(colors(&voxels(&mesh, 3)), [(BLUE, 9), ([255; 3], 9)]);
+    assert_eq!(mesh.warnings, ["face 0: 1 colour that cannot be read or is not finite; white is used instead"]);
+    let mesh = files.accept("a.ply", ply("", "property float red\nproperty float blue\n", ["1 0", "0 1"]));
+    assert_eq!(mesh.warnings, ["the element 'face' has red, blue but not green; its colours are left out"]);
+    let vertices = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+                    property uchar red\nproperty uchar green\nproperty uchar blue\nproperty float nx\nelement face 1\n\
+                    property list uchar int vertex_indices\nend_header\n";
+    let mesh = files.accept("a.ply", format!("{vertices}0 0 0 255 0 0 1\n1 0 0 x 0 0 1\n0 1 0 255 0 0 1\n3 0 1 2\n"));
+    assert_eq!(
+        mesh.warnings,
+        [
+            "the element 'vertex' has nx but not ny, nz; its normals are left out",
+            "vertex 1: 1 colour that cannot be read or is not finite; white is used instead",
+        ]
+    );
+    assert_eq!(mesh.colors, [[1.0, 0.0, 0.0], [1.0; 3], [1.0, 0.0, 0.0]]);
+}
+
+#[test]
 fn ply_values_that_are_not_finite_are_dropped_where_nothing_needs_them() {
     let files = Files::new();
     let text = |vertex: &str, faces: &str| {
