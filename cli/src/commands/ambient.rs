@@ -19,7 +19,7 @@ use crate::words::count;
 #[command(after_help = "\
 From each leaf voxel, rays are cast into the half space above its surface, more of them near the normal (cosine-weighted).
 The share of rays that hit nothing is stored with the voxel; `esvo render` darkens voxels by it. The octree must have
-normals. Use the cpu engine, which casts many rays at once: GPU engines take long, as this command gives them few at a time.
+normals. GPU engines get about a million rays at a time.
 The octree is checked against every rule first; if it is damaged, nothing is written.
 
 Examples:
