@@ -73,7 +73,7 @@ mod shape;
 mod surface;
 pub mod voxels;
 
-pub use build::{BuildStats, Built, BuiltFile, FileOptions, Progress, build, build_file};
+pub use build::{BuildStats, Built, BuiltFile, FileOptions, Progress, build, build_file, expected_leaves};
 pub use displace::{DisplaceOptions, displace};
 pub use error::BuildError;
 pub use mesh::maps::{HeightMap, LinearMip, LinearTexture, NormalMap, UvTransform, mapped_normal};

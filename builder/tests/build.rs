@@ -464,6 +464,30 @@ fn cut_outs_are_holes() {
 }
 
 #[test]
+fn the_number_of_leaves_is_expected_from_the_mesh() {
+    let mut random = Random(11);
+    for (triangles, extent) in [(1usize, 1.0), (40, 1.0), (300, 0.3)] {
+        let triangles: Vec<_> = (0..triangles)
+            .map(|_| {
+                let at = random.point();
+                [0, 1, 2].map(|_| at + (random.point() - 0.5) * extent)
+            })
+            .collect();
+        let mesh = mesh_of(&triangles);
+        for levels in [5, 8] {
+            let leaves = run(&mesh, every_voxel(levels)).octree.objects()[0].leaf_voxels as f64;
+            let expected = esvo_builder::expected_leaves(&mesh, levels);
+            // Random triangles cross here and there, and their voxels are shared: more so where voxels are large.
+            let least = if levels == 8 { 0.95 } else { 0.45 };
+            assert!(
+                (least..1.05).contains(&(leaves / expected)),
+                "{leaves} leaves, {expected} expected at {levels} levels"
+            );
+        }
+    }
+}
+
+#[test]
 fn bad_settings_and_meshes_are_errors() {
     let message = |mesh: &Mesh, settings: BuildSettings| match build(mesh, &settings, &|_| ()) {
         Ok(_) => panic!("must fail"),

@@ -2,6 +2,9 @@
 
 mod common;
 
+use std::io::{BufRead, BufReader};
+use std::process::Stdio;
+
 use common::{BOX, Folder};
 
 #[test]
@@ -107,6 +110,50 @@ fn pictures_without_memory_are_one_line() {
     assert_eq!(out.status.code(), Some(1), "{error}");
     assert!(error.starts_with("error: --size 16384x16384: needs ") && error.lines().count() == 1, "{error}");
     assert!(!folder.path("x.png").exists());
+}
+
+#[test]
+fn large_builds_say_first_what_they_expect() {
+    let folder = Folder::with_octree();
+    let mut command = folder.command(&["build", "box.obj", "-o", "deep.esvo", "--levels", "23"]);
+    let mut build = command.stderr(Stdio::piped()).spawn().unwrap();
+    let mut line = String::new();
+    BufReader::new(build.stderr.take().unwrap()).read_line(&mut line).unwrap();
+    build.kill().unwrap();
+    build.wait().unwrap();
+    assert!(line.starts_with("note: 23 levels: up to about "), "{line}");
+    assert!(line.contains("e14 voxels and ") && line.contains("--contour-error"), "{line}");
+    let out = folder.run(&["build", "box.obj", "-o", "deep.esvo", "--levels", "9"]);
+    assert!(out.stderr.is_empty(), "{}", String::from_utf8_lossy(&out.stderr));
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn work_without_memory_is_one_line() {
+    let folder = Folder::with_octree();
+    let run = |kilobytes: u32, arguments: &str| {
+        let script = format!("ulimit -v {kilobytes}; exec {} {arguments}", env!("CARGO_BIN_EXE_esvo"));
+        std::process::Command::new("sh").args(["-c", &script]).current_dir(folder.path("")).output().unwrap()
+    };
+    // Finds limits at which the program starts, and the work does not fit.
+    for work in ["build --scene hairball --stand-in -l 8 -o out.esvo", "ambient box.esvo --rays 4 -o out.esvo"] {
+        let mut refused = 0;
+        for kilobytes in [30_000, 60_000, 90_000, 120_000, 150_000] {
+            let out = run(kilobytes, work);
+            let error = String::from_utf8_lossy(&out.stderr).into_owned();
+            if out.status.success() {
+                std::fs::remove_file(folder.path("out.esvo")).unwrap();
+                continue;
+            }
+            // Smaller limits may also refuse a thread.
+            assert_eq!(out.status.code(), Some(1), "{work}, {kilobytes}: {error}");
+            assert!(error.starts_with("error: ") && error.lines().count() == 1, "{work}, {kilobytes}: {error}");
+            refused += u32::from(error.contains("the system refuses"));
+            assert_eq!(folder.files(), ["box.esvo", "box.obj"]);
+        }
+        println!("{work}: refused {refused} times");
+        assert!(refused > 0 || !work.starts_with("build"), "{work}: no limit was too small");
+    }
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! A build from start to end: in memory, or directly into a file.
 
+mod expectation;
 mod journal;
 mod progress;
 mod recursion;
@@ -11,6 +12,7 @@ use esvo_format::file::ObjectEntry;
 use esvo_format::{BlockStore, Octree, WriteOptions};
 use serde::Serialize;
 
+pub use self::expectation::expected_leaves;
 use self::journal::Journal;
 pub use self::progress::Progress;
 use self::recursion::Recursion;

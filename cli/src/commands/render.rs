@@ -76,11 +76,10 @@ pub(crate) fn run_render(arguments: &RenderArguments) -> Result<(), Failure> {
     progress.say("rendering");
     let mut caster = arguments.backend.open(&OpenOptions::default())?;
     caster.load(&octree).map_err(|e| name_file(&arguments.file, e))?;
-    let mut hits = Vec::new();
-    // Hits, the picture and its encoded form: refused memory must be an error.
+    // Hits, the picture and its encoded form.
     let bytes = view.pixels().saturating_mul(size_of::<Hit>() + 3 * 2);
     check_memory(bytes, &format!("--size {}x{}", view.width, view.height))?;
-    hits.try_reserve_exact(view.pixels()).map_err(|e| format!("--size {}x{}: {e}", view.width, view.height))?;
+    let mut hits = Vec::with_capacity(view.pixels());
     caster.cast(&view, &mut hits)?;
     let picture = match arguments.view_mode {
         ViewMode::Shaded => shading::shade(&octree, &view, &hits),

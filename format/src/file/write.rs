@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::fs::File;
 use std::io::{BufWriter, Error, ErrorKind, Write};
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, PoisonError, TryLockError};
 
 use rayon::prelude::*;
 
@@ -255,9 +255,22 @@ impl Drop for Listed {
     }
 }
 
-/// Removes the unfinished temporary files of [`write_atomically`]. For a program that was asked to stop and will exit.
+/// Removes the unfinished temporary files of [`write_atomically`]. For a program that was asked to stop and will exit. It may
+/// be called from a failed allocation: it needs no memory, and does not wait for a thread that is adding a file.
 pub fn remove_temporaries() {
-    for path in TEMPORARIES.lock().unwrap_or_else(PoisonError::into_inner).drain(..) {
+    let mut paths = match TEMPORARIES.try_lock() {
+        Ok(paths) => paths,
+        Err(TryLockError::Poisoned(paths)) => paths.into_inner(),
+        Err(TryLockError::WouldBlock) => {
+            // Another thread holds the list for a moment; if it is this thread, the list never comes.
+            std::thread::sleep(std::time::Duration::from_millis(100));
+            match TEMPORARIES.try_lock() {
+                Ok(paths) => paths,
+                Err(_) => return,
+            }
+        }
+    };
+    for path in paths.drain(..) {
         // The program is about to exit: a failure cannot be handled.
         let _ = std::fs::remove_file(path);
     }

@@ -226,6 +226,7 @@ pub(crate) fn run_build(arguments: &BuildArguments) -> Result<(), Failure> {
         }
     };
     let import = start.elapsed().as_secs_f64();
+    warn_of_size(&mesh, &settings);
     let import_peak_bytes = peak_bytes();
     let start = Instant::now();
     let what = format!("building {}", count(settings.levels, "level"));
@@ -287,6 +288,26 @@ pub(crate) fn run_build(arguments: &BuildArguments) -> Result<(), Failure> {
         size(stats.image_bytes),
         stats.image_bytes as f64 / stats.voxels.max(1) as f64,
     ))
+}
+
+/// Leaves from which a build says first how large it may become: some 5 GB, and minutes to hours.
+const MANY_LEAVES: f64 = 1e9;
+
+/// Says how large a large build may become.
+fn warn_of_size(mesh: &Mesh, settings: &BuildSettings) {
+    let leaves = esvo_builder::expected_leaves(mesh, settings.levels);
+    if leaves > MANY_LEAVES {
+        // Each level has a quarter of the voxels of the next one. A voxel takes 4 to 8 bytes.
+        let voxels = leaves * 4.0 / 3.0;
+        let ends = if settings.contours {
+            "; parts that contours, colours and normals describe well enough end earlier, see --contour-error"
+        } else {
+            ""
+        };
+        let levels = count(settings.levels, "level");
+        let gigabytes = voxels * 5.0 / 1e9;
+        complain("note", &format!("{levels}: up to about {voxels:.1e} voxels and {gigabytes:.0} GB{ends}"));
+    }
 }
 
 /// Where the mesh of a scene comes from. Warns if it is another mesh than the one that the manifest lists.
