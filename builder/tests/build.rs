@@ -506,6 +506,35 @@ fn bad_settings_and_meshes_are_errors() {
     assert!(text.contains("vertex 2") && text.contains("finite"), "{text}");
     let text = message(&Mesh::default(), BuildSettings::default());
     assert!(text.contains("no triangles"), "{text}");
+    // The cube of the extent is the determinant of the octree's transform, which must be a normal number.
+    let mut leaves = Vec::new();
+    for (size, good) in [
+        (1.0, true),
+        (1e100, true),
+        (1.1e100, false),
+        (1e300, false),
+        (1.7e308, false),
+        (1e-100, true),
+        (1e-320, false),
+    ] {
+        let mesh = mesh_of(&[[DVec3::ZERO, DVec3::X * size, DVec3::new(0.0, size, size)]]);
+        match build(&mesh, &BuildSettings { levels: 4, ..BuildSettings::default() }, &|_| ()) {
+            Ok(built) => {
+                assert!(good, "{size:e}");
+                leaves.push(built.octree.objects()[0].leaf_voxels);
+            }
+            Err(error) => assert!(!good && error.to_string().contains("between 1e-100 and 1e100"), "{size:e}: {error}"),
+        }
+    }
+    assert!(leaves[0] > 0 && leaves == [leaves[0]; 3], "{leaves:?}");
+    let mesh = mesh_of(&[[DVec3::splat(1e300), DVec3::splat(1e300), DVec3::splat(-1e300)]]);
+    assert!(message(&mesh, BuildSettings::default()).contains("it must be between 1e-100 and 1e100"));
+    let far = DVec3::splat(1e15);
+    let text = message(&mesh_of(&[[far, far + DVec3::X, far + DVec3::Y]]), BuildSettings::default());
+    assert!(
+        text.contains("largest extent is 1e0, with coordinates up to 1") && text.contains("closer to the origin"),
+        "{text}"
+    );
     let line = mesh_of(&[[DVec3::ZERO, DVec3::X, DVec3::X * 2.0]]);
     assert!(matches!(build(&line, &BuildSettings::default(), &|_| ()), Err(BuildError::Mesh(_))));
 }

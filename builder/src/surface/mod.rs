@@ -89,10 +89,17 @@ const FLAT: f64 = 1.0 / (1u64 << 32) as f64;
 fn place(mesh: &Mesh, levels: u32) -> Result<DMat4, BuildError> {
     let (lo, hi) = bounds(mesh);
     let extent = (hi - lo).max_element();
-    if !(extent > 0.0 && extent.is_finite()) || (lo.abs().max(hi.abs()).max_element() / extent) > 1e12 {
+    let farthest = lo.abs().max(hi.abs()).max_element();
+    // The third power of the extent is the determinant of the transform, which the format requires to be a normal number.
+    if !(1e-100..=1e100).contains(&extent) {
         return Err(BuildError::Mesh(format!(
-            "its largest extent is {extent:e} around {}; it must be finite, above 0 and at least 1e-12 of its coordinates",
-            (lo + hi) * 0.5
+            "its largest extent is {extent:e}; it must be between 1e-100 and 1e100, choose another unit"
+        )));
+    }
+    if farthest / extent > 1e12 {
+        return Err(BuildError::Mesh(format!(
+            "its largest extent is {extent:e}, with coordinates up to {farthest:e}; it must be at least 1e-12 of its coordinates, move \
+             it closer to the origin"
         )));
     }
     // Far from the origin these are rounded. The cube must still contain all vertices.
