@@ -131,3 +131,22 @@ fn numpy_reads_them_in_one_line() {
     let out = Command::new("python3").args(["-c", &program]).current_dir(folder.path("")).output().unwrap();
     assert!(out.status.success(), "{program}\n{}", String::from_utf8_lossy(&out.stderr));
 }
+
+#[test]
+fn engines_give_the_same_hits() {
+    let folder = Folder::with_octree();
+    rays(&folder, "rays.bin");
+    folder.ok(&["hits", "box.esvo", "--rays", "rays.bin", "-o", "reference.bin"]);
+    for engine in ["cpu", "wgpu", "ash"] {
+        let out =
+            folder.run(&["hits", "box.esvo", "--rays", "rays.bin", "--backend", engine, "--compare", "reference.bin"]);
+        let (text, error) = (String::from_utf8_lossy(&out.stdout), String::from_utf8_lossy(&out.stderr));
+        if engine != "cpu" && error.contains("Vulkan") && std::env::var_os("ESVO_REQUIRE_GPU").is_none() {
+            println!("skipped: {engine}: {error}");
+            continue;
+        }
+        assert!(out.status.success(), "{engine}: {error}");
+        assert!(text.contains(&format!("cast by {engine} on ")), "{text}");
+        assert!(text.contains(" 0 only here, 0 only there; 0 of both at another t"), "{text}");
+    }
+}

@@ -7,20 +7,12 @@ use esvo_cpu::CpuCaster;
 
 use crate::options::OpenOptions;
 
-/// No ray may end elsewhere and `t` must agree in every bit. The CPU caster computes in the same order as the reference,
-/// with the same roundings.
-const EXACT: Allowed = Allowed { share: 0.0, t: 0.0 };
-/// One ray in 100,000 may end at another voxel, and `t` may differ by 1/8192 of the far plane's distance (2^11 units in
-/// the last place of `t` = 1) where the voxel is the same. A GPU may fuse or reorder operations within the rules of its
-/// shading language, so that a ray through an edge can fall to the other side.
-const GPU: Allowed = Allowed { share: 1e-5, t: 1.0 / 8192.0 };
-
 engines! {
     // Id, name, description, what may differ from the reference, cargo feature, opener.
-    Reference, "reference", "The definition of a correct hit: one thread", EXACT, always, |_| Ok(ReferenceCaster::default());
-    Cpu, "cpu", "All cores", EXACT, always, cpu;
-    Wgpu, "wgpu", "The GPU through wgpu", GPU, "wgpu", |options| esvo_wgpu::WgpuCaster::new(&options.gpu);
-    Ash, "ash", "The GPU through Vulkan", GPU, "ash", |options| esvo_ash::AshCaster::new(&options.gpu);
+    Reference, "reference", "The definition of a correct hit: one thread", Allowed::EXACT, always, |_| Ok(ReferenceCaster::default());
+    Cpu, "cpu", "All cores", Allowed::EXACT, always, cpu;
+    Wgpu, "wgpu", "The GPU through wgpu", Allowed::GPU, "wgpu", |options| esvo_wgpu::WgpuCaster::new(&options.gpu);
+    Ash, "ash", "The GPU through Vulkan", Allowed::GPU, "ash", |options| esvo_ash::AshCaster::new(&options.gpu);
 }
 
 fn cpu(options: &OpenOptions) -> Result<CpuCaster, CastError> {

@@ -3,8 +3,7 @@
 use std::io::Write;
 use std::path::Path;
 
-use esvo_core::reference::cast_ray;
-use esvo_core::{Hit, Ray};
+use esvo_core::{Caster, Hit, Ray, Rays};
 use esvo_format::Octree;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -157,13 +156,14 @@ impl HitFile {
     }
 }
 
-/// Casts the rays of a file by the reference caster, in their order, and passes the hits to `sink`, some at a time.
+/// Casts the rays of a file, in their order, and passes the hits to `sink`, some at a time. `caster` has loaded `octree`.
 ///
 /// # Errors
-/// What the file says; an object that the octree does not have; an error of `sink`.
+/// What the file says; an object that the octree does not have; the caster's; an error of `sink`.
 pub fn cast_file(
     rays: &mut RayFile,
     octree: &Octree,
+    caster: &mut dyn Caster,
     sink: &mut dyn FnMut(&[HitRecord]) -> std::io::Result<()>,
 ) -> std::io::Result<()> {
     let other = std::io::Error::other::<String>;
@@ -178,8 +178,7 @@ pub fn cast_file(
         if batch.is_empty() {
             return Ok(());
         }
-        hits.clear();
-        hits.extend(batch.iter().map(|ray| cast_ray(octree, root, ray, contours)));
+        caster.cast_rays(&Rays { root, contours, rays: &batch }, &mut hits).map_err(std::io::Error::other)?;
         records.clear();
         records.extend(batch.iter().zip(&hits).map(|(ray, hit)| HitRecord::new(ray, hit, octree, object)));
         sink(&records)?;

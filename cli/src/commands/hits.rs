@@ -1,17 +1,20 @@
 //! `esvo hits`.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use clap::Args;
 use esvo_bench::Progress;
 use esvo_bench::ray_files::{Comparison, HitFile, HitRecord, HitWriter, RayFile, cast_file, compare};
+use esvo_engines::{EngineId, OpenOptions};
 use esvo_format::write_atomically;
 
 use crate::fail::{Failure, print};
 use crate::files::{check_not_input, check_output, name_file, open};
+use crate::values::engine;
 use crate::words::count;
 
-/// Cast the rays of a file by the reference caster, and write or compare the hits.
+/// Cast the rays of a file, and write or compare the hits.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Rays come from esvo rays or from another program. The extension tells the form: .bin or .json. A .bin has a header of 192 bytes
@@ -25,6 +28,7 @@ or at another t. A caster without voxels writes 0 for size, slot, child and scal
 
 Examples:
   esvo hits sibenik.esvo --rays rays.bin -o hits.bin
+  esvo hits sibenik.esvo --rays rays.bin --backend wgpu -o hits.bin
   esvo hits sibenik.esvo --rays rays.bin --compare other.bin --tolerance 1e-6")]
 pub(crate) struct HitsArguments {
     /// The octree
@@ -32,6 +36,9 @@ pub(crate) struct HitsArguments {
     /// The rays: .bin or .json
     #[arg(long, value_name = "FILE")]
     pub(crate) rays: PathBuf,
+    /// The engine that casts the rays
+    #[arg(short, long, value_parser = engine(), default_value_t = EngineId::Reference)]
+    pub(crate) backend: EngineId,
     /// Write the hits to this file: .bin or .json
     #[arg(short, long, value_name = "FILE", required_unless_present = "compare")]
     pub(crate) output: Option<PathBuf>,
@@ -53,7 +60,9 @@ pub(crate) fn run_hits(arguments: &HitsArguments) -> Result<(), Failure> {
             check_not_input(output, input)?;
         }
     }
-    let octree = open(&arguments.file, true)?;
+    let octree = Arc::new(open(&arguments.file, true)?);
+    let mut caster = arguments.backend.open(&OpenOptions::default())?;
+    caster.load(&octree).map_err(|e| name_file(&arguments.file, e))?;
     let mut rays = RayFile::open(&arguments.rays)?;
     let mut other = arguments.compare.as_deref().map(HitFile::open).transpose()?;
     if let (Some(file), Some(hits)) = (&arguments.compare, &other)
@@ -78,17 +87,18 @@ pub(crate) fn run_hits(arguments: &HitsArguments) -> Result<(), Failure> {
     match &arguments.output {
         Some(output) => write_atomically(output, |out| {
             let mut writer = HitWriter::new(out, output, &header, number)?;
-            cast_file(&mut rays, &octree, &mut |hits| {
+            cast_file(&mut rays, &octree, &mut *caster, &mut |hits| {
                 look(hits)?;
                 writer.put(hits)
             })?;
             writer.end()
         })
         .map_err(|e| name_file(output, e))?,
-        None => cast_file(&mut rays, &octree, &mut look)?,
+        None => cast_file(&mut rays, &octree, &mut *caster, &mut look)?,
     }
     progress.finish();
-    let mut text = format!("{}: {hit} hit, cast by the reference caster\n", count(number, "ray"));
+    let mut text =
+        format!("{}: {hit} hit, cast by {} on {}\n", count(number, "ray"), arguments.backend, caster.device().name);
     let Some(file) = &arguments.compare else { return print(&text) };
     let Comparison { both, only_first, only_second, other_voxel, other_t, largest_t, .. } = sum;
     let name = file.display();

@@ -7,9 +7,9 @@ use esvo_format::{FormatError, Octree, OpenOptions, ids};
 use glam::{Mat3, Vec3};
 
 use super::broken::{Broken, WAYS};
-use super::{Fault, Subject, Tolerance, demand};
+use super::{Fault, Subject, demand};
 use crate::reference::ReferenceCaster;
-use crate::testing::compare::Comparison;
+use crate::testing::compare::{Allowed, Comparison};
 use crate::testing::sample::{
     Sample, against_reference, bad_views, cameras, strange_against_reference, two_objects, unsound,
 };
@@ -27,7 +27,9 @@ fn agrees_on(subject: &Subject, octree: &Arc<Octree>, size: (u32, u32)) -> Resul
 
 pub(super) fn demand_agreement(caster: &dyn Caster, comparison: &Comparison) -> Result<(), Fault> {
     let device = caster.device();
-    demand(Tolerance::of(device).admits(comparison), || format!("{} ({}): {comparison:?}", device.name, device.detail))
+    demand(Allowed::on(device.kind).admits(comparison), || {
+        format!("{} ({}): {comparison:?}", device.name, device.detail)
+    })
 }
 
 /// The view of an object by the first of the [`cameras`].
@@ -127,7 +129,7 @@ pub fn fans_agree(subject: &Subject) -> Result<(), Fault> {
             reference.cast_fans(&fans, &mut theirs)?;
             let comparison = Comparison::of(&ours, &theirs);
             let agrees = comparison.rays == fans.len() as u64
-                && (fans.is_empty() || Tolerance::of(caster.device()).admits(&comparison));
+                && (fans.is_empty() || Allowed::on(caster.device().kind).admits(&comparison));
             demand(agrees, || format!("{rays} rays a fan, contours {contours}: {comparison:?}"))?;
             let found = theirs.iter().filter(|hit| !hit.is_miss()).count();
             demand(rays < 15 || (found > rays && found < theirs.len() - rays), || format!("{found} hits"))?;
@@ -359,15 +361,22 @@ pub fn times_are_plausible(subject: &Subject) -> Result<(), Fault> {
 /// # Errors
 /// A mistake that is not noticed; what the caster said.
 pub fn broken_casters_are_caught(subject: &Subject) -> Result<(), Fault> {
+    broken_casters_are_caught_by(subject, &against_reference)
+}
+
+/// Compares an engine with the reference on an octree, in pictures of a size.
+pub(super) type Compare = dyn Fn(&mut dyn Caster, &Arc<Octree>, (u32, u32)) -> Result<Comparison, CastError>;
+
+pub(super) fn broken_casters_are_caught_by(subject: &Subject, compare: &Compare) -> Result<(), Fault> {
     let octree = Sample::scattered(6, true).octree()?;
     for way in &WAYS {
         let mut broken = Broken { caster: subject.open()?, way };
-        let tolerance = Tolerance::of(broken.device());
-        if way.only_exact && tolerance != Tolerance::EXACT {
+        let allowed = Allowed::on(broken.device().kind);
+        if way.only_exact && allowed != Allowed::EXACT {
             continue;
         }
-        let comparison = against_reference(&mut broken, &octree, (64, 48))?;
-        demand(!tolerance.admits(&comparison), || format!("not noticed: {}: {comparison:?}", way.what))?;
+        let comparison = compare(&mut broken, &octree, (64, 48))?;
+        demand(!allowed.admits(&comparison), || format!("not noticed: {}: {comparison:?}", way.what))?;
     }
     Ok(())
 }

@@ -1,9 +1,10 @@
 //! The further checks of engines that run the kernel of [`gpu`](crate::gpu).
 
 use super::checks::{demand_agreement, view_of};
-use super::{Fault, Subject, Tolerance, demand};
+use super::{Fault, Subject, demand};
 use crate::CastError;
 use crate::gpu::kernel::{CAST_WGSL, GpuOptions};
+use crate::testing::compare::Allowed;
 use crate::testing::sample::{Sample, against_reference};
 
 /// Lines of the kernel, and mistakes to put in their place.
@@ -39,7 +40,7 @@ pub fn broken_kernels_are_caught(subject: &Subject) -> Result<(), Fault> {
         let kernel = Some(CAST_WGSL.replace(right, wrong));
         let mut caster = subject.open_with(&GpuOptions { kernel, ..GpuOptions::default() })??;
         let comparison = against_reference(&mut *caster, &octree, (64, 48))?;
-        demand(!Tolerance::GPU.admits(&comparison), || format!("not noticed: {wrong}: {comparison:?}"))?;
+        demand(!Allowed::GPU.admits(&comparison), || format!("not noticed: {wrong}: {comparison:?}"))?;
     }
     Ok(())
 }

@@ -34,8 +34,7 @@ pub use kernel::*;
 pub use rays::*;
 
 use crate::gpu::kernel::GpuOptions;
-use crate::testing::compare::Comparison;
-use crate::{CastError, Caster, Device, DeviceKind};
+use crate::{CastError, Caster};
 
 /// Environment variable that is set where a GPU must be there: a GPU engine that cannot be opened then fails its tests.
 pub const REQUIRE_GPU: &str = "ESVO_REQUIRE_GPU";
@@ -123,33 +122,6 @@ impl Debug for Fault {
 /// [`Fault::Wrong`] with what was found, unless `right`.
 fn demand(right: bool, found: impl FnOnce() -> String) -> Result<(), Fault> {
     if right { Ok(()) } else { Err(Fault::Wrong(found())) }
-}
-
-/// How far an engine's hits may be from the reference's.
-#[derive(Clone, Copy, PartialEq, Debug)]
-pub struct Tolerance {
-    /// Share of the rays that may end elsewhere.
-    pub share: f64,
-    /// Representable numbers between the `t` of both where the voxel is the same.
-    pub ulps: u32,
-}
-
-impl Tolerance {
-    /// Equal in every ray and every bit.
-    pub const EXACT: Self = Self { share: 0.0, ulps: 0 };
-    /// A GPU's compiler may fuse multiplications with additions, and its division need not be exact: 1 ray in 100,000 may
-    /// end elsewhere.
-    pub const GPU: Self = Self { share: 1e-5, ulps: 1 << 12 };
-
-    /// What engines on this device are held to. Processors, and Vulkan drivers that run on them, round as the reference
-    /// does.
-    pub fn of(device: &Device) -> Self {
-        if device.kind == DeviceKind::Gpu { Self::GPU } else { Self::EXACT }
-    }
-
-    fn admits(self, comparison: &Comparison) -> bool {
-        comparison.rays > 0 && comparison.within(self.share, self.ulps)
-    }
 }
 
 /// Runs a check: what a test of the suites does.

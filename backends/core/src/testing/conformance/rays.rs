@@ -6,12 +6,12 @@ use esvo_format::Octree;
 
 use super::broken::{BrokenRays, RAY_WAYS};
 use super::checks::demand_agreement;
-use super::{Fault, Subject, Tolerance, demand};
+use super::{Fault, Subject, demand};
 use crate::gpu::kernel::{CAST_WGSL, GpuOptions};
-use crate::testing::compare::Comparison;
+use crate::testing::compare::{Allowed, Comparison};
 use crate::testing::rays::{against_reference, incoherent, strange};
 use crate::testing::sample::{Sample, two_objects};
-use crate::{Caster, Device, DeviceKind, Hit, Ray, Rays};
+use crate::{CastError, Caster, Device, DeviceKind, Hit, Ray, Rays};
 
 /// Mistakes in what the kernel does with a buffer of rays alone.
 const RAY_MISTAKES: [(&str, &str); 4] = [
@@ -103,15 +103,22 @@ pub fn strange_lists_of_rays_agree(subject: &Subject) -> Result<(), Fault> {
 /// # Errors
 /// A mistake that is not noticed; what the caster said.
 pub fn broken_casters_of_rays_are_caught(subject: &Subject) -> Result<(), Fault> {
+    broken_casters_of_rays_are_caught_by(subject, &against_reference)
+}
+
+/// Compares an engine with the reference on rays.
+pub(super) type CompareRays = dyn Fn(&mut dyn Caster, &Arc<Octree>, &[Ray]) -> Result<Comparison, CastError>;
+
+pub(super) fn broken_casters_of_rays_are_caught_by(subject: &Subject, compare: &CompareRays) -> Result<(), Fault> {
     let octree = Sample::scattered(6, true).octree()?;
     for way in &RAY_WAYS {
         let mut broken = BrokenRays { caster: subject.open()?, way };
-        let tolerance = Tolerance::of(broken.device());
-        if way.only_exact && tolerance != Tolerance::EXACT {
+        let allowed = Allowed::on(broken.device().kind);
+        if way.only_exact && allowed != Allowed::EXACT {
             continue;
         }
-        let comparison = against_reference(&mut broken, &octree, &incoherent(1000, 7))?;
-        demand(!tolerance.admits(&comparison), || format!("not noticed: {}: {comparison:?}", way.what))?;
+        let comparison = compare(&mut broken, &octree, &incoherent(1000, 7))?;
+        demand(!allowed.admits(&comparison), || format!("not noticed: {}: {comparison:?}", way.what))?;
     }
     Ok(())
 }
@@ -140,7 +147,7 @@ pub fn kernels_that_break_rays_are_caught(subject: &Subject) -> Result<(), Fault
         let kernel = Some(CAST_WGSL.replace(right, wrong));
         let mut caster = subject.open_with(&GpuOptions { kernel, ..GpuOptions::default() })??;
         let comparison = against_reference(&mut *caster, &octree, &incoherent(1000, 9))?;
-        demand(!Tolerance::GPU.admits(&comparison), || format!("not noticed: {wrong}: {comparison:?}"))?;
+        demand(!Allowed::GPU.admits(&comparison), || format!("not noticed: {wrong}: {comparison:?}"))?;
     }
     Ok(())
 }

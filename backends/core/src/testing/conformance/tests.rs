@@ -4,9 +4,13 @@ use std::sync::Arc;
 
 use esvo_format::Octree;
 
+use super::checks::broken_casters_are_caught_by;
+use super::rays::broken_casters_of_rays_are_caught_by;
 use super::*;
 use crate::reference::ReferenceCaster;
-use crate::{Checked, Fans, FrameTime, Hit, Rays, Roots, View};
+use crate::testing::compare::Comparison;
+use crate::testing::{rays, sample};
+use crate::{Checked, Device, Fans, FrameTime, Hit, Ray, Rays, Roots, View};
 
 /// The reference with one fault.
 struct Faulty {
@@ -160,7 +164,7 @@ fn every_check_fails_for_some_caster() {
     for ((name, faulty), (_, check)) in FAILING.iter().zip(CHECKS) {
         match (*name, check(faulty)) {
             (_, Err(Fault::Wrong(what))) => println!("{name}: {what}"),
-            // Nothing fails this check but a comparison that is blind, so that it only shows that it opens the engine.
+            // No caster fails these, but comparisons that are blind: see the next test.
             (name, Err(Fault::Cast(CastError::NotLoaded))) if name.starts_with("broken_casters") => {}
             (_, other) => panic!("{name} of a faulty caster: {other:?}"),
         }
@@ -192,11 +196,24 @@ fn only_what_may_be_missing_is_skipped() {
     assert!(tell_what_is_tested(&[("it", MISSING)]).is_err());
 }
 
+/// The checks of broken casters fail if the comparison does not see every difference.
 #[test]
-fn processors_are_held_to_every_bit() {
-    let device = |kind| Device { name: String::new(), kind, detail: String::new() };
-    assert_eq!(Tolerance::of(&device(DeviceKind::Cpu)), Tolerance::EXACT);
-    assert_eq!(Tolerance::of(&device(DeviceKind::SoftwareGpu)), Tolerance::EXACT);
-    assert_eq!(Tolerance::of(&device(DeviceKind::Gpu)), Tolerance::GPU);
-    assert!(!Tolerance::GPU.admits(&Comparison::default()), "no rays are no agreement");
+fn comparisons_that_overlook_something_are_caught() {
+    type Blind = fn(Comparison) -> Comparison;
+    let blind: [(&str, Blind); 3] = [
+        ("no contours", |found| Comparison { rays: found.rays, ..Comparison::default() }),
+        ("in another voxel", |found| Comparison { other_voxel: 0, ..found }),
+        ("last bit", |found| Comparison { max_t_difference: 0.0, ..found }),
+    ];
+    for (what, blind) in blind {
+        let compare = move |caster: &mut dyn Caster, octree: &Arc<Octree>, size| {
+            sample::against_reference(caster, octree, size).map(blind)
+        };
+        let Err(Fault::Wrong(text)) = broken_casters_are_caught_by(&REFERENCE, &compare) else { panic!("{what}") };
+        assert!(text.contains(what), "{what}: {text}");
+        let compare = move |caster: &mut dyn Caster, octree: &Arc<Octree>, rays: &[Ray]| {
+            rays::against_reference(caster, octree, rays).map(blind)
+        };
+        assert!(matches!(broken_casters_of_rays_are_caught_by(&REFERENCE, &compare), Err(Fault::Wrong(_))), "{what}");
+    }
 }
