@@ -226,7 +226,9 @@ pub(crate) fn run_build(arguments: &BuildArguments) -> Result<(), Failure> {
         }
     };
     let import = start.elapsed().as_secs_f64();
-    warn_of_size(&mesh, &settings);
+    if let Input::Mesh(mesh) = &input {
+        warn_of_size(mesh, &settings);
+    }
     let import_peak_bytes = peak_bytes();
     let start = Instant::now();
     let what = format!("building {}", count(settings.levels, "level"));
@@ -294,7 +296,7 @@ pub(crate) fn run_build(arguments: &BuildArguments) -> Result<(), Failure> {
 const MANY_LEAVES: f64 = 1e9;
 
 /// Says how large a large build may become.
-fn warn_of_size(mesh: &Mesh, settings: &BuildSettings) {
+fn warn_of_size(mesh: &esvo_builder::Mesh, settings: &BuildSettings) {
     let leaves = esvo_builder::expected_leaves(mesh, settings.levels);
     if leaves > MANY_LEAVES {
         // Each level has a quarter of the voxels of the next one. A voxel takes 4 to 8 bytes.
