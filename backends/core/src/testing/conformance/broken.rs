@@ -90,13 +90,14 @@ pub(super) struct RayWay {
 }
 
 /// Mistakes that an engine could make.
-pub(super) const RAY_WAYS: [RayWay; 8] = [
+pub(super) const RAY_WAYS: [RayWay; 9] = [
     RayWay { what: "one origin for all", rays: |rays| each(rays, |ray, first| ray.origin = first.origin), ..NO_RAYS },
     RayWay { what: "rays start at 0", rays: |rays| each(rays, |ray, _| ray.t_min = 0.0), ..NO_RAYS },
     RayWay { what: "rays end at 1", rays: |rays| each(rays, |ray, _| ray.t_max = 1.0), ..NO_RAYS },
     RayWay { what: "no size at the origin", rays: |rays| each(rays, |ray, _| ray.size_at_origin = 0.0), ..NO_RAYS },
     RayWay { what: "no size per t", rays: |rays| each(rays, |ray, _| ray.size_per_t = 0.0), ..NO_RAYS },
     RayWay { what: "hits in another order", hits: |hits| hits.rotate_left(1), ..NO_RAYS },
+    RayWay { what: "one hit in another voxel", hits: |hits| last(hits, |hit| hit.voxel ^= 1), ..NO_RAYS },
     RayWay { what: "the last ray is left out", hits: |hits| last(hits, |hit| *hit = Hit::miss(0)), ..NO_RAYS },
     RayWay {
         what: "one hit off by a last bit",
