@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use esvo_core::gpu::kernel::GpuOptions;
 use esvo_core::reference::cast_ray;
-use esvo_core::testing::compare::Comparison;
+use esvo_core::testing::compare::{Allowed, Comparison};
 use esvo_core::testing::rays::incoherent;
 use esvo_core::testing::sample::Sample;
 use esvo_core::{CastError, Caster, DeviceKind, Hit, Ray, Rays};
@@ -32,7 +32,7 @@ fn reference(octree: &Octree, rays: &[Ray]) -> Vec<Hit> {
 
 /// Whether these are the reference's hits of these rays.
 fn right(octree: &Octree, rays: &[Ray], hits: &[Hit]) -> bool {
-    Comparison::of(hits, &reference(octree, rays)).within(0.0, 1 << 11)
+    Allowed { share: 0.0, ..Allowed::GPU }.admits(&Comparison::of(hits, &reference(octree, rays)))
 }
 
 /// Polls until the hits are there.

@@ -64,7 +64,8 @@ impl Comparison {
             } else if !a.is_miss() && !a.same_voxel(b) {
                 all.other_voxel += 1;
             } else {
-                let difference = if a.raw_t == b.raw_t { 0.0 } else { (a.raw_t - b.raw_t).abs() / a.raw_t.abs().max(1.0) };
+                let difference =
+                    if a.raw_t == b.raw_t { 0.0 } else { (a.raw_t - b.raw_t).abs() / a.raw_t.abs().max(1.0) };
                 // A maximum would ignore NaN.
                 all.max_t_difference =
                     all.max_t_difference.max(if difference.is_nan() { f32::MAX } else { difference });
