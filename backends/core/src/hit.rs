@@ -14,7 +14,8 @@ pub struct Hit {
     pub slot: u32,
     /// Child slot in bits 0..3, scale of the voxel in bits 8..13: its edge is `2^(scale - 23)` of the root.
     pub voxel: u32,
-    /// Iterations of the main loop that the ray took.
+    /// Iterations of the main loop that the ray took. An engine whose rays share a loop gives those of the loop until the
+    /// ray ended.
     pub iterations: u32,
 }
 

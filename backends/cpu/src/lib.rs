@@ -25,10 +25,11 @@
 //! | cast at triangles, fast or exactly | [`triangles`] |
 //! | name the processor | [`cpu_name`] |
 //!
-//! In `src/octree/`, `tiles.rs` cuts pictures and fans into packets of sixteen rays, `single.rs` casts the rays of a packet
-//! one after the other, and `packet.rs` casts them in lockstep with AVX-512, through the memory accesses of `gather.rs`. For a
-//! further instruction set, add a file like `packet.rs` and a variant of [`InstructionSet`] in `instructions.rs`, and a line
-//! in `tests/conformance.rs`.
+//! In `src/octree/`, `shared/` casts pictures in packets of rays that share a stack, with one source for all instruction
+//! sets and the proof that their hits are the reference's. `tiles.rs` cuts fans and lists of rays into packets of sixteen
+//! rays, `single.rs` casts the rays of a packet one after the other, and `packet.rs` casts them in lockstep with AVX-512, through
+//! the memory accesses of `gather.rs`. For a further instruction set, add a variant of [`InstructionSet`] in
+//! `instructions.rs`, a line in `shared/mod.rs`, and a line in `tests/conformance.rs`.
 
 pub mod triangles;
 

@@ -8,7 +8,7 @@ use esvo_bench::Progress;
 use esvo_core::camera::viewpoint;
 use esvo_core::picture::write_png;
 use esvo_core::{Hit, shading};
-use esvo_engines::{EngineId, OpenOptions};
+use esvo_engines::{EngineId, InstructionSet, OpenOptions};
 use glam::DVec3;
 
 use crate::fail::{Failure, complain, print};
@@ -74,7 +74,9 @@ pub(crate) fn run_render(arguments: &RenderArguments) -> Result<(), Failure> {
     let (camera, view) = arguments.rays.view(&octree, arguments.beam)?;
     let progress = Progress::terminal();
     progress.say("rendering");
-    let mut caster = arguments.backend.open(&OpenOptions::default())?;
+    // Packets of rays have one number of iterations.
+    let instructions = (arguments.view_mode == ViewMode::Iterations).then_some(InstructionSet::Scalar);
+    let mut caster = arguments.backend.open(&OpenOptions { instructions, ..OpenOptions::default() })?;
     caster.load(&octree).map_err(|e| name_file(&arguments.file, e))?;
     // Hits, the picture and its encoded form.
     let bytes = view.pixels().saturating_mul(size_of::<Hit>() + 3 * 2);

@@ -3,24 +3,34 @@
 use std::fmt;
 
 use super::scene::Scene;
-use super::single;
 use super::tiles::Task;
 #[cfg(target_arch = "x86_64")]
 use super::{gather, packet};
+use super::{shared, single};
 
 /// Instructions that an octree caster is compiled for.
+///
+/// All but `Scalar` cast pictures in packets of sixteen rays that go through the tree together. The
+/// [`iterations`](esvo_core::Hit::iterations) of their hits are those of the packet; all else equals the reference's hits.
+/// Lists of rays and fans are cast one ray at a time, with AVX-512 in lockstep.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 #[non_exhaustive]
 pub enum InstructionSet {
+    /// Packets of sixteen rays in plain arrays, on every processor.
+    Arrays,
     /// One ray at a time, on every processor; with AVX2 and BMI where the processor has them.
     Scalar,
-    /// Sixteen rays in lockstep.
+    /// Packets of sixteen rays, four to a vector.
+    Neon,
+    /// Packets of sixteen rays, eight to a vector.
+    Avx2,
+    /// Packets of sixteen rays in one vector; lists of rays and fans in lockstep.
     Avx512,
 }
 
 impl InstructionSet {
     /// All of them, the fastest last.
-    pub const ALL: [Self; 2] = [Self::Scalar, Self::Avx512];
+    pub const ALL: [Self; 5] = [Self::Arrays, Self::Scalar, Self::Neon, Self::Avx2, Self::Avx512];
 
     /// Those that this processor has, the fastest last.
     pub fn available() -> impl Iterator<Item = Self> {
@@ -37,16 +47,18 @@ impl InstructionSet {
         match self {
             Self::Scalar => true,
             #[cfg(target_arch = "x86_64")]
-            Self::Avx512 => packet::is_available(),
-            #[cfg(not(target_arch = "x86_64"))]
-            Self::Avx512 => false,
+            Self::Avx512 => packet::is_available() && shared::is_available(self),
+            _ => shared::is_available(self),
         }
     }
 
-    /// Its name: `scalar`, `AVX-512`.
+    /// Its name: `arrays`, `scalar`, `NEON`, `AVX2`, `AVX-512`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Scalar => "scalar",
+            Self::Arrays => "arrays",
+            Self::Neon => "NEON",
+            Self::Avx2 => "AVX2",
             Self::Avx512 => "AVX-512",
         }
     }
@@ -55,6 +67,9 @@ impl InstructionSet {
     pub(super) fn detail(self) -> &'static str {
         match self {
             Self::Scalar => single::detail(),
+            Self::Arrays => "arrays of 16",
+            Self::Neon => "NEON, 4 lanes",
+            Self::Avx2 => "AVX2, 8 lanes",
             Self::Avx512 => "AVX-512, 16 lanes",
         }
     }
@@ -70,7 +85,8 @@ impl InstructionSet {
 
     /// Does a task.
     pub(super) fn run(self, scene: &Scene, task: Task) {
-        // Packets can cast every scene that `CpuCaster` pairs with AVX-512.
+        let Some(task) = shared::run(self, scene, task) else { return };
+        // Lockstep can cast every scene that `CpuCaster` pairs with AVX-512.
         #[cfg(target_arch = "x86_64")]
         if let (Self::Avx512, Some(packets)) = (self, packet::Packets::new(scene)) {
             return packets.run(task);

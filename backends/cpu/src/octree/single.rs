@@ -72,6 +72,13 @@ fn away_from_zero(x: f32) -> f32 {
     if x.abs() < EPSILON { EPSILON.copysign(x) } else { x }
 }
 
+/// Casts a ray that a packet cannot cast.
+#[cold]
+#[inline(never)]
+pub(super) fn cast_one<const CONTOURS: bool, const LOD: bool>(scene: &Scene, ray: &Ray) -> Hit {
+    cast::<CONTOURS, LOD>(scene, ray)
+}
+
 #[inline(always)]
 fn cast<const CONTOURS: bool, const LOD: bool>(scene: &Scene, ray: &Ray) -> Hit {
     let (slots, words) = (scene.slots(), scene.words());

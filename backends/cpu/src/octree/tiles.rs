@@ -7,7 +7,7 @@ pub(super) const LANES: usize = 16;
 
 /// Edge of the block of pixels that a packet takes. It is the block of the coarse pass too, so that one start value serves
 /// a whole packet.
-const BLOCK: usize = esvo_core::BEAM_BLOCK as usize;
+pub(super) const BLOCK: usize = esvo_core::BEAM_BLOCK as usize;
 
 /// Rows of pixels of a [`Task::Band`], a multiple of [`BLOCK`].
 pub(super) const BAND_ROWS: usize = 2 * BLOCK;
@@ -75,6 +75,12 @@ impl Found {
         Self { t: [0.0; LANES], slot: [0; LANES], voxel: [0; LANES], iterations: [0; LANES] }
     }
 
+    /// Rays that miss.
+    #[inline(always)]
+    pub(super) fn missed() -> Self {
+        Self { t: [Hit::MISS_T; LANES], slot: [0; LANES], voxel: [Hit::MISS_VOXEL; LANES], iterations: [0; LANES] }
+    }
+
     #[inline(always)]
     pub(super) fn set(&mut self, lane: usize, hit: Hit) {
         (self.t[lane], self.slot[lane]) = (hit.raw_t, hit.slot);
@@ -82,7 +88,7 @@ impl Found {
     }
 
     #[inline(always)]
-    fn get(&self, lane: usize) -> Hit {
+    pub(super) fn get(&self, lane: usize) -> Hit {
         Hit { raw_t: self.t[lane], slot: self.slot[lane], voxel: self.voxel[lane], iterations: self.iterations[lane] }
     }
 }
@@ -256,6 +262,6 @@ fn list<C: CastPacket, const CONTOURS: bool, const LOD: bool>(caster: &C, rays: 
 
 /// The mask of the first `count` lanes.
 #[inline(always)]
-fn first_lanes(count: usize) -> u16 {
+pub(super) fn first_lanes(count: usize) -> u16 {
     ((1u32 << count) - 1) as u16
 }

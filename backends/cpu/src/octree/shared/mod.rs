@@ -1,0 +1,307 @@
+//! Packets of rays that share a stack: sixteen rays of a picture go through the tree together.
+//!
+//! A packet has one stack. Descriptors, masks of children and the order of visits are scalar; planes, spans and contours are
+//! vectors of one float for each ray. A node's children are visited in one order, by a test of each child's cube that tells
+//! which rays meet it. Rays of other octants than the first ray's go in a pass of their own.
+//!
+//! The code is written once, generic over the vectors of `fearless_simd`, and compiled for each [`InstructionSet`] but
+//! [`Scalar`](InstructionSet::Scalar). What is proven and tested for one holds for all: additions, subtractions, products,
+//! quotients, minima and maxima of floats that are not NaN, and compares, are the same in every instruction set but for the
+//! sign of a zero.
+//!
+//! # Why hits are the reference's
+//!
+//! Hits equal those of [`esvo_core::reference`] in every bit. `iterations` is another number: the nodes and voxels that the
+//! packet has met until the ray ended.
+//!
+//! All is in mirrored space, where rays leave cubes by the planes at their lower corners. For an axis `a`, `t_a(x)` is the
+//! float `x * coef[a] - bias[a]`, rounded after each operation. The coefficient is negative and rounding is monotonic, so that
+//! `t_a(x) >= t_a(y)` for `x < y`. A node has for each axis the floats `lower_a`, of the plane at its lower corner, and
+//! `middle_a`, of its middle plane. Its exit `E` is the least `lower_a`. A child is the set `U` of the axes on which it is the
+//! upper half; its exit is the least of `middle_a` for `a` in `U` and `lower_a` for the others.
+//!
+//! **(A)** Planes of one axis that bound voxels of the levels that a packet visits have different `t`: `middle_a < lower_a` in
+//! every node, and each is less than that of a plane further down. [`finest_scale`] says to which level that holds; nodes
+//! below are not entered.
+//!
+//! **1. Leaving a node.** The reference leaves the deepest voxel at its exit `e`, and crosses every plane of it whose `t` is at
+//! most `e`. Let that voxel be the child `U` of a node `N`, and let one of the planes be that of an axis outside `U`, so that
+//! the ray leaves `N`. That plane is `N`'s too. `N`'s other lower planes are not above those of the child, so that their `t` are at
+//! least `e`: `N`'s exit is `e`. The planes of `N` with this `t` are those of the crossed axes outside `U`: for `a`
+//! in `U`, `lower_a > middle_a >= e` by (A). Crossing `middle_a` of such an axis changes a bit of the position that POP rounds
+//! away. So leaving the voxel is the same as leaving `N` by its own planes at its own exit. By induction this holds for all
+//! nodes that are left at once, and `t_min` is the exit of the last of them. The frame that POP reads was written: PUSH leaves it out if
+//! child and node have the same exit, and then, by (A), the child is the lower half on the axis of that exit, so that
+//! leaving it leaves the node.
+//!
+//! **2. The children that a ray visits.** In a node that is entered at `start`, the reference begins with the child `F` of the
+//! axes whose centre, computed in another way than `middle_a`, is above `start`. Then it crosses middle planes in the order of
+//! their `t`, those with the same `t` together, until that `t` is not below `E`. So it visits `F`, and each subset `U` of
+//! `F`, other than `F`, for which every `middle_a` of `F` outside `U` is less than every `middle_a` of `U` and less than `E`. It
+//! enters `U` at the greatest of these `middle_a`, its `t_min` after the last step.
+//!
+//! **3. The test of a packet.** A packet visits the child `U` if `entry < exit`, where `entry` is the greatest of `start` and
+//! the `middle_a` for `a` outside `U`. Let `F` be the set of axes with `middle_a > start`, and let `start < E`; rays for which
+//! that is not so are found when they enter the node, by the compares of `strange` in `traverse`, and cast one by one.
+//!  - Not a subset of `F`: some `middle_a` of `U` is at most `start`, so that `exit <= start <= entry`. Not visited.
+//!  - `F` itself: `middle_a` outside `F` are at most `start`, so that `entry = start`. The exit is above: `middle_a` of `F` are, and
+//!    `lower_a >= E` are. Visited, and entered at `start`.
+//!  - Another subset: `entry` is the greatest `middle_a` of `F` outside `U`, since the others are at most `start`. It is less than the
+//!    exit if it is less than every `middle_a` of `U` and every `lower_a` outside `U`; with (A), that is the condition of
+//!    step 2, since `E` is the least of the latter and of `lower_a > middle_a` in `U`.
+//!
+//! A ray meets its children in the order of descending numbers, since each is a subset of the one before. A packet visits
+//! children in that order, so that a ray's first hit in the packet is its first hit.
+//!
+//! **4. In a voxel**, both do the same operations with the same numbers: `t_min = entry`, the node's `t_max`, the planes of the
+//! child. The reference looks into it if `t_min <= t_max`. At the root, `centre` is `middle`; rays whose span is empty there
+//! stay so, since each later `t_min` is above `start`, and miss.
+//!
+//! **5. No number is NaN**: (A) bounds the origin, [`MAX_COMPONENT`] and [`EPSILON`](esvo_core::reference::EPSILON)
+//! the coefficients, and products of three such numbers are far from overflow. The size test is a compare, which both do.
+
+#[cfg(test)]
+mod tests;
+mod traverse;
+
+use esvo_core::reference::MAX_COMPONENT;
+use esvo_core::{Hit, Ray, View};
+use fearless_simd::prelude::*;
+use fearless_simd::{Fallback, Level};
+
+use self::traverse::{ALL, Floats, Lanes, Packet, Results, Stack, axes, bits, finest_scale, traverse};
+use super::instructions::InstructionSet;
+use super::scene::Scene;
+use super::single;
+use super::tiles::{BLOCK, Found, LANES, Task, first_lanes};
+
+/// Mistakes that tests make to see that they are found.
+mod fault {
+    /// Children that a ray only touches are visited.
+    pub(super) const TIES: u8 = 1;
+    /// Rays that rounding may lead elsewhere are not looked for.
+    pub(super) const NO_CHECK: u8 = 2;
+    /// All rays of a packet go in the octant of the first.
+    pub(super) const WRONG_OCTANT: u8 = 3;
+
+    #[cfg(test)]
+    thread_local! {
+        /// The mistake that this thread makes.
+        pub(super) static FAULT: std::cell::Cell<u8> = const { std::cell::Cell::new(0) };
+    }
+
+    /// Whether this mistake is to be made. Never, but in tests.
+    #[inline(always)]
+    pub(super) fn made(_fault: u8) -> bool {
+        #[cfg(test)]
+        return FAULT.get() == _fault;
+        #[cfg(not(test))]
+        false
+    }
+}
+
+/// Whether the processor has what packets of this instruction set are compiled for. There are no packets of
+/// [`InstructionSet::Scalar`].
+pub(super) fn is_available(set: InstructionSet) -> bool {
+    match set {
+        InstructionSet::Scalar => false,
+        InstructionSet::Arrays => true,
+        #[cfg(target_arch = "aarch64")]
+        InstructionSet::Neon => Level::new().as_neon().is_some(),
+        #[cfg(target_arch = "x86_64")]
+        InstructionSet::Avx2 => Level::new().as_avx2().is_some(),
+        #[cfg(target_arch = "x86_64")]
+        InstructionSet::Avx512 => Level::new().as_avx512().is_some(),
+        _ => false,
+    }
+}
+
+/// Does a task of a picture with these instructions. Gives others back.
+pub(super) fn run<'a>(set: InstructionSet, scene: &Scene, task: Task<'a>) -> Option<Task<'a>> {
+    #[cfg(any(target_arch = "aarch64", target_arch = "x86_64"))]
+    let level = Level::new();
+    match set {
+        InstructionSet::Arrays => return compiled(Fallback::new(), scene, task),
+        #[cfg(target_arch = "aarch64")]
+        InstructionSet::Neon => {
+            if let Some(simd) = level.as_neon() {
+                return compiled(simd, scene, task);
+            }
+        }
+        #[cfg(target_arch = "x86_64")]
+        InstructionSet::Avx2 => {
+            if let Some(simd) = level.as_avx2() {
+                return compiled(simd, scene, task);
+            }
+        }
+        #[cfg(target_arch = "x86_64")]
+        InstructionSet::Avx512 => {
+            if let Some(simd) = level.as_avx512() {
+                return compiled(simd, scene, task);
+            }
+        }
+        _ => {}
+    }
+    Some(task)
+}
+
+#[inline(always)]
+fn compiled<'a, S: Simd>(simd: S, scene: &Scene, task: Task<'a>) -> Option<Task<'a>> {
+    match task {
+        Task::Band { view, coarse, first_row, hits } => {
+            let rows = Band { view, coarse, first_row, hits };
+            simd.vectorize(
+                #[inline(always)]
+                || match (view.contours(), view.max_voxel_pixels > 0.0) {
+                    (true, true) => band::<S, true, true>(simd, scene, rows),
+                    (true, false) => band::<S, true, false>(simd, scene, rows),
+                    (false, true) => band::<S, false, true>(simd, scene, rows),
+                    (false, false) => band::<S, false, false>(simd, scene, rows),
+                },
+            );
+            None
+        }
+        Task::CoarseRow { view, row, starts } => {
+            simd.vectorize(
+                #[inline(always)]
+                || coarse_row(simd, scene, view, row, starts),
+            );
+            None
+        }
+        other => Some(other),
+    }
+}
+
+/// See [`Task::Band`].
+struct Band<'a> {
+    view: &'a View,
+    coarse: &'a [f32],
+    first_row: u32,
+    hits: &'a mut [Hit],
+}
+
+/// Directions through points of a picture: [`View::direction`] lane by lane.
+#[inline(always)]
+fn directions<S: Simd>(simd: S, view: &View, x: [f32; LANES], y: [f32; LANES]) -> [Floats<S>; 3] {
+    let (x, y) = (Floats::simd_from(simd, x), Floats::simd_from(simd, y));
+    axes(
+        #[inline(always)]
+        |axis| y * view.dy[axis] + (x * view.dx[axis] + view.base[axis]),
+    )
+}
+
+#[inline(always)]
+fn band<S: Simd, const CONTOURS: bool, const LOD: bool>(simd: S, scene: &Scene, band: Band) {
+    let Band { view, coarse, first_row, hits } = band;
+    let width = view.width as usize;
+    let height = hits.len() / width;
+    let mut stack = Stack::new(simd);
+    let finest_scale = finest_scale(view.origin);
+    for top in (0..height).step_by(BLOCK) {
+        for left in (0..width).step_by(BLOCK) {
+            let at = |lane: usize| (left + lane % BLOCK, top + lane / BLOCK);
+            let x = std::array::from_fn(|lane| at(lane).0 as f32 + 0.5);
+            let y = std::array::from_fn(|lane| (first_row as usize + at(lane).1) as f32 + 0.5);
+            let mut lanes = ALL;
+            if left + BLOCK > width || top + BLOCK > height {
+                lanes = (0..LANES)
+                    .filter(|lane| at(*lane).0 < width && at(*lane).1 < height)
+                    .fold(0, |all, lane| all | 1 << lane);
+            }
+            let mut ray = view.ray(left as u32, first_row + top as u32);
+            if view.beam() {
+                ray.t_min = view.beam_start(coarse, left as u32, first_row + top as u32);
+            }
+            let directions = directions(simd, view, x, y);
+            let found = cast::<S, CONTOURS, LOD>(simd, scene, &ray, directions, finest_scale, lanes, &mut stack);
+            for row in 0..BLOCK.min(height - top) {
+                let columns = BLOCK.min(width - left);
+                let first = (top + row) * width + left;
+                for (column, hit) in hits[first..first + columns].iter_mut().enumerate() {
+                    *hit = found.get(row * BLOCK + column);
+                }
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn coarse_row<S: Simd>(simd: S, scene: &Scene, view: &View, row: u32, starts: &mut [f32]) {
+    let mut stack = Stack::new(simd);
+    let finest_scale = finest_scale(view.origin);
+    for (k, starts) in starts.chunks_mut(LANES).enumerate() {
+        let ray = view.coarse_ray((k * LANES) as u32, row);
+        let rays: [Ray; LANES] = std::array::from_fn(|lane| view.coarse_ray((k * LANES + lane) as u32, row));
+        let directions = axes(
+            #[inline(always)]
+            |axis| {
+                let lanes: [f32; LANES] = std::array::from_fn(|lane| rays[lane].direction[axis]);
+                Floats::simd_from(simd, lanes)
+            },
+        );
+        let lanes = Lanes::from(first_lanes(starts.len()));
+        let found = cast::<S, false, true>(simd, scene, &ray, directions, finest_scale, lanes, &mut stack);
+        for (lane, start) in starts.iter_mut().enumerate() {
+            let hit = found.get(lane);
+            *start = if hit.is_miss() { 1.0 } else { view.coarse_start(hit.raw_t, hit.size()) };
+        }
+    }
+}
+
+/// Casts rays that differ from `ray` in their directions.
+#[inline(always)]
+fn cast<S: Simd, const CONTOURS: bool, const LOD: bool>(
+    simd: S,
+    scene: &Scene,
+    ray: &Ray,
+    directions: [Floats<S>; 3],
+    finest_scale: Option<u32>,
+    lanes: Lanes,
+    stack: &mut Stack<S>,
+) -> Found {
+    // False for infinity and NaN.
+    let limit = Floats::splat(simd, MAX_COMPONENT);
+    let cast = axes(
+        #[inline(always)]
+        |axis| directions[axis].abs().simd_le(limit),
+    );
+    let lanes = lanes & bits(cast[0] & cast[1] & cast[2]);
+    let mut results = Results::new(simd, lanes);
+    if let Some(finest_scale) = finest_scale {
+        let mut packet = Packet::new(simd, ray.origin.into(), directions, finest_scale);
+        (packet.t_min, packet.t_max, packet.size_per_t) = (ray.t_min, ray.t_max, ray.size_per_t);
+        let mut todo = lanes;
+        while todo != 0 {
+            let first = todo.trailing_zeros();
+            let (mut mirror, mut same) = (0, todo);
+            for (axis, mirrored) in packet.mirrored.iter().enumerate() {
+                let bit = mirrored >> first & 1;
+                mirror |= (bit as usize) << axis;
+                if fault::made(fault::WRONG_OCTANT) {
+                    continue;
+                }
+                same &= if bit != 0 { *mirrored } else { !mirrored };
+            }
+            todo &= !same;
+            // A function of its own: pictures and the coarse pass share what is compiled.
+            simd.vectorize(
+                #[inline(always)]
+                || traverse::<S, CONTOURS, LOD>(simd, scene, &packet, mirror, same, stack, &mut results),
+            );
+        }
+    } else {
+        results.again = lanes;
+    }
+    let mut found = results.found;
+    let mut again = results.again;
+    while again != 0 {
+        let lane = again.trailing_zeros() as usize;
+        again &= again - 1;
+        let direction = axes(
+            #[inline(always)]
+            |axis| directions[axis][lane],
+        );
+        found.set(lane, single::cast_one::<CONTOURS, LOD>(scene, &Ray { direction: direction.into(), ..*ray }));
+    }
+    found
+}

@@ -1,0 +1,130 @@
+//! Packets against the reference, and packets with faults that the same comparison finds.
+
+use std::sync::Arc;
+
+use esvo_core::reference::{cast_coarse, cast_fine};
+use esvo_core::testing::sample::{Sample, cameras, strange_views};
+use esvo_core::{CastOptions, Hit, View};
+use esvo_format::Octree;
+
+use super::super::tiles::BAND_ROWS;
+use super::*;
+
+/// Casts a picture.
+fn picture(set: InstructionSet, octree: &Octree, view: &View) -> Vec<Hit> {
+    let scene = Scene::new(octree, view.root);
+    let mut coarse = Vec::new();
+    if view.beam() {
+        let (columns, rows) = view.coarse_size();
+        for row in 0..rows {
+            let mut starts = vec![0.0; columns as usize];
+            let task = Task::CoarseRow { view, row, starts: &mut starts };
+            assert!(run(set, &scene, task).is_none(), "{set}");
+            coarse.extend(starts);
+        }
+    }
+    let mut hits = vec![Hit::miss(0); view.pixels()];
+    for (band, hits) in hits.chunks_mut(view.width as usize * BAND_ROWS).enumerate() {
+        let task = Task::Band { view, coarse: &coarse, first_row: (band * BAND_ROWS) as u32, hits };
+        assert!(run(set, &scene, task).is_none(), "{set}");
+    }
+    hits
+}
+
+/// All views of a sample: cameras and strange views, odd sizes, contours, beam, termination.
+fn views(octree: &Octree) -> Vec<View> {
+    let mut views = Vec::new();
+    for max_voxel_pixels in [0.0, 0.5, 1.0, 4.0] {
+        for (contours, beam) in [(true, false), (false, false), (true, true)] {
+            let options = CastOptions { contours, beam, max_voxel_pixels };
+            let view = |camera: usize, size| {
+                let root = octree.objects()[0].root_slot as u32;
+                View::new(&cameras()[camera], octree.octree_to_mesh(0), root, size, &options).expect("is valid")
+            };
+            views.extend((0..cameras().len()).map(|camera| view(camera, (93, 61))));
+            views.extend([(1, 1), (1, 9), (6, 3), (17, 4)].map(|size| view(0, size)));
+            views.extend(strange_views(&view(0, (26, 19))));
+        }
+    }
+    views
+}
+
+/// Rays that packets cast otherwise than the reference, and the views of the first of them.
+fn differences(set: InstructionSet, samples: &[Arc<Octree>]) -> (usize, Option<View>) {
+    let (mut count, mut first) = (0, None);
+    for octree in samples {
+        for view in views(octree) {
+            let coarse = if view.beam() { cast_coarse(octree, &view) } else { Vec::new() };
+            let mut expected = Vec::new();
+            cast_fine(octree, &view, &coarse, &mut expected);
+            let found = picture(set, octree, &view);
+            // Zero has two signs.
+            let same = |(a, b): (&Hit, &Hit)| a.raw_t == b.raw_t && a.same_voxel(b);
+            assert_eq!(found.len(), expected.len());
+            let differ = found.iter().zip(&expected).filter(|pair| !same(*pair)).count();
+            if differ != 0 && first.is_none() {
+                first = Some(view);
+            }
+            count += differ;
+        }
+    }
+    (count, first)
+}
+
+fn samples() -> Vec<Arc<Octree>> {
+    [Sample::plain(7, true), Sample::plain(8, false), Sample::scattered(6, true)]
+        .map(|sample| sample.octree().expect("assembles"))
+        .to_vec()
+}
+
+fn sets() -> impl Iterator<Item = InstructionSet> {
+    InstructionSet::available().filter(|set| is_available(*set))
+}
+
+#[test]
+fn packets_find_what_the_reference_finds() {
+    for set in sets() {
+        assert_eq!(differences(set, &samples()), (0, None), "{set}");
+    }
+}
+
+#[test]
+fn faults_of_packets_are_found() {
+    let set = sets().last().expect("arrays are always there");
+    for (fault, what) in [
+        (fault::TIES, "a tie decided wrongly"),
+        (fault::NO_CHECK, "no check at push"),
+        (fault::WRONG_OCTANT, "a wrong octant"),
+    ] {
+        fault::FAULT.set(fault);
+        let (count, _) = differences(set, &samples());
+        fault::FAULT.set(0);
+        assert_ne!(count, 0, "{what}");
+    }
+}
+
+#[test]
+fn planes_are_apart_where_packets_go() {
+    assert_eq!(finest_scale([f32::NAN, 1.5, 1.5]), None);
+    assert_eq!(finest_scale([1.5, f32::INFINITY, 1.5]), None);
+    assert_eq!(finest_scale([1.5, 1e9, 1.5]), None);
+    assert_eq!(finest_scale([1.5; 3]), Some(6));
+    for origin in [[0.3, 1.2, 1.9], [70.0, -3.0, 1.0], [-3e4, 1.0, 2.0], [1.0, 1.9e6, 1.0]] {
+        let scale = finest_scale(origin).expect("is near enough");
+        let step = 2f32.powi(scale as i32 - 23);
+        for axis in 0..3 {
+            for direction in [1e-7, 0.3, 1.0, 7.7, 1e6f32] {
+                for mirrored in [false, true] {
+                    let coef = 1.0 / -direction;
+                    let bias = coef * origin[axis];
+                    let bias = if mirrored { 3.0 * coef - bias } else { bias };
+                    let steps = (1.0 / step) as u32;
+                    let t = |step_of: u32| (1.0 + step_of as f32 * step) * coef - bias;
+                    for k in (0..steps).step_by((steps as usize / 999).max(1)) {
+                        assert!(t(k + 1) < t(k), "{origin:?}, {axis}, {direction}, {k}");
+                    }
+                }
+            }
+        }
+    }
+}
