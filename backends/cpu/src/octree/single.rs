@@ -75,8 +75,8 @@ fn away_from_zero(x: f32) -> f32 {
 /// Casts a ray that a packet cannot cast.
 #[cold]
 #[inline(never)]
-pub(super) fn cast_one<const CONTOURS: bool, const LOD: bool>(scene: &Scene, ray: &Ray) -> Hit {
-    cast::<CONTOURS, LOD>(scene, ray)
+pub(super) fn cast_one(scene: &Scene, ray: &Ray, contours: bool) -> Hit {
+    if contours { cast::<true, true>(scene, ray) } else { cast::<false, true>(scene, ray) }
 }
 
 #[inline(always)]

@@ -152,12 +152,7 @@ fn compiled<'a, S: Simd>(simd: S, scene: &Scene, task: Task<'a>) -> Option<Task<
             let rows = Band { view, coarse, first_row, hits };
             simd.vectorize(
                 #[inline(always)]
-                || match (view.contours(), view.max_voxel_pixels > 0.0) {
-                    (true, true) => band::<S, true, true>(simd, scene, rows),
-                    (true, false) => band::<S, true, false>(simd, scene, rows),
-                    (false, true) => band::<S, false, true>(simd, scene, rows),
-                    (false, false) => band::<S, false, false>(simd, scene, rows),
-                },
+                || band(simd, scene, rows),
             );
             None
         }
@@ -191,7 +186,7 @@ fn directions<S: Simd>(simd: S, view: &View, x: [f32; LANES], y: [f32; LANES]) -
 }
 
 #[inline(always)]
-fn band<S: Simd, const CONTOURS: bool, const LOD: bool>(simd: S, scene: &Scene, band: Band) {
+fn band<S: Simd>(simd: S, scene: &Scene, band: Band) {
     let Band { view, coarse, first_row, hits } = band;
     let width = view.width as usize;
     let height = hits.len() / width;
@@ -213,7 +208,7 @@ fn band<S: Simd, const CONTOURS: bool, const LOD: bool>(simd: S, scene: &Scene, 
                 ray.t_min = view.beam_start(coarse, left as u32, first_row + top as u32);
             }
             let directions = directions(simd, view, x, y);
-            let found = cast::<S, CONTOURS, LOD>(simd, scene, &ray, directions, finest_scale, lanes, &mut stack);
+            let found = cast(simd, scene, &ray, view.contours(), directions, finest_scale, lanes, &mut stack);
             for row in 0..BLOCK.min(height - top) {
                 let columns = BLOCK.min(width - left);
                 let first = (top + row) * width + left;
@@ -240,7 +235,7 @@ fn coarse_row<S: Simd>(simd: S, scene: &Scene, view: &View, row: u32, starts: &m
             },
         );
         let lanes = Lanes::from(first_lanes(starts.len()));
-        let found = cast::<S, false, true>(simd, scene, &ray, directions, finest_scale, lanes, &mut stack);
+        let found = cast(simd, scene, &ray, false, directions, finest_scale, lanes, &mut stack);
         for (lane, start) in starts.iter_mut().enumerate() {
             let hit = found.get(lane);
             *start = if hit.is_miss() { 1.0 } else { view.coarse_start(hit.raw_t, hit.size()) };
@@ -250,10 +245,12 @@ fn coarse_row<S: Simd>(simd: S, scene: &Scene, view: &View, row: u32, starts: &m
 
 /// Casts rays that differ from `ray` in their directions.
 #[inline(always)]
-fn cast<S: Simd, const CONTOURS: bool, const LOD: bool>(
+#[expect(clippy::too_many_arguments, reason = "what a picture, a packet and a stack have in common is little")]
+fn cast<S: Simd>(
     simd: S,
     scene: &Scene,
     ray: &Ray,
+    contours: bool,
     directions: [Floats<S>; 3],
     finest_scale: Option<u32>,
     lanes: Lanes,
@@ -270,6 +267,7 @@ fn cast<S: Simd, const CONTOURS: bool, const LOD: bool>(
     if let Some(finest_scale) = finest_scale {
         let mut packet = Packet::new(simd, ray.origin.into(), directions, finest_scale);
         (packet.t_min, packet.t_max, packet.size_per_t) = (ray.t_min, ray.t_max, ray.size_per_t);
+        packet.contours = if contours { 0xff } else { 0 };
         let mut todo = lanes;
         while todo != 0 {
             let first = todo.trailing_zeros();
@@ -286,7 +284,7 @@ fn cast<S: Simd, const CONTOURS: bool, const LOD: bool>(
             // A function of its own: pictures and the coarse pass share what is compiled.
             simd.vectorize(
                 #[inline(always)]
-                || traverse::<S, CONTOURS, LOD>(simd, scene, &packet, mirror, same, stack, &mut results),
+                || traverse(simd, scene, &packet, mirror, same, stack, &mut results),
             );
         }
     } else {
@@ -301,7 +299,7 @@ fn cast<S: Simd, const CONTOURS: bool, const LOD: bool>(
             #[inline(always)]
             |axis| directions[axis][lane],
         );
-        found.set(lane, single::cast_one::<CONTOURS, LOD>(scene, &Ray { direction: direction.into(), ..*ray }));
+        found.set(lane, single::cast_one(scene, &Ray { direction: direction.into(), ..*ray }, contours));
     }
     found
 }

@@ -49,6 +49,8 @@ pub(super) struct Packet<S: Simd> {
     pub(super) mirrored: [Lanes; 3],
     pub(super) t_min: f32,
     pub(super) t_max: f32,
+    /// The children whose contours are clipped against: all or none.
+    pub(super) contours: u8,
     /// At `t`, voxels whose edge is at most `t * size_per_t` end a ray.
     pub(super) size_per_t: f32,
     /// See [`finest_scale`].
@@ -66,6 +68,7 @@ impl<S: Simd> Packet<S> {
             mirrored: [0; 3],
             t_min: 0.0,
             t_max: 1.0,
+            contours: 0,
             size_per_t: 0.0,
             finest_scale,
         };
@@ -232,10 +235,12 @@ fn open(slots: &[u64], order: &[u8; 256], slot: u32, descriptor: ChildDescriptor
     (first, u32::from(order[descriptor.valid_mask() as usize]))
 }
 
-/// Casts those rays of a packet that are mirrored as `mirror` says. Contours are clipped against if `CONTOURS`, small voxels
-/// end rays if `LOD`.
+/// Casts those rays of a packet that are mirrored as `mirror` says.
+///
+/// One function for views with and without contours and small voxels: constants for each of the four took four times as long
+/// to compile.
 #[inline(always)]
-pub(super) fn traverse<S: Simd, const CONTOURS: bool, const LOD: bool>(
+pub(super) fn traverse<S: Simd>(
     simd: S,
     scene: &Scene,
     packet: &Packet<S>,
@@ -309,14 +314,12 @@ pub(super) fn traverse<S: Simd, const CONTOURS: bool, const LOD: bool>(
         let child = idx as usize ^ mirror;
         let (slot, descriptor) = (frame.slot, frame.descriptor);
         let voxel = child as u32 | scale << 8;
-        if LOD {
-            let small = live & bits((exit * packet.size_per_t).simd_ge(Floats::splat(simd, size)));
-            if small != 0 {
-                results.hit(small, entry, slot, voxel);
-                live &= !small;
-                if live == 0 {
-                    continue;
-                }
+        let small = live & bits((exit * packet.size_per_t).simd_ge(Floats::splat(simd, size)));
+        if small != 0 {
+            results.hit(small, entry, slot, voxel);
+            live &= !small;
+            if live == 0 {
+                continue;
             }
         }
         let half_size = size * 0.5;
@@ -327,7 +330,7 @@ pub(super) fn traverse<S: Simd, const CONTOURS: bool, const LOD: bool>(
         );
         let mut t_min = entry;
         let mut t_max = frame.t_max.min(exit);
-        if CONTOURS && descriptor.contour_mask() >> child & 1 != 0 {
+        if descriptor.contour_mask() & packet.contours & 1 << child != 0 {
             let at = 2 * slot + descriptor.contour_ptr() + descriptor.contour_rank(child as u8);
             let word = words[at as usize];
             let field = |shift: u32| (word << shift) as i32 as f32;
