@@ -38,11 +38,12 @@ fn main() -> Result<(), Box<dyn Error>> {
     let lamp = DVec3::new(0.0, 2.0, 0.0);
     let to_lamp = |point: &HitPoint| {
         let way = lamp - point.position();
-        point.next_ray(way, way.length())
+        point.shadow_ray(way, way.length())
     };
-    let shadow_rays: Vec<Ray> = points.iter().map(to_lamp).collect();
+    // A point that faces away from the lamp has no such ray, and is dark.
+    let shadow_rays: Vec<Ray> = points.iter().filter_map(to_lamp).collect();
     caster.cast_rays(&object.rays(&shadow_rays), &mut hits)?;
-    let dark = hits.iter().filter(|hit| !hit.is_miss()).count();
+    let dark = points.len() - hits.iter().filter(|hit| hit.is_miss()).count();
     println!("{dark} of {} points are in the shadow of the board, cast by {engine}", points.len());
     Ok(())
 }

@@ -20,6 +20,35 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
+//! The same with your own rays, in the units of the mesh, and a ray from each hit to a lamp:
+//!
+//! ```
+//! use esvo_core::glam::DVec3;
+//! use esvo_core::reference::ReferenceCaster;
+//! use esvo_core::testing::sample::Sample;
+//! use esvo_core::{Caster, HitPoint, Object, Ray};
+//!
+//! let octree = Sample::plain(5, true).octree()?;
+//! let mut caster = ReferenceCaster::default();
+//! caster.load(&octree)?;
+//! let object = Object::of(&octree, 0);
+//! let middle = object.from_cast(DVec3::splat(1.5));
+//! let rays: Vec<Ray> = (0..100).map(|i| object.ray(middle, DVec3::new(1.0, f64::from(i) / 50.0 - 1.0, 0.3), 0.0..f64::INFINITY)).collect();
+//! let mut hits = Vec::new();
+//! caster.cast_rays(&object.rays(&rays), &mut hits)?;
+//!
+//! let lamp = middle;
+//! let points: Vec<HitPoint> = rays.iter().zip(&hits).filter_map(|(ray, hit)| HitPoint::new(&object, ray, hit)).collect();
+//! let to_lamp = |point: &HitPoint| point.shadow_ray(lamp - point.position(), (lamp - point.position()).length());
+//! let shadow_rays: Vec<Ray> = points.iter().filter_map(to_lamp).collect();
+//! let mut blockers = Vec::new();
+//! caster.cast_rays(&object.rays(&shadow_rays), &mut blockers)?;
+//! let dark = points.len() - blockers.iter().filter(|hit| hit.is_miss()).count();
+//! println!("{} of {} rays hit, {dark} points are dark", points.len(), rays.len());
+//! # assert!(!points.is_empty());
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
 //! # What is where
 //!
 //! | to | see |
@@ -27,9 +56,9 @@
 //! | place a camera | [`Camera`]; [`camera::viewpoint`]: one that sees all of an object |
 //! | know the rays of a picture | [`View`], [`Ray`]; in double precision: [`exact`] |
 //! | cast a picture | [`Caster::cast`] |
-//! | cast rays of your own | [`Ray`], [`Rays`], [`Caster::cast_rays`]; many from few points: [`Fans`], [`Caster::cast_fans`] |
+//! | cast your own rays | [`Object::ray`], [`Object::rays`], [`Caster::cast_rays`]; many from few points: [`Fans`], [`Caster::cast_fans`] |
 //! | read a hit | [`Hit`]; its position, normal, colour and voxel in mesh space: [`HitPoint`] |
-//! | go on from a hit | [`HitPoint::next_ray`] |
+//! | go on from a hit | [`HitPoint::next_ray`]; to a light: [`HitPoint::shadow_ray`] |
 //! | make a picture | [`shading`], [`Picture`]; files: [`picture`] with the feature `png` |
 //! | compute ambient occlusion | [`ambient`] |
 //! | know what a correct hit is | [`mod@reference`]: the paper's Figure 8 |

@@ -11,7 +11,7 @@ use crate::ray::{Ray, Rays};
 ///
 /// - **Mesh space** is that of the mesh file. Cameras, positions, normals and distances are in it.
 /// - **Octree space** is that of the file format (spec section 4): the root cube is `[0, 1]³`. [`Octree::octree_to_mesh`]
-///   leads to mesh space.
+///   leads to mesh space. A built octree's root cube is as wide as the mesh's largest extent and has the mesh in its middle.
 /// - **Cast space** is octree space plus 1 on each axis: the root cube is `[1, 2]³`, so that the bits of a coordinate are the
 ///   path of a voxel from the root. Only what kernels read is in it: [`Ray`], [`View`](crate::View), [`Fan`](crate::Fan).
 #[derive(Clone, Copy)]

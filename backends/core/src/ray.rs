@@ -31,7 +31,8 @@ pub struct Ray {
 }
 
 impl Ray {
-    /// A ray from `origin` on without end, which only leaves end.
+    /// A ray from `origin` on without end, which only leaves end. Both are in cast space: from mesh space use
+    /// [`Object::ray`](crate::Object::ray).
     pub fn new(origin: Vec3, direction: Vec3) -> Self {
         Self { origin, direction, t_min: 0.0, t_max: f32::INFINITY, size_at_origin: 0.0, size_per_t: 0.0 }
     }
