@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Compares two builds of esvo in one interleaved run: bytes, counts, hits and speed.
 
-    bench-harness/old-and-new.py OLD NEW [--rounds 3] [--casting-engines cpu] > table.md
+    bench-harness/old-and-new.py OLD NEW [--rounds 3] [--scenes sibenik,hairball] [--casting-engines cpu] > table.md
 
 OLD and NEW are two release builds of the program `esvo`. Every scene is built and cast by both in turn, round by round.
 Bytes, counts and pictures must be equal: exit code 1 if they are not. Times are medians of CPU seconds (building) and
@@ -46,8 +46,10 @@ def main() -> int:
     parser.add_argument("old")
     parser.add_argument("new")
     parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--scenes", default=",".join(name for name, _ in SCENES), help="names of scenes, separated by commas")
     parser.add_argument("--casting-engines", default="cpu", help="names of engines, separated by commas")
     options = parser.parse_args()
+    scenes = [(name, levels) for name, levels in SCENES if name in options.scenes.split(",")]
     programs = {"old": os.path.abspath(options.old), "new": os.path.abspath(options.new)}
     different = []
 
@@ -58,7 +60,7 @@ def main() -> int:
     print("\n| scene, levels | sha256 of the octree, old / new | build CPU s, old | new | new / old |\n|---|---|--:|--:|--:|")
     with tempfile.TemporaryDirectory() as folder:
         files = {}
-        for scene, levels in SCENES:
+        for scene, levels in scenes:
             seconds = {which: [] for which in programs}
             for _ in range(options.rounds):
                 for which, program in programs.items():
@@ -74,7 +76,7 @@ def main() -> int:
             print(f"| {scene} {levels} | {hashes['old']} / {hashes['new']} | {old:.2f} | {new:.2f} | {new / old:.3f} |")
 
         print("\n| picture | engine | old | new | Mrays/s, old | new | new / old |\n|---|---|---|---|--:|--:|--:|")
-        for scene, levels in SCENES:
+        for scene, levels in scenes:
             for engine in options.casting_engines.split(","):
                 for mode in ([], ["--no-contours"], ["--beam"]):
                     pictures = {}
@@ -90,7 +92,7 @@ def main() -> int:
             rates: dict = {which: {} for which in programs}
             for _ in range(options.rounds):
                 for which, program in programs.items():
-                    command = [program, "bench", "--scenes", scene, "--levels", "9", "--backends", options.casting_engines]
+                    command = [program, "bench", "--scenes", scene, "--levels", str(min(levels, 9)), "--backends", options.casting_engines]
                     command += ["--resolutions", "1024x768", "--rounds", "3", "--views", "2", "--json"]
                     report = json.loads(run([*command, "--out", str(Path(folder) / "results")])[0])
                     for row in report["scenes"][0]["times"]:
@@ -98,7 +100,7 @@ def main() -> int:
                         rates[which].setdefault(key, []).append(row["mrays"]["median"])
             for key in rates["old"]:
                 old, new = (statistics.median(rates[which][key]) for which in ("old", "new"))
-                print(f"| {scene} 9, {key[1]} | {key[0]} | | | {old:.2f} | {new:.2f} | {new / old:.3f} |")
+                print(f"| {scene} {min(levels, 9)}, {key[1]} | {key[0]} | | | {old:.2f} | {new:.2f} | {new / old:.3f} |")
     print("\n" + ("Different: " + "; ".join(different) if different else "Bytes, counts and pictures are equal."))
     return 1 if different else 0
 
