@@ -3,10 +3,11 @@
 use std::fmt;
 
 use super::scene::Scene;
+use super::shared::Vectors;
+use super::single;
 use super::tiles::Task;
 #[cfg(target_arch = "x86_64")]
 use super::{gather, packet};
-use super::{shared, single};
 
 /// Instructions that an octree caster is compiled for.
 ///
@@ -45,10 +46,9 @@ impl InstructionSet {
     /// Whether this processor has it.
     pub fn is_available(self) -> bool {
         match self {
-            Self::Scalar => true,
             #[cfg(target_arch = "x86_64")]
-            Self::Avx512 => packet::is_available() && shared::is_available(self),
-            _ => shared::is_available(self),
+            Self::Avx512 => packet::is_available() && Vectors::Avx512.are_available(),
+            _ => self.vectors().is_none_or(Vectors::are_available),
         }
     }
 
@@ -83,9 +83,24 @@ impl InstructionSet {
         }
     }
 
+    /// The vectors of its packets, if it has packets.
+    fn vectors(self) -> Option<Vectors> {
+        match self {
+            Self::Scalar => None,
+            Self::Arrays => Some(Vectors::Arrays),
+            Self::Neon => Some(Vectors::Neon),
+            Self::Avx2 => Some(Vectors::Avx2),
+            Self::Avx512 => Some(Vectors::Avx512),
+        }
+    }
+
     /// Does a task.
     pub(super) fn run(self, scene: &Scene, task: Task) {
-        let Some(task) = shared::run(self, scene, task) else { return };
+        let left = match self.vectors() {
+            Some(vectors) => vectors.run(scene, task),
+            None => Some(task),
+        };
+        let Some(task) = left else { return };
         // Lockstep can cast every scene that `CpuCaster` pairs with AVX-512.
         #[cfg(target_arch = "x86_64")]
         if let (Self::Avx512, Some(packets)) = (self, packet::Packets::new(scene)) {

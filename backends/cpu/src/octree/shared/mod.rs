@@ -4,10 +4,9 @@
 //! vectors of one float for each ray. A node's children are visited in one order, by a test of each child's cube that tells
 //! which rays meet it. Rays of other octants than the first ray's go in a pass of their own.
 //!
-//! The code is written once, generic over the vectors of `fearless_simd`, and compiled for each [`InstructionSet`] but
-//! [`Scalar`](InstructionSet::Scalar). What is proven and tested for one holds for all: additions, subtractions, products,
-//! quotients, minima and maxima of floats that are not NaN, and compares, are the same in every instruction set but for the
-//! sign of a zero.
+//! The code is written once, generic over the vectors of `fearless_simd`, and compiled for each of [`Vectors`]. What is proven
+//! and tested for one holds for all: additions, subtractions, products, quotients, minima and maxima of floats that are not
+//! NaN, and compares, are the same in every instruction set but for the sign of a zero.
 //!
 //! # Why hits are the reference's
 //!
@@ -70,7 +69,6 @@ use fearless_simd::prelude::*;
 use fearless_simd::{Fallback, Level};
 
 use self::traverse::{ALL, Floats, Lanes, Packet, Results, Stack, axes, bits, finest_scale, traverse};
-use super::instructions::InstructionSet;
 use super::scene::Scene;
 use super::single;
 use super::tiles::{BLOCK, Found, LANES, Task, first_lanes};
@@ -100,49 +98,58 @@ mod fault {
     }
 }
 
-/// Whether the processor has what packets of this instruction set are compiled for. There are no packets of
-/// [`InstructionSet::Scalar`].
-pub(super) fn is_available(set: InstructionSet) -> bool {
-    match set {
-        InstructionSet::Scalar => false,
-        InstructionSet::Arrays => true,
-        #[cfg(target_arch = "aarch64")]
-        InstructionSet::Neon => Level::new().as_neon().is_some(),
-        #[cfg(target_arch = "x86_64")]
-        InstructionSet::Avx2 => Level::new().as_avx2().is_some(),
-        #[cfg(target_arch = "x86_64")]
-        InstructionSet::Avx512 => Level::new().as_avx512().is_some(),
-        _ => false,
-    }
+/// Vectors that packets are compiled for.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Vectors {
+    Arrays,
+    Neon,
+    Avx2,
+    Avx512,
 }
 
-/// Does a task of a picture with these instructions. Gives others back.
-pub(super) fn run<'a>(set: InstructionSet, scene: &Scene, task: Task<'a>) -> Option<Task<'a>> {
-    #[cfg(any(target_arch = "aarch64", target_arch = "x86_64"))]
-    let level = Level::new();
-    match set {
-        InstructionSet::Arrays => return compiled(Fallback::new(), scene, task),
-        #[cfg(target_arch = "aarch64")]
-        InstructionSet::Neon => {
-            if let Some(simd) = level.as_neon() {
-                return compiled(simd, scene, task);
-            }
+impl Vectors {
+    /// Whether the processor has them.
+    pub(super) fn are_available(self) -> bool {
+        match self {
+            Self::Arrays => true,
+            #[cfg(target_arch = "aarch64")]
+            Self::Neon => Level::new().as_neon().is_some(),
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 => Level::new().as_avx2().is_some(),
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => Level::new().as_avx512().is_some(),
+            _ => false,
         }
-        #[cfg(target_arch = "x86_64")]
-        InstructionSet::Avx2 => {
-            if let Some(simd) = level.as_avx2() {
-                return compiled(simd, scene, task);
-            }
-        }
-        #[cfg(target_arch = "x86_64")]
-        InstructionSet::Avx512 => {
-            if let Some(simd) = level.as_avx512() {
-                return compiled(simd, scene, task);
-            }
-        }
-        _ => {}
     }
-    Some(task)
+
+    /// Does a task of a picture with them. Gives others back, and all if the processor does not have them.
+    pub(super) fn run<'a>(self, scene: &Scene, task: Task<'a>) -> Option<Task<'a>> {
+        #[cfg(any(target_arch = "aarch64", target_arch = "x86_64"))]
+        let level = Level::new();
+        match self {
+            Self::Arrays => return compiled(Fallback::new(), scene, task),
+            #[cfg(target_arch = "aarch64")]
+            Self::Neon => {
+                if let Some(simd) = level.as_neon() {
+                    return compiled(simd, scene, task);
+                }
+            }
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 => {
+                if let Some(simd) = level.as_avx2() {
+                    return compiled(simd, scene, task);
+                }
+            }
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => {
+                if let Some(simd) = level.as_avx512() {
+                    return compiled(simd, scene, task);
+                }
+            }
+            _ => {}
+        }
+        Some(task)
+    }
 }
 
 #[inline(always)]

@@ -11,7 +11,7 @@ use super::super::tiles::BAND_ROWS;
 use super::*;
 
 /// Casts a picture.
-fn picture(set: InstructionSet, octree: &Octree, view: &View) -> Vec<Hit> {
+fn picture(set: Vectors, octree: &Octree, view: &View) -> Vec<Hit> {
     let scene = Scene::new(octree, view.root);
     let mut coarse = Vec::new();
     if view.beam() {
@@ -19,14 +19,14 @@ fn picture(set: InstructionSet, octree: &Octree, view: &View) -> Vec<Hit> {
         for row in 0..rows {
             let mut starts = vec![0.0; columns as usize];
             let task = Task::CoarseRow { view, row, starts: &mut starts };
-            assert!(run(set, &scene, task).is_none(), "{set}");
+            assert!(set.run(&scene, task).is_none(), "{set:?}");
             coarse.extend(starts);
         }
     }
     let mut hits = vec![Hit::miss(0); view.pixels()];
     for (band, hits) in hits.chunks_mut(view.width as usize * BAND_ROWS).enumerate() {
         let task = Task::Band { view, coarse: &coarse, first_row: (band * BAND_ROWS) as u32, hits };
-        assert!(run(set, &scene, task).is_none(), "{set}");
+        assert!(set.run(&scene, task).is_none(), "{set:?}");
     }
     hits
 }
@@ -50,7 +50,7 @@ fn views(octree: &Octree) -> Vec<View> {
 }
 
 /// Rays that packets cast otherwise than the reference, and the views of the first of them.
-fn differences(set: InstructionSet, samples: &[Arc<Octree>]) -> (usize, Option<View>) {
+fn differences(set: Vectors, samples: &[Arc<Octree>]) -> (usize, Option<View>) {
     let (mut count, mut first) = (0, None);
     for octree in samples {
         for view in views(octree) {
@@ -77,14 +77,14 @@ fn samples() -> Vec<Arc<Octree>> {
         .to_vec()
 }
 
-fn sets() -> impl Iterator<Item = InstructionSet> {
-    InstructionSet::available().filter(|set| is_available(*set))
+fn sets() -> impl Iterator<Item = Vectors> {
+    [Vectors::Arrays, Vectors::Neon, Vectors::Avx2, Vectors::Avx512].into_iter().filter(|set| set.are_available())
 }
 
 #[test]
 fn packets_find_what_the_reference_finds() {
     for set in sets() {
-        assert_eq!(differences(set, &samples()), (0, None), "{set}");
+        assert_eq!(differences(set, &samples()), (0, None), "{set:?}");
     }
 }
 
