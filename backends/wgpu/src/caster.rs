@@ -75,9 +75,8 @@ impl WgpuCaster {
     /// Any number of lists can be on their way, also while another octree is loaded or pictures are cast.
     ///
     /// ```no_run
-    /// # fn main() -> Result<(), esvo_core::CastError> {
-    /// # let (mut caster, rays): (esvo_wgpu::WgpuCaster, esvo_core::Rays) = todo!();
-    /// let mut pending = caster.submit_rays(&rays)?;
+    /// # fn cast(caster: &mut esvo_wgpu::WgpuCaster, rays: &esvo_core::Rays) -> Result<(), esvo_core::CastError> {
+    /// let mut pending = caster.submit_rays(rays)?;
     /// let hits = loop {
     ///     // Other work.
     ///     if let Some(hits) = caster.poll(&mut pending)? {

@@ -1,4 +1,4 @@
-//! Files of rays and hits, so that the casters of others can be checked against those of esvo.
+//! Files of rays and hits, so that other casters can be checked against those of esvo.
 //!
 //! Two forms, by the extension: `.bin`, a header and records of equal length, all little-endian; `.json`, the same as text.
 //!

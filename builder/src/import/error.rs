@@ -17,7 +17,7 @@ pub enum ImportError {
         source: io::Error,
     },
     /// The path leads to a directory or device instead of a file.
-    #[error("{}: is not a regular file; give the path of a .obj, .gltf, .glb, .ply or .stl file", path.display())]
+    #[error("{}: is not a regular file; give the path of a .obj, .gltf, .glb, .ply, .stl or .vox file", path.display())]
     NotAFile {
         /// The path as given.
         path: PathBuf,

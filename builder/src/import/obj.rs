@@ -40,6 +40,7 @@ pub(super) fn load(path: &Path, bytes: &[u8]) -> Result<Mesh, ImportError> {
         let name = mesh.material_id.and_then(|id| prepared.material_names.get(id));
         let found = name.and_then(|name| libraries.find(name));
         if let (Some(name), None) = (name, found) {
+            let name = if name.is_empty() { "the material with the empty name" } else { name };
             assembly.warn(format!("no material library defines {name}; using a plain colour"));
         }
         let look = Look {

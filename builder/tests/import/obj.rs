@@ -24,7 +24,7 @@ fn files_that_are_no_mesh_are_named_for_what_they_are() {
         "e.obj: is a compressed archive, not an OBJ text file as its extension says"
     );
     std::fs::create_dir(files.path("f.obj")).unwrap();
-    let not_a_file = "is not a regular file; give the path of a .obj, .gltf, .glb, .ply or .stl file";
+    let not_a_file = "is not a regular file; give the path of a .obj, .gltf, .glb, .ply, .stl or .vox file";
     assert_eq!(files.error("f.obj"), format!("f.obj: {not_a_file}"));
     std::fs::create_dir(files.path("directory")).unwrap();
     assert_eq!(files.error("directory"), format!("directory: {not_a_file}"));

@@ -17,10 +17,10 @@ use crate::words::count;
 /// Compute ambient occlusion: how much light from all sides reaches each voxel.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-From each leaf voxel, rays are cast into the half space above its surface, more of them near the normal (cosine-weighted).
-The share of rays that hit nothing is stored with the voxel; `esvo render` darkens voxels by it. The octree must have
-normals. GPU engines get about a million rays at a time.
-The octree is checked against every rule first; if it is damaged, nothing is written.
+From each leaf voxel, rays are cast into the half space above its surface, more of them near the
+normal (cosine-weighted). The share of rays that hit nothing is stored with the voxel; `esvo
+render` darkens voxels by it. The octree must have normals. GPU engines get about a million rays
+at a time. The octree is checked against every rule first; if it is damaged, nothing is written.
 
 Examples:
   esvo ambient sibenik.esvo -o sibenik-ao.esvo

@@ -12,7 +12,8 @@ use crate::files::check_output;
 /// Print the completion script of a shell.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-With the script in place, the shell completes commands, options and their values when Tab is pressed.
+With the script in place, the shell completes commands, options and their values when Tab is
+pressed.
 
 Examples:
   esvo completions bash -o ~/.local/share/bash-completion/completions/esvo

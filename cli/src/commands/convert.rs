@@ -19,8 +19,9 @@ enum Kind {
 /// Convert between .esvo and the .oct files of the paper's authors, or rewrite an .esvo.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-The extension tells the kind of a file. Contours, block-compressed colours and normals are copied bit for bit. Data that the
-other kind of file cannot store is listed. An .esvo is checked against every rule first; if it is damaged, nothing is written.
+The extension tells the kind of a file. Contours, block-compressed colours and normals are copied
+bit for bit. Data that the other kind of file cannot store is listed. An .esvo is checked against
+every rule first; if it is damaged, nothing is written.
 
 Examples:
   esvo convert sibenik.oct -o sibenik.esvo

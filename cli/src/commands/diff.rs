@@ -13,9 +13,10 @@ use crate::words::count;
 /// Compare the octrees of two files, whatever their layout.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Compares objects, transforms, topology, contours, colours and normals. Ignores blocks, pointers, compression, metadata and
-unknown sections. Both files are checked against every rule first. Exit code 0 if the octrees are the same; 1 if they differ, with a list of the
-first differences, or if a file is damaged.
+Compares objects, transforms, topology, contours, colours and normals. Ignores blocks, pointers,
+compression, metadata and unknown sections. Both files are checked against every rule first. Exit
+code 0 if the octrees are the same; 1 if they differ, with a list of the first differences, or if
+a file is damaged.
 
 Example:
   esvo diff before.esvo after.esvo")]

@@ -13,8 +13,9 @@ use crate::files::{damaged, name_file, not_opened};
 /// Show the layout of a file: its tables, the slots of a block, or a voxel.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-The checksums of the blocks that are shown and of the blocks above them are compared; the tables show parts of all blocks. Of
-a damaged file, as much is shown as can be read, and the exit code is 1.
+The checksums of the blocks that are shown and of the blocks above them are compared; the tables
+show parts of all blocks. Of a damaged file, as much is shown as can be read, and the exit code is
+1.
 
 Examples:
   esvo dump sibenik.esvo                     the object and block tables

@@ -17,14 +17,17 @@ use crate::words::count;
 /// Cast the rays of a file, and write or compare the hits.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Rays come from esvo rays or from another program. The extension tells the form: .bin or .json. A .bin has a header of 192 bytes
-and 48 bytes for each hit, all little-endian; the page of esvo_bench::ray_files has every field. With numpy:
+Rays come from esvo rays or from another program. The extension tells the form: .bin or .json. A
+.bin has a header of 192 bytes and 48 bytes for each hit, all little-endian; the page of
+esvo_bench::ray_files has every field. With numpy:
 
-  hits = numpy.fromfile('hits.bin', offset=192, dtype=[('t', '<f4'), ('size', '<f4'), ('slot', '<u4'), ('child', 'u1'),
-                        ('scale', 'u1'), ('hit', '<u2'), ('position', '<f8', 3), ('iterations', '<u4'), ('zero', '<u4')])
+  hits = numpy.fromfile('hits.bin', offset=192, dtype=[
+    ('t', '<f4'), ('size', '<f4'), ('slot', '<u4'), ('child', 'u1'), ('scale', 'u1'),
+    ('hit', '<u2'), ('position', '<f8', 3), ('iterations', '<u4'), ('zero', '<u4')])
 
-t is in lengths of the ray's direction, position in mesh units. With --compare, the exit code is 1 if a ray hits in one file only
-or at another t. A caster without voxels writes 0 for size, slot, child and scale.
+t is in lengths of the ray's direction, position in mesh units. With --compare, the exit code is 1
+if a ray hits in one file only or at another t. A caster without voxels writes 0 for size, slot,
+child and scale.
 
 Examples:
   esvo hits sibenik.esvo --rays rays.bin -o hits.bin
@@ -45,7 +48,7 @@ pub(crate) struct HitsArguments {
     /// Compare with the hits of another caster for the same rays
     #[arg(long, value_name = "FILE")]
     pub(crate) compare: Option<PathBuf>,
-    /// Difference of t that is no difference
+    /// Largest difference of t that counts as equal
     #[arg(long, value_name = "T", requires = "compare", default_value_t = 1e-5)]
     pub(crate) tolerance: f64,
 }

@@ -15,7 +15,8 @@ use crate::words::{count, size};
 /// Show the contents of a file: levels, voxels, bytes by kind.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-The checksums of all blocks are compared first, as all blocks are counted. A damaged file is refused with exit code 1.
+The checksums of all blocks are compared first, as all blocks are counted. A damaged file is
+refused with exit code 1.
 
 Example:
   esvo info sibenik.esvo --json")]

@@ -11,15 +11,17 @@ use crate::files::{check_not_input, check_output, open};
 use crate::view::ViewArguments;
 use crate::words::{count, size};
 
-/// Write the rays of a view to a file, for casters of others and for esvo hits.
+/// Write the rays of a view to a file, for other casters and for esvo hits.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-The extension tells the form: .bin or .json. A .bin has a header of 192 bytes and 40 bytes for each ray, all little-endian; the
-page of esvo_bench::ray_files has every field. Origins and directions are in the cube 1 to 2 of the casters; the header's matrix
-leads from the cube 0 to 1 to the mesh. With numpy:
+The extension tells the form: .bin or .json. A .bin has a header of 192 bytes and 40 bytes for
+each ray, all little-endian; the page of esvo_bench::ray_files has every field. Origins and
+directions are in the cube 1 to 2 of the casters; the header's matrix leads from the cube 0 to 1
+to the mesh. With numpy:
 
-  rays = numpy.fromfile('rays.bin', offset=192, dtype=[('origin', '<f4', 3), ('direction', '<f4', 3), ('t_min', '<f4'),
-                        ('t_max', '<f4'), ('size_at_origin', '<f4'), ('size_per_t', '<f4')])
+  rays = numpy.fromfile('rays.bin', offset=192, dtype=[
+    ('origin', '<f4', 3), ('direction', '<f4', 3), ('t_min', '<f4'), ('t_max', '<f4'),
+    ('size_at_origin', '<f4'), ('size_per_t', '<f4')])
 
 Examples:
   esvo rays sibenik.esvo -o rays.bin --scene sibenik --view 2 --size 512x384

@@ -23,7 +23,8 @@ const MOST_ITERATIONS: u32 = 100;
 /// Render a picture of an octree.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Without a camera, the picture shows the whole object from outside. Cameras are in the units of the mesh.
+Without a camera, the picture shows the whole object from outside. Cameras are in the units of the
+mesh.
 
 Examples:
   esvo render sibenik.esvo -o nave.png --scene sibenik --view 2

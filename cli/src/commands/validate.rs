@@ -12,7 +12,8 @@ use crate::words::count;
 /// Check a file against every rule of the specification.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Exit code 0 if the file keeps every rule; 1 if it breaks a rule. Each finding names the rule, the offset and what was found.
+Exit code 0 if the file keeps every rule; 1 if it breaks a rule. Each finding names the rule, the
+offset and what was found.
 
 Example:
   esvo validate sibenik.esvo")]

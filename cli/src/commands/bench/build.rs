@@ -13,14 +13,15 @@ use crate::fail::{Failure, complain, print};
 /// Measure building: seconds, memory, bytes and error against the triangles.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Each octree is built in a process of its own and compared with the triangles of its mesh. Tables show the figures of the paper
-and of its authors' builder too. A deeper level is left out if the growth of the last two levels predicts that it exceeds a
-limit. Record and tables are written after every octree, so that a run which is stopped leaves its results. Octrees are built
-in the temporary folder ($TMPDIR) and removed. Exit code 1 if a build failed.
+Each octree is built in a process of its own and compared with the triangles of its mesh. Tables
+show the figures of the paper and of its authors' builder too. A deeper level is left out if the
+growth of the last two levels predicts that it exceeds a limit. Record and tables are written
+after every octree, so that a run which is stopped leaves its results. Octrees are built in the
+temporary folder ($TMPDIR) and removed. Exit code 1 if a build failed.
 
 Examples:
-  esvo bench build                                     the scenes that the authors' builder was measured on
-  esvo bench build --full                              the paper's Table 1, levels 10 to 16; takes more than an hour
+  esvo bench build         the scenes that the authors' builder was measured on
+  esvo bench build --full  the paper's Table 1, levels 10 to 16; takes more than an hour
   esvo bench build --scenes sibenik --levels 9,10 --contours on")]
 pub(crate) struct BenchBuildArguments {
     /// Measure the paper's Table 1: all scenes, levels 10 to 16, as far as the limits allow

@@ -7,18 +7,20 @@ use esvo_bench::Progress;
 use esvo_bench::format_bench::{FormatBenchOptions, run_format_bench, to_text, write_format_record};
 use esvo_bench::output::check_writable;
 
-use crate::fail::{Failure, complain, print};
+use crate::commands::bench::record::RecordArguments;
+use crate::fail::Failure;
 
 /// Measure the file format: storing, validating, reading one block of a large file.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Builds octrees of a procedural mesh, or reads the given files; stores them uncompressed and compressed, validates them, and
-writes a large file of copies of the first to the temporary folder ($TMPDIR), which is removed afterwards. Uses one core,
-and two to compare the checksums of the large file, which every caster does on loading.
-Prints tables and writes report.json and tables.md to results/<machine>/<date>-format/.
+Builds octrees of a procedural mesh, or reads the given files; stores them uncompressed and
+compressed, validates them, and writes a large file of copies of the first to the temporary folder
+($TMPDIR), which is removed afterwards. Uses one core, and two to compare the checksums of the
+large file, which every caster does on loading. Prints tables and writes report.json and tables.md
+to results/<machine>/<date>-format/.
 
 Examples:
-  esvo bench format                          a file of 1000 MB; takes 90 seconds and 1.2 GB of memory
+  esvo bench format  a file of 1000 MB; takes 90 seconds and 1.2 GB of memory
   esvo bench format --size 100 --seconds 1
   esvo bench format sibenik.esvo --json")]
 pub(crate) struct BenchFormatArguments {
@@ -33,19 +35,12 @@ pub(crate) struct BenchFormatArguments {
     /// Minimum time for each figure in seconds; each figure has at least five runs
     #[arg(long, value_name = "SECONDS", default_value_t = 2.0)]
     pub(crate) seconds: f64,
-    /// Folder in which the folder MACHINE/DATE-format/ is made
-    #[arg(long, value_name = "FOLDER", default_value = "results")]
-    pub(crate) out: PathBuf,
-    /// Name of the machine's folder [default: made from the processor's]
-    #[arg(long, value_name = "NAME")]
-    pub(crate) machine: Option<String>,
-    /// Print the record as JSON instead of the tables
-    #[arg(long)]
-    pub(crate) json: bool,
+    #[command(flatten)]
+    pub(crate) record: RecordArguments,
 }
 
 pub(crate) fn run_bench_format(arguments: &BenchFormatArguments) -> Result<(), Failure> {
-    check_writable(&arguments.out)?;
+    check_writable(&arguments.record.out)?;
     let options = FormatBenchOptions {
         large_bytes: arguments.size * 1_000_000,
         levels: arguments.levels,
@@ -57,10 +52,6 @@ pub(crate) fn run_bench_format(arguments: &BenchFormatArguments) -> Result<(), F
     let report = run_format_bench(&options, &progress);
     progress.finish();
     let report = report?;
-    let folder = write_format_record(&report, &arguments.out, arguments.machine.as_deref())?;
-    if arguments.json {
-        complain("written", &folder.display().to_string());
-        return print(&report.to_json());
-    }
-    print(&format!("{}\nWritten to {}\n", to_text(&report), folder.display()))
+    let folder = write_format_record(&report, &arguments.record.out, arguments.record.machine.as_deref())?;
+    arguments.record.print(&folder, || report.to_json(), || to_text(&report))
 }

@@ -12,8 +12,9 @@ use crate::fail::{Failure, complain, print};
 /// Build all mesh files below some folders, and list which give an octree and which an error.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Each file (.obj, .gltf, .glb, .ply, .stl) is built in a process of its own with limits on time and memory, and the octree is
-validated. Exit code 1 if a file makes the program crash, hang, exceed its memory or print anything but one line of error.
+Each file (.obj, .gltf, .glb, .ply, .stl) is built in a process of its own with limits on time and
+memory, and the octree is validated. Exit code 1 if a file makes the program crash, hang, exceed
+its memory or print anything but one line of error.
 
 Example:
   esvo bench import glTF-validator/test /usr/share/assimp/models -o import-robustness.md")]

@@ -5,6 +5,7 @@ pub(crate) mod format;
 pub(crate) mod import;
 pub(crate) mod pictures;
 pub(crate) mod rays;
+mod record;
 pub(crate) mod selection;
 pub(crate) mod tables;
 
@@ -22,9 +23,10 @@ use tables::TablesArguments;
 #[derive(Debug, Args)]
 #[command(args_conflicts_with_subcommands = true)]
 #[command(after_help = "\
-Builds octrees of the paper's scenes (real meshes if they are found, otherwise procedural stand-ins), checks the answers of
-every engine against the reference caster, times the engines, prints the tables and writes report.json, tables.md and
-pictures to results/<machine>/<date>/. Exit code 1 if the answers of an engine are wrong.
+Builds octrees of the paper's scenes (real meshes if they are found, otherwise procedural
+stand-ins), checks the answers of every engine against the reference caster, times the engines,
+prints the tables and writes report.json, tables.md and pictures to results/<machine>/<date>/.
+Exit code 1 if the answers of an engine are wrong.
 
 Examples:
   esvo bench                                    within three minutes on two cores

@@ -14,9 +14,10 @@ use crate::values::parse_size;
 /// Make pictures of octrees next to the triangles they were built from.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-The left half shows the octree, the right half the triangles, in the same light with four rays per pixel: SIBENIK-D
-(displacement), FLIGHT-HELMET (normal maps), JUNGLE (cut-outs). FLIP measures how different the halves look, 0 to 1. The table
-of the pictures is written to pictures.md in the same folder.
+The left half shows the octree, the right half the triangles, in the same light with four rays per
+pixel: SIBENIK-D (displacement), FLIGHT-HELMET (normal maps), JUNGLE (cut-outs). FLIP measures how
+different the halves look, 0 to 1. The table of the pictures is written to pictures.md in the same
+folder.
 
 Example:
   esvo bench pictures --scenes jungle --levels 10 --out pictures")]

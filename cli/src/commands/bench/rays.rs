@@ -8,19 +8,21 @@ use esvo_bench::output::check_writable;
 use esvo_bench::ray_bench::{RayBenchOptions, run_ray_bench, to_text, write_ray_record};
 use esvo_engines::EngineId;
 
-use crate::fail::{Failure, complain, print};
+use crate::commands::bench::record::RecordArguments;
+use crate::fail::Failure;
 use crate::values::{engine, parse_size};
 
 /// Measure lists of rays on every engine, next to a picture.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Builds an octree of a scene with contours; casts a picture, the picture's rays as a list, shadow rays from its hits, and
-incoherent rays on every engine; compares the hits with the reference caster's; and measures rays per second, including copies
-to and from a GPU. Prints tables and writes report.json and tables.md to results/<machine>/<date>-rays/. Exit code 1 if the
-hits of an engine are wrong.
+Builds an octree of a scene with contours; casts a picture, the picture's rays as a list, shadow
+rays from its hits, and incoherent rays on every engine; compares the hits with the reference
+caster's; and measures rays per second, including copies to and from a GPU. Prints tables and
+writes report.json and tables.md to results/<machine>/<date>-rays/. Exit code 1 if the hits of an
+engine are wrong.
 
 Examples:
-  esvo bench rays                                    SIBENIK at 10 levels, in two minutes on two cores
+  esvo bench rays  SIBENIK at 10 levels, in two minutes on two cores
   esvo bench rays --scene conference --backends cpu,wgpu")]
 pub(crate) struct BenchRaysArguments {
     /// The scene
@@ -47,19 +49,12 @@ pub(crate) struct BenchRaysArguments {
     /// Folder that is searched first for real meshes; then $ESVO_SCENES, then ../shared/scenes
     #[arg(long, value_name = "FOLDER")]
     pub(crate) scenes_dir: Option<PathBuf>,
-    /// Folder in which the folder MACHINE/DATE-rays/ is made
-    #[arg(long, value_name = "FOLDER", default_value = "results")]
-    pub(crate) out: PathBuf,
-    /// Name of the machine's folder [default: made from the processor's]
-    #[arg(long, value_name = "NAME")]
-    pub(crate) machine: Option<String>,
-    /// Print the record as JSON instead of the tables
-    #[arg(long)]
-    pub(crate) json: bool,
+    #[command(flatten)]
+    pub(crate) record: RecordArguments,
 }
 
 pub(crate) fn run_bench_rays(arguments: &BenchRaysArguments) -> Result<(), Failure> {
-    check_writable(&arguments.out)?;
+    check_writable(&arguments.record.out)?;
     let mut options = RayBenchOptions {
         scene: arguments.scene.clone(),
         levels: arguments.levels,
@@ -77,12 +72,7 @@ pub(crate) fn run_bench_rays(arguments: &BenchRaysArguments) -> Result<(), Failu
     let report = run_ray_bench(&options, &progress);
     progress.finish();
     let report = report?;
-    let folder = write_ray_record(&report, &arguments.out, arguments.machine.as_deref())?;
-    if arguments.json {
-        complain("written", &folder.display().to_string());
-        print(&report.to_json())?;
-    } else {
-        print(&format!("{}\nWritten to {}\n", to_text(&report), folder.display()))?;
-    }
+    let folder = write_ray_record(&report, &arguments.record.out, arguments.record.machine.as_deref())?;
+    arguments.record.print(&folder, || report.to_json(), || to_text(&report))?;
     if report.passed() { Ok(()) } else { Err("the hits of an engine are not the reference's".to_string().into()) }
 }

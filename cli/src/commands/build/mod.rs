@@ -25,11 +25,13 @@ use crate::words::{count, size};
 /// Build an octree from a mesh (.obj, .gltf, .glb, .ply, .stl) or a voxel model (.vox).
 #[derive(Debug, Args)]
 #[command(after_help = "\
-A voxel is divided until its shape, colour and normal are within the three allowed errors (--contour-error, --color-error,
---normal-error), or to the deepest level. The default numbers are those of the paper's authors.
+A voxel is divided until its shape, colour and normal are within the three allowed errors
+(--contour-error, --color-error, --normal-error), or to the deepest level. The default numbers are
+those of the paper's authors.
 
-A voxel model of MagicaVoxel does not go through triangles: each of its voxels becomes one voxel of the octree on the deepest
-level, which follows from the size of the model. Its z axis points up (render it with --up 0,0,1).
+A voxel model of MagicaVoxel does not go through triangles: each of its voxels becomes one voxel
+of the octree on the deepest level, which follows from the size of the model. Its z axis points up
+(render it with --up 0,0,1).
 
 Examples:
   esvo build conference.obj -o conference.esvo --levels 12 --paper conference

@@ -6,16 +6,17 @@ use esvo_format::Octree;
 
 use crate::{CastError, Caster, Checked, Device, FLAG_CONTOURS, FrameTime, Hit, Ray, Rays, Roots, View};
 
-/// One way to break a caster: changes a view before it is cast, and the hits afterwards.
+/// One way to break a caster: changes a view or a list of rays before it is cast, and the hits afterwards.
 pub(super) struct Way {
     pub(super) what: &'static str,
-    pub(super) view: fn(&mut View),
-    pub(super) hits: fn(&mut [Hit]),
+    view: fn(&mut View),
+    rays: fn(&mut [Ray]),
+    hits: fn(&mut [Hit]),
     /// Whether only an engine that must agree in every bit shows it.
     pub(super) only_exact: bool,
 }
 
-/// Mistakes that an engine could make.
+/// Mistakes that an engine could make in pictures.
 pub(super) const WAYS: [Way; 6] = [
     Way { what: "no contours", view: |view| view.flags &= !FLAG_CONTOURS, ..NONE },
     Way { what: "rays end at larger voxels", view: |view| view.max_voxel_pixels *= 1.5, ..NONE },
@@ -30,10 +31,38 @@ pub(super) const WAYS: [Way; 6] = [
     },
 ];
 
-const NONE: Way = Way { what: "", view: |_| (), hits: |_| (), only_exact: false };
+/// Mistakes that an engine could make in lists of rays.
+pub(super) const RAY_WAYS: [Way; 9] = [
+    Way { what: "one origin for all", rays: |rays| each(rays, |ray, first| ray.origin = first.origin), ..NONE },
+    Way { what: "rays start at 0", rays: |rays| each(rays, |ray, _| ray.t_min = 0.0), ..NONE },
+    Way { what: "rays end at 1", rays: |rays| each(rays, |ray, _| ray.t_max = 1.0), ..NONE },
+    Way { what: "no size at the origin", rays: |rays| each(rays, |ray, _| ray.size_at_origin = 0.0), ..NONE },
+    Way { what: "no size per t", rays: |rays| each(rays, |ray, _| ray.size_per_t = 0.0), ..NONE },
+    Way { what: "hits in another order", hits: |hits| hits.rotate_left(1), ..NONE },
+    Way { what: "one hit in another voxel", hits: |hits| last(hits, |hit| hit.voxel ^= 1), ..NONE },
+    Way { what: "the last ray is left out", hits: |hits| last(hits, |hit| *hit = Hit::miss(0)), ..NONE },
+    Way {
+        what: "one hit off by a last bit",
+        hits: |hits| last(hits, |hit| hit.raw_t = hit.raw_t.next_up()),
+        only_exact: true,
+        ..NONE
+    },
+];
+
+const NONE: Way = Way { what: "", view: |_| (), rays: |_| (), hits: |_| (), only_exact: false };
 
 fn first(hits: &mut [Hit], change: fn(&mut Hit)) {
     hits.iter_mut().find(|hit| !hit.is_miss()).into_iter().for_each(change);
+}
+
+fn each(rays: &mut [Ray], change: fn(&mut Ray, &Ray)) {
+    if let Some(first) = rays.first().copied() {
+        rays.iter_mut().for_each(|ray| change(ray, &first));
+    }
+}
+
+fn last(hits: &mut [Hit], change: fn(&mut Hit)) {
+    hits.iter_mut().rev().find(|hit| !hit.is_miss()).into_iter().for_each(change);
 }
 
 /// A caster that works, broken in one way.
@@ -69,85 +98,6 @@ impl Caster for Broken<'_> {
         self.caster.cast(&view, hits)?;
         (self.way.hits)(hits);
         Ok(())
-    }
-
-    fn time_checked(&mut self, view: Checked<View>) -> Result<FrameTime, CastError> {
-        self.caster.time_checked(view)
-    }
-
-    fn cast_rays_checked(&mut self, rays: Checked<Rays<'_>>, hits: &mut Vec<Hit>) -> Result<(), CastError> {
-        self.caster.cast_rays_checked(rays, hits)
-    }
-}
-
-/// One way to break how a caster casts lists of rays: changes the rays before, and the hits afterwards.
-pub(super) struct RayWay {
-    pub(super) what: &'static str,
-    pub(super) rays: fn(&mut [Ray]),
-    pub(super) hits: fn(&mut [Hit]),
-    /// Whether only an engine that must agree in every bit shows it.
-    pub(super) only_exact: bool,
-}
-
-/// Mistakes that an engine could make.
-pub(super) const RAY_WAYS: [RayWay; 9] = [
-    RayWay { what: "one origin for all", rays: |rays| each(rays, |ray, first| ray.origin = first.origin), ..NO_RAYS },
-    RayWay { what: "rays start at 0", rays: |rays| each(rays, |ray, _| ray.t_min = 0.0), ..NO_RAYS },
-    RayWay { what: "rays end at 1", rays: |rays| each(rays, |ray, _| ray.t_max = 1.0), ..NO_RAYS },
-    RayWay { what: "no size at the origin", rays: |rays| each(rays, |ray, _| ray.size_at_origin = 0.0), ..NO_RAYS },
-    RayWay { what: "no size per t", rays: |rays| each(rays, |ray, _| ray.size_per_t = 0.0), ..NO_RAYS },
-    RayWay { what: "hits in another order", hits: |hits| hits.rotate_left(1), ..NO_RAYS },
-    RayWay { what: "one hit in another voxel", hits: |hits| last(hits, |hit| hit.voxel ^= 1), ..NO_RAYS },
-    RayWay { what: "the last ray is left out", hits: |hits| last(hits, |hit| *hit = Hit::miss(0)), ..NO_RAYS },
-    RayWay {
-        what: "one hit off by a last bit",
-        hits: |hits| last(hits, |hit| hit.raw_t = hit.raw_t.next_up()),
-        only_exact: true,
-        ..NO_RAYS
-    },
-];
-
-const NO_RAYS: RayWay = RayWay { what: "", rays: |_| (), hits: |_| (), only_exact: false };
-
-fn each(rays: &mut [Ray], change: fn(&mut Ray, &Ray)) {
-    if let Some(first) = rays.first().copied() {
-        rays.iter_mut().for_each(|ray| change(ray, &first));
-    }
-}
-
-fn last(hits: &mut [Hit], change: fn(&mut Hit)) {
-    hits.iter_mut().rev().find(|hit| !hit.is_miss()).into_iter().for_each(change);
-}
-
-/// A caster that works, broken in one way for lists of rays.
-pub(super) struct BrokenRays<'a> {
-    pub(super) caster: Box<dyn Caster>,
-    pub(super) way: &'a RayWay,
-}
-
-impl Caster for BrokenRays<'_> {
-    fn name(&self) -> &'static str {
-        "broken"
-    }
-
-    fn device(&self) -> &Device {
-        self.caster.device()
-    }
-
-    fn resident_bytes(&self) -> u64 {
-        self.caster.resident_bytes()
-    }
-
-    fn roots(&self) -> Option<&Roots> {
-        self.caster.roots()
-    }
-
-    fn load_checked(&mut self, octree: &Arc<Octree>, roots: Roots) -> Result<(), CastError> {
-        self.caster.load_checked(octree, roots)
-    }
-
-    fn cast_checked(&mut self, view: Checked<View>, hits: &mut Vec<Hit>) -> Result<(), CastError> {
-        self.caster.cast_checked(view, hits)
     }
 
     fn time_checked(&mut self, view: Checked<View>) -> Result<FrameTime, CastError> {

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use esvo_format::Octree;
 
-use super::broken::{BrokenRays, RAY_WAYS};
+use super::broken::{Broken, RAY_WAYS};
 use super::checks::demand_agreement;
 use super::{Fault, Subject, demand};
 use crate::gpu::kernel::{CAST_WGSL, GpuOptions};
@@ -112,7 +112,7 @@ pub(super) type CompareRays = dyn Fn(&mut dyn Caster, &Arc<Octree>, &[Ray]) -> R
 pub(super) fn broken_casters_of_rays_are_caught_by(subject: &Subject, compare: &CompareRays) -> Result<(), Fault> {
     let octree = Sample::scattered(6, true).octree()?;
     for way in &RAY_WAYS {
-        let mut broken = BrokenRays { caster: subject.open()?, way };
+        let mut broken = Broken { caster: subject.open()?, way };
         let allowed = Allowed::on(broken.device().kind);
         if way.only_exact && allowed != Allowed::EXACT {
             continue;
