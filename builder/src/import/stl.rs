@@ -67,14 +67,14 @@ fn declared(bytes: &[u8]) -> Option<usize> {
 struct Soup {
     part: Part,
     by_place: HashMap<[u64; 3], u32>,
-    /// The index of the material of each colour, five bits for red, green and blue; `None` is the plain colour. Empty if no
-    /// facet has a colour.
+    /// The index of the material of each colour; `None` is the plain colour. Empty if no facet has a colour.
     colors: HashMap<Option<Rgb>, u32>,
     /// The material of each triangle, if there are colours.
     triangle_colors: Vec<u32>,
 }
 
-/// A colour as stored, and the value that stands for 1.
+/// Red, green and blue as stored, and the value that stands for 1: 31 for the colour of a facet, 255 for that of the whole
+/// object in the header of Materialise Magics.
 type Rgb = ([u8; 3], u8);
 
 impl Soup {
@@ -213,8 +213,9 @@ fn read_text(text: &str, soup: &mut Soup, assembly: &mut Assembly) -> Result<(),
                 if facet.is_none() {
                     return Err(format!("line {number}: a vertex outside of a facet"));
                 }
-                let line = one_line(words.line());
-                let unreadable = || format!("line {number}: cannot read '{line}' as a vertex");
+                // Shortened only for the error: the line may be the whole file.
+                let line = words.line;
+                let unreadable = || format!("line {number}: cannot read '{}' as a vertex", one_line(line));
                 let mut corner = [0.0; 3];
                 for x in &mut corner {
                     let (_, word) = words.next().ok_or_else(unreadable)?;
@@ -258,6 +259,7 @@ fn read_text(text: &str, soup: &mut Soup, assembly: &mut Assembly) -> Result<(),
 struct Words<'a> {
     lines: Lines<'a>,
     number: usize,
+    /// The current line.
     line: &'a str,
     /// What is left of the line.
     rest: &'a str,
@@ -280,19 +282,20 @@ impl<'a> Words<'a> {
         Some((self.number, &rest[..end]))
     }
 
-    /// The current line.
-    fn line(&self) -> &'a str {
-        self.line.trim()
-    }
-
-    /// Skips a name: the rest of the line up to `facet normal`.
+    /// Skips a name: the rest of the line up to `facet normal`, in any case.
     fn skip_name(&mut self) {
-        let lower = self.rest.to_ascii_lowercase();
-        let facet = lower.match_indices("facet").map(|(at, _)| at);
-        let starts = |at: &usize| {
-            lower[..*at].ends_with(char::is_whitespace) && lower[at + 5..].trim_start().starts_with("normal")
+        const FACET: &[u8] = b"facet";
+        let begins = |text: &str, word: &[u8]| {
+            text.as_bytes().get(..word.len()).is_some_and(|start| start.eq_ignore_ascii_case(word))
         };
-        self.rest = facet.into_iter().find(starts).map_or("", |at| &self.rest[at..]);
+        let rest = self.rest;
+        let starts = |&at: &usize| {
+            let after = rest[at + FACET.len()..].trim_start();
+            rest[..at].ends_with(char::is_whitespace) && begins(after, b"normal")
+        };
+        let words = rest.as_bytes().windows(FACET.len()).enumerate();
+        let mut facets = words.filter(|(_, word)| word.eq_ignore_ascii_case(FACET)).map(|(at, _)| at);
+        self.rest = facets.find(starts).map_or("", |at| &rest[at..]);
     }
 
     /// Skips up to three words of the line that are numbers.

@@ -1,5 +1,7 @@
 //! STL: both encodings, several solids, and errors.
 
+use std::time::{Duration, Instant};
+
 use crate::support::Files;
 
 const TETRAHEDRON: [[[f32; 3]; 3]; 4] = [
@@ -86,4 +88,15 @@ fn errors_say_what_and_where() {
     assert_eq!(refuse(b"solid\nvertex 1 2 3\n"), "a.stl: line 2: a vertex outside of a facet");
     assert_eq!(refuse(b"solid\nendfacet\n"), "a.stl: line 2: a facet ends that has not begun");
     assert_eq!(refuse(b"\x89PNG...."), "a.stl: is a PNG image, not an STL file as its extension says");
+}
+
+#[test]
+fn text_in_one_line_takes_time_in_proportion_to_its_length() {
+    // Many solids of one facet each, in one line of about 3 MB.
+    let solids = 30_000;
+    let solid = text(&TETRAHEDRON[3..]).replace('\n', " ");
+    let start = Instant::now();
+    let mesh = Files::new().accept("a.stl", solid.repeat(solids));
+    assert_eq!((mesh.triangle_count(), mesh.positions.len(), mesh.warnings.len()), (solids, 3, 0));
+    assert!(start.elapsed() < Duration::from_secs(5), "{:?}", start.elapsed());
 }
