@@ -1,4 +1,5 @@
-//! Names of files and materials as programs write them in OBJ, MTL and PLY files, and the files they stand for.
+//! Names of files and materials as programs write them in OBJ, MTL and PLY files, the files they stand for, and where a
+//! backslash at the end of a line is no part of a name.
 
 use std::fs;
 use std::path::{Component, Path, PathBuf};
@@ -50,6 +51,12 @@ pub(super) fn split_names(list: &str) -> Vec<String> {
     }
     names.retain(|name| !name.is_empty());
     names
+}
+
+/// What comes before the backslash at the end of a line, which joins it with the next one. `is_name`: the value of the
+/// statement is a name, whose last character can be a backslash; a backslash after a blank still joins.
+pub(super) fn continued(line: &str, is_name: bool) -> Option<&str> {
+    line.strip_suffix('\\').filter(|start| !is_name || start.is_empty() || start.ends_with(char::is_whitespace))
 }
 
 /// Finds the file that `name` stands for: in `dir` by the name in any of its [`spellings`], with Windows separators, or by
