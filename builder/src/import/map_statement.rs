@@ -1,7 +1,6 @@
 //! Texture statements of material libraries: options and a file name.
 
 use super::image::Channel;
-use super::names::spellings;
 use super::numbers::number;
 use crate::mesh::Wrap;
 use crate::mesh::maps::UvTransform;
@@ -189,11 +188,6 @@ fn channel(word: &str) -> Option<Channel> {
         "l" | "z" => Some(Channel::Luminance),
         _ => None,
     }
-}
-
-/// Whether two statements name the same file.
-pub(super) fn same_file(a: &MapStatement, b: &MapStatement) -> bool {
-    spellings(&a.file).last() == spellings(&b.file).last()
 }
 
 #[cfg(test)]

@@ -9,9 +9,9 @@ use image::imageops::{FilterType, resize};
 
 use super::assembly::Assembly;
 use super::image::{Channel, TextureStore, has_holes, texture_of};
-use super::map_statement::{MapStatement, same_file};
+use super::map_statement::MapStatement;
 use super::mtl::MtlMaterial;
-use super::names::find_file;
+use super::names::{find_file, same_file};
 use crate::mesh::maps::{HeightMap, NormalMap, UvTransform};
 use crate::mesh::{MAX_TEXTURE_SIDE, Material, Texture};
 
@@ -81,8 +81,11 @@ impl Converter<'_> {
     fn texture<'s>(&mut self, source: &'s MtlMaterial, label: &str) -> Option<(Arc<Texture>, &'s MapStatement)> {
         let color = source.diffuse_map.as_ref();
         let mask = source.opacity_map.as_ref();
-        // A mask in the file of the colours stands for their alpha channel.
-        let mask = mask.filter(|mask| !color.is_some_and(|color| same_file(mask, color)));
+        // A mask in the file of the colours stands for their alpha channel, unless it names another channel.
+        let is_alpha = |mask: &MapStatement, color: &MapStatement| {
+            matches!(mask.channel, None | Some(Channel::Alpha)) && same_file(self.dir, &mask.file, &color.file)
+        };
+        let mask = mask.filter(|mask| !color.is_some_and(|color| is_alpha(mask, color)));
         let plain = |statement: &MapStatement| statement.base == 0.0 && statement.gain == 1.0;
         if let (Some(statement), None) = (color, mask)
             && plain(statement)

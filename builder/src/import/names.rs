@@ -59,6 +59,15 @@ pub(super) fn continued(line: &str, is_name: bool) -> Option<&str> {
     line.strip_suffix('\\').filter(|start| !is_name || start.is_empty() || start.ends_with(char::is_whitespace))
 }
 
+/// Whether two names stand for the same file. Names of files that do not exist are compared as written.
+pub(super) fn same_file(dir: &Path, a: &str, b: &str) -> bool {
+    let file = |name| find_file(dir, name).map(|file| file.canonicalize().unwrap_or(file));
+    match (file(a), file(b)) {
+        (None, None) => a == b,
+        (a, b) => a == b,
+    }
+}
+
 /// Finds the file that `name` stands for: in `dir` by the name in any of its [`spellings`], with Windows separators, or by
 /// the last part of the name. If there is none, the only file whose name differs in the case of its letters.
 pub(super) fn find_file(dir: &Path, name: &str) -> Option<PathBuf> {

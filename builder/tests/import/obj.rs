@@ -316,6 +316,37 @@ fn opacity_maps_become_alpha() {
 }
 
 #[test]
+fn masks_are_compared_by_their_files() {
+    let files = Files::new();
+    std::fs::create_dir(files.path("tex")).unwrap();
+    // White with a red channel that is no mask: its alpha cuts the hole. And a mask whose name differs after the "#" only.
+    let leaf = png(2, 1, &[[255, 255, 255, 0], [0, 255, 255, 255]]);
+    files.write("tex/leaf.png", &leaf).write("Leaf #1.png", png(2, 1, &[[255; 4]; 2]));
+    files.write("Leaf #2.png", png(2, 1, &[[0, 0, 0, 255], [255, 255, 255, 255]]));
+    for (color, mask, expected) in [
+        ("Leaf #1.png", "Leaf #2.png", [0.0, 1.0]),
+        ("tex/leaf.png", "tex/leaf.png", [0.0, 1.0]),
+        ("tex/leaf.png", "tex\\leaf.png", [0.0, 1.0]),
+        ("tex/leaf.png", "tex/./leaf.png", [0.0, 1.0]),
+        ("tex/leaf.png", "tex/../tex/Leaf.PNG", [0.0, 1.0]),
+        ("tex/leaf.png", "-imfchan m tex/leaf.png", [0.0, 1.0]),
+        // Another channel of the same file.
+        ("tex/leaf.png", "-imfchan r tex/leaf.png", [1.0, 0.0]),
+    ] {
+        files.write("my lib.mtl", format!("newmtl a\nmap_Kd {color}\nmap_d {mask}\nnewmtl b\n"));
+        let mesh = files.accept("a.obj", TEXTURED);
+        assert_eq!(mesh.warnings, [""; 0], "{mask}");
+        let alpha = [0.25, 0.75].map(|u| mesh.materials[0].texture.as_ref().unwrap().sample([u, 0.5], 1.0)[3]);
+        assert_eq!(alpha, expected, "{color} {mask}");
+    }
+    // Missing: named once if it is one file.
+    for (mask, count) in [("none.png", 1), ("no.png", 2)] {
+        files.write("my lib.mtl", format!("newmtl a\nmap_Kd none.png\nmap_d {mask}\nnewmtl b\n"));
+        assert_eq!(files.accept("a.obj", TEXTURED).warnings.len(), count, "{mask}");
+    }
+}
+
+#[test]
 fn maps_of_detail_are_read() {
     let files = Files::new();
     files.write("height.png", png(2, 1, &[[0, 0, 0, 255], [255, 255, 255, 255]]));
