@@ -31,6 +31,8 @@ pub(super) struct Converter<'a> {
     pub(super) obj: &'a Path,
     /// The folder of the library.
     pub(super) dir: &'a Path,
+    /// Whether any face of the file has a material that is not invisible. Otherwise all are drawn.
+    pub(super) any_visible: bool,
     pub(super) store: &'a mut TextureStore,
     pub(super) assembly: &'a mut Assembly,
 }
@@ -60,7 +62,9 @@ impl Converter<'_> {
         let [r, g, b] = kd.map(|x| srgb_to_linear(x.clamp(0.0, 1.0)) as f32);
         let holes = texture.as_deref().is_some_and(has_holes);
         let alpha_cutoff = if source.is_invisible() {
-            self.assembly.warn(format!("material {label}: d is 0; its faces are invisible and leave no voxels"));
+            if self.any_visible {
+                self.assembly.warn(format!("material {label}: d is 0; its faces are invisible and leave no voxels"));
+            }
             Some(INVISIBLE)
         } else {
             // Relative to the opacity of the whole material: otherwise thin glass would be one large hole.

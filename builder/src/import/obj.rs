@@ -29,16 +29,20 @@ pub(super) fn load(path: &Path, bytes: &[u8]) -> Result<Mesh, ImportError> {
     let dir = path.parent().unwrap_or(Path::new(""));
     let libraries = Libraries::read(dir, &prepared.libraries, &mut assembly);
     let models = parse(path, &prepared)?;
+    let material_of = |mesh: &tobj::Mesh| {
+        let name = mesh.material_id.and_then(|id| prepared.material_names.get(id));
+        (name, name.and_then(|name| libraries.find(name)))
+    };
+    let is_visible = |mesh: &tobj::Mesh| !material_of(mesh).1.is_some_and(|i| libraries.materials[i].1.is_invisible());
+    let any_visible = models.iter().any(|model| !model.mesh.indices.is_empty() && is_visible(&model.mesh));
 
     let mut store = TextureStore::default();
     let mut converted: HashMap<Look, (u32, UvTransform)> = HashMap::new();
-    let mut visible = false;
     for tobj::Model { mesh, .. } in models {
         if mesh.indices.is_empty() {
             continue;
         }
-        let name = mesh.material_id.and_then(|id| prepared.material_names.get(id));
-        let found = name.and_then(|name| libraries.find(name));
+        let (name, found) = material_of(&mesh);
         if let (Some(name), None) = (name, found) {
             let name = if name.is_empty() { "the material with the empty name" } else { name };
             assembly.warn(format!("no material library defines {name}; using a plain colour"));
@@ -48,12 +52,11 @@ pub(super) fn load(path: &Path, bytes: &[u8]) -> Result<Mesh, ImportError> {
             textured: !mesh.texcoords.is_empty() || found.is_none(),
             colored: !mesh.vertex_color.is_empty() && found.is_none(),
         };
-        visible |= !found.is_some_and(|i| libraries.materials[i].1.is_invisible());
         let (index, uv_transform) = match converted.get(&look) {
             Some(&known) => known,
             None => {
                 let Converted { material, uv_transform } =
-                    libraries.convert(look, path, dir, &mut store, &mut assembly);
+                    libraries.convert(look, path, any_visible, &mut store, &mut assembly);
                 let index = assembly.mesh.materials.len() as u32;
                 assembly.mesh.materials.push(material);
                 converted.insert(look, (index, uv_transform));
@@ -75,7 +78,7 @@ pub(super) fn load(path: &Path, bytes: &[u8]) -> Result<Mesh, ImportError> {
             thin.unwrap_or_else(|| format!("it has {} vertices and no faces; {POINTS_ADVICE}", prepared.vertices));
         return Err(ImportError::unsupported(path, format!("the mesh has no triangles: {found}")));
     }
-    if !visible && !assembly.mesh.triangles.is_empty() {
+    if !any_visible && !assembly.mesh.triangles.is_empty() {
         for material in &mut assembly.mesh.materials {
             material.alpha_cutoff = None;
         }
@@ -162,7 +165,7 @@ impl Libraries {
         &self,
         look: Look,
         obj: &Path,
-        dir: &Path,
+        any_visible: bool,
         store: &mut TextureStore,
         assembly: &mut Assembly,
     ) -> Converted {
@@ -174,8 +177,8 @@ impl Libraries {
             return Converted { material, uv_transform: UvTransform::IDENTITY };
         };
         let (library, source) = &self.materials[index];
-        let dir = library.parent().unwrap_or(dir);
-        let mut converted = Converter { obj, dir, store, assembly }.convert(source);
+        let dir = library.parent().unwrap_or(Path::new(""));
+        let mut converted = Converter { obj, dir, any_visible, store, assembly }.convert(source);
         if !look.textured {
             let material = &mut converted.material;
             if material.texture.is_some() {

@@ -145,10 +145,7 @@ fn what_is_invisible_leaves_no_voxels() {
     files.write("a.mtl", "newmtl a\nKd 1 0 0\nd 0\nnewmtl b\nKd 0 0 1\nd 0\n");
     let mesh = files.mesh("a.obj");
     assert_eq!(colors(&voxels(&mesh, 3)), [(BLUE, 9), (RED, 9)]);
-    assert_eq!(
-        mesh.warnings.last().unwrap(),
-        "d is 0 in the materials of all faces; they are drawn as if they were opaque"
-    );
+    assert_eq!(mesh.warnings, ["d is 0 in the materials of all faces; they are drawn as if they were opaque"]);
 }
 
 /// Two triangles side by side as PLY, with further comments, properties of the faces, and values for each face.
