@@ -165,16 +165,34 @@ impl TextureStore {
         };
         let (width, height) = reader().into_dimensions().map_err(|e| fail(one_line(e)))?;
         let texels = u64::from(width) * u64::from(height);
-        if texels > self.texels_left {
-            return Err(ImportError::TooLarge {
-                path: mesh.into(),
-                what: format!("the textures up to {name} have more than {MAX_TEXTURE_TEXELS} texels in all"),
-                limit: MAX_TEXTURE_TEXELS,
-            });
-        }
+        self.check_room(mesh, name, texels)?;
         let decoded = reader().decode().map_err(|e| fail(one_line(e)))?;
         self.texels_left -= texels;
         Ok(decoded)
+    }
+
+    /// Counts the texels of a texture that is made from others. Called before it is made.
+    pub(super) fn charge(&mut self, mesh: &Path, name: &str, texels: u64) -> Result<(), ImportError> {
+        self.check_room(mesh, name, texels)?;
+        self.texels_left -= texels;
+        Ok(())
+    }
+
+    fn check_room(&self, mesh: &Path, name: &str, texels: u64) -> Result<(), ImportError> {
+        if texels <= self.texels_left {
+            return Ok(());
+        }
+        Err(ImportError::TooLarge {
+            path: mesh.into(),
+            what: format!("the textures up to {name} have more than {MAX_TEXTURE_TEXELS} texels in all"),
+            limit: MAX_TEXTURE_TEXELS,
+        })
+    }
+
+    /// A store that may hold this many texels.
+    #[cfg(test)]
+    pub(super) fn of_budget(texels: u64) -> Self {
+        Self { texels_left: texels, ..Self::default() }
     }
 }
 

@@ -135,7 +135,15 @@ impl Converter<'_> {
                     true => pixels,
                     false => resize(&pixels, width, height, FilterType::Triangle),
                 };
-                (with_alpha(fitted(colors), &fitted(mask), of_mask.channel), statement)
+                // Both have been counted, but a wide and a tall image together can have far more texels.
+                let texels = |image: &RgbaImage| u64::from(image.width()) * u64::from(image.height());
+                let more = (u64::from(width) * u64::from(height)).saturating_sub(texels(&colors) + texels(&mask));
+                let room = self.store.charge(self.obj, &of_mask.file, more).map(Some);
+                let what = format!("material {label}: the opacity map {} at the size of the texture", of_mask.file);
+                match self.assembly.or_warn(room, &what, "the material is opaque") {
+                    Some(()) => (with_alpha(fitted(colors), &fitted(mask), of_mask.channel), statement),
+                    None => (colors, statement),
+                }
             }
         };
         let made = texture_of(self.obj, &statement.file, &pixels).map(Some);
@@ -244,4 +252,30 @@ fn with_alpha(mut colors: RgbaImage, mask: &RgbaImage, channel: Option<Channel>)
         };
     }
     colors
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::mtl::parse;
+    use super::*;
+
+    #[test]
+    fn an_opacity_map_counts_at_the_size_that_it_gets() {
+        let folder = tempfile::tempdir().unwrap();
+        for (name, width, height) in [("wide.png", 32, 1), ("tall.png", 1, 32)] {
+            RgbaImage::from_pixel(width, height, image::Rgba([9; 4])).save(folder.path().join(name)).unwrap();
+        }
+        let source = parse("newmtl a\nmap_Kd wide.png\nmap_d tall.png\n").0.remove(0);
+        // 64 texels are counted when both are read.
+        for (budget, height) in [(32 * 32, 32), (32 * 32 - 1, 1)] {
+            let (mut store, mut assembly) = (TextureStore::of_budget(budget), Assembly::default());
+            let (obj, dir) = (Path::new("a.obj"), folder.path());
+            let mut converter = Converter { obj, dir, any_visible: true, store: &mut store, assembly: &mut assembly };
+            let texture = converter.convert(&source).material.texture.unwrap();
+            assert_eq!((texture.mips[0].width, texture.mips[0].height), (32, height));
+            let warnings = &assembly.mesh.warnings;
+            assert_eq!(warnings.len(), usize::from(height == 1), "{warnings:?}");
+            assert!(warnings.iter().all(|line| line.contains("tall.png") && line.ends_with("the material is opaque")));
+        }
+    }
 }
