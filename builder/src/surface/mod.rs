@@ -90,6 +90,11 @@ fn place(mesh: &Mesh, levels: u32) -> Result<DMat4, BuildError> {
     let (lo, hi) = bounds(mesh);
     let extent = (hi - lo).max_element();
     let farthest = lo.abs().max(hi.abs()).max_element();
+    if extent == 0.0 {
+        return Err(BuildError::Mesh(
+            "all its vertices lie at one point; a mesh needs at least one triangle with an area".into(),
+        ));
+    }
     // The third power of the extent is the determinant of the transform, which the format requires to be a normal number.
     if !(1e-100..=1e100).contains(&extent) {
         return Err(BuildError::Mesh(format!(

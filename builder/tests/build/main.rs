@@ -537,6 +537,8 @@ fn bad_settings_and_meshes_are_errors() {
         text.contains("largest extent is 1e0, with coordinates up to 1") && text.contains("closer to the origin"),
         "{text}"
     );
+    let text = message(&mesh_of(&[[DVec3::ONE; 3]]), BuildSettings::default());
+    assert_eq!(text, "mesh: all its vertices lie at one point; a mesh needs at least one triangle with an area");
     let line = mesh_of(&[[DVec3::ZERO, DVec3::X, DVec3::X * 2.0]]);
     assert!(matches!(build(&line, &BuildSettings::default(), &|_| ()), Err(BuildError::Mesh(_))));
 }
