@@ -19,6 +19,10 @@ use crate::{BuildError, BuildSettings, Mesh};
 /// The files in the folder: first the journal, second the blocks.
 const FILES: [&str; 2] = ["journal", "blocks"];
 
+/// Stands for what the builder makes of a mesh and its settings. Raise it with every change of a build's bytes: a build must not
+/// go on from parts that an older builder would finish in another way.
+const RESULTS: u32 = 3;
+
 /// Bytes of the first record with its length and CRC-32.
 const FIRST_RECORD: usize = 12 + 1 + 32;
 
@@ -65,7 +69,7 @@ impl Journal {
         file.try_lock().map_err(|_| BuildError::Busy(folder.clone()))?;
         let mut bytes = Vec::new();
         file.read_to_end(&mut bytes).map_err(io)?;
-        let build = fingerprint(mesh, settings);
+        let build = fingerprint(mesh, settings, RESULTS);
         let first = Records { bytes: &bytes, at: 0 }.next();
         // A build that was stopped while it wrote its first record leaves a piece of it and no blocks.
         let begun = bytes.len() < FIRST_RECORD && folder.join(FILES[1]).metadata().map_or(0, |m| m.len()) == 0;
@@ -175,14 +179,14 @@ impl Iterator for Records<'_> {
     }
 }
 
-/// Hash of everything that the result of a build depends on.
-fn fingerprint(mesh: &Mesh, settings: &BuildSettings) -> [u8; 32] {
+/// Hash of everything that the result of a build depends on. `results` is [`RESULTS`].
+fn fingerprint(mesh: &Mesh, settings: &BuildSettings, results: u32) -> [u8; 32] {
     let mut hash = Sha256::new();
     let mut part = |bytes: &[u8]| {
         hash.update((bytes.len() as u64).to_le_bytes());
         hash.update(bytes);
     };
-    part(concat!(env!("CARGO_PKG_VERSION"), " 2").as_bytes());
+    part(format!("{} {results}", env!("CARGO_PKG_VERSION")).as_bytes());
     part(format!("{settings:?}").as_bytes());
     part(bytemuck::cast_slice(&mesh.positions));
     part(bytemuck::cast_slice(&mesh.normals));
@@ -203,4 +207,26 @@ fn fingerprint(mesh: &Mesh, settings: &BuildSettings) -> [u8; 32] {
         }
     }
     hash.finalize().into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Version 2 placed flat meshes, and triangles without an area, in another root cube.
+    #[test]
+    fn parts_of_builders_with_other_results_are_refused() {
+        let (mesh, settings) = (Mesh::default(), BuildSettings::default());
+        let files = tempfile::tempdir().unwrap();
+        let output = files.path().join("a.esvo");
+        std::fs::create_dir(files.path().join("a.esvo.part")).unwrap();
+        for (results, same) in [(2, false), (3, true)] {
+            let file = File::create(files.path().join("a.esvo.part/journal")).unwrap();
+            let mut writer = Writer { file, blocks: 0 };
+            writer.put(&Record::Build(fingerprint(&mesh, &settings, results))).unwrap();
+            let opened = Journal::open(&output, &mesh, &settings);
+            assert_eq!(opened.is_ok(), same);
+            assert!(same || matches!(opened, Err(BuildError::OtherWork(_))));
+        }
+    }
 }
