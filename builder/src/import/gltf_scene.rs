@@ -134,12 +134,10 @@ fn instancing_accessor(node: &json::Node, attribute: &str) -> Option<usize> {
     Some(usize::try_from(index).unwrap_or(usize::MAX))
 }
 
-/// How many copies of its mesh a node draws. All attributes of the extension must agree.
+/// How many copies of its mesh a node draws. Other attributes than those that place copies are for shaders.
 fn copies(source: &Source<'_>, index: usize, node: &json::Node) -> Result<usize, ImportError> {
-    let Some(extension) = extension(node, INSTANCING) else { return Ok(1) };
-    let attributes = extension.get("attributes").and_then(json::Value::as_object);
     let mut first: Option<(&str, u64)> = None;
-    for name in attributes.into_iter().flatten().map(|(name, _)| name.as_str()) {
+    for (name, _) in PLACING {
         let Some(accessor) = instancing_accessor(node, name) else { continue };
         let accessors = &source.root.accessors;
         let found =
@@ -156,27 +154,31 @@ fn copies(source: &Source<'_>, index: usize, node: &json::Node) -> Result<usize,
     Ok(first.map_or(1, |(_, count)| usize::try_from(count).unwrap_or(usize::MAX)))
 }
 
-/// The transforms of all copies that a node draws.
-pub(super) fn placements(source: &Source<'_>, instance: &Instance) -> Result<Vec<DMat4>, ImportError> {
+/// The transforms of all copies that a node draws. The accessors are checked before the first: their counts are within the
+/// limits of [`Source::accessor`].
+pub(super) fn placements(source: &Source<'_>, instance: &Instance) -> Result<impl Iterator<Item = DMat4>, ImportError> {
     let node = instance.node.and_then(|index| Some((index, source.root.nodes.get(index)?)));
-    let Some((index, node)) = node.filter(|(_, node)| extension(node, INSTANCING).is_some()) else {
-        return Ok(vec![instance.transform]);
-    };
-    let label = node_label(source, index);
+    let node = node.filter(|(_, node)| extension(node, INSTANCING).is_some());
     let read = |(name, kind): (&str, Type)| -> Result<Option<Accessor<'_>>, ImportError> {
-        let accessor = instancing_accessor(node, name);
-        accessor.map(|accessor| source.accessor(accessor, &format!("{name} of {label}"), &[kind])).transpose()
+        let Some((index, node)) = node else { return Ok(None) };
+        let Some(accessor) = instancing_accessor(node, name) else { return Ok(None) };
+        source.accessor(accessor, &format!("{name} of {}", node_label(source, index)), &[kind]).map(Some)
     };
     let [translations, rotations, scales] = PLACING;
     let (translations, rotations, scales) = (read(translations)?, read(rotations)?, read(scales)?);
+    let is_placed = node.is_some();
+    let transform = instance.transform;
     let vector = |accessor: &Option<Accessor<'_>>, i: usize, default: f64| {
         accessor.as_ref().map_or(DVec3::splat(default), |a| DVec4::from(a.vector(i)).truncate())
     };
-    let placed = |i: usize| {
+    let placed = move |i: usize| {
+        if !is_placed {
+            return transform;
+        }
         let turned = rotations.as_ref().map_or(DQuat::IDENTITY, |a| rotation(a.vector(i)));
         let local =
             DMat4::from_scale_rotation_translation(vector(&scales, i, 1.0), turned, vector(&translations, i, 0.0));
-        instance.transform * local
+        transform * local
     };
-    Ok((0..instance.copies).map(placed).collect())
+    Ok((0..instance.copies).map(placed))
 }

@@ -189,6 +189,28 @@ fn instances_of_a_node_are_all_drawn() {
 }
 
 #[test]
+fn only_attributes_that_place_instances_make_copies() {
+    let mut document = Document::new();
+    document.square(0.0, [1.0, 0.0, 0.0, 1.0]);
+    // An accessor without bytes.
+    let count = 5000;
+    let numbers = document.push("accessors", json!({"componentType": 5126, "count": count, "type": "SCALAR"}));
+    let with = |document: &mut Document, attributes: serde_json::Value| {
+        document.node(0)["extensions"] = json!({"EXT_mesh_gpu_instancing": {"attributes": attributes}});
+    };
+    with(&mut document, json!({"_ID": numbers}));
+    assert_eq!(document.mesh().triangle_count(), 2);
+    let places = document.floats("VEC3", &[0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 4.0, 0.0, 0.0]);
+    with(&mut document, json!({"_ID": numbers, "TRANSLATION": places}));
+    assert_eq!(document.mesh().triangle_count(), 6);
+    // One that places copies must have the bytes for them.
+    document.json["accessors"][places]["count"] = 20_000_000.into();
+    assert!(document.error().contains("reaches past the end of buffer view"), "{}", document.error());
+    with(&mut document, json!({"TRANSLATION": numbers}));
+    assert!(document.error().ends_with("(TRANSLATION of node 0) must be of type VEC3"), "{}", document.error());
+}
+
+#[test]
 fn hidden_nodes_are_left_out_but_keep_their_place() {
     let mut document = Document::two_squares();
     document.json["extensionsUsed"] = json!(["KHR_node_visibility"]);
