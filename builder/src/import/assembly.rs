@@ -22,6 +22,42 @@ pub(super) struct Part {
     pub(super) material: u32,
 }
 
+impl Part {
+    /// Some of the triangles with the vertices that they use.
+    pub(super) fn of_triangles(&self, mut triangles: Vec<[u32; 3]>) -> Self {
+        let used = compact(&mut triangles, self.positions.len());
+        Self {
+            positions: rows(&self.positions, &used),
+            normals: rows(&self.normals, &used),
+            uvs: rows(&self.uvs, &used),
+            colors: rows(&self.colors, &used),
+            tangents: rows(&self.tangents, &used),
+            triangles,
+            material: self.material,
+        }
+    }
+}
+
+/// The values of an attribute at some vertices; empty if there is no such attribute.
+fn rows<T: Copy>(values: &[T], vertices: &[u32]) -> Vec<T> {
+    if values.is_empty() { Vec::new() } else { vertices.iter().map(|&v| values[v as usize]).collect() }
+}
+
+/// Numbers the vertices that triangles use from 0 on, in the same order, and returns their numbers so far, which are below
+/// `vertices`.
+pub(super) fn compact(triangles: &mut [[u32; 3]], vertices: usize) -> Vec<u32> {
+    let mut used: Vec<u32> = triangles.as_flattened().to_vec();
+    used.sort_unstable();
+    used.dedup();
+    if used.len() < vertices {
+        for corner in triangles.as_flattened_mut() {
+            // Always found: `used` contains every corner.
+            *corner = used.partition_point(|&v| v < *corner) as u32;
+        }
+    }
+    used
+}
+
 /// A mesh under construction. Attributes that only some parts have are filled in for the others.
 #[derive(Debug, Default)]
 pub(super) struct Assembly {

@@ -1,6 +1,7 @@
 //! glTF 2.0 scenes: the primitives of each mesh, and their copies in the scene.
 
 use std::borrow::Cow;
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use glam::DVec3;
@@ -8,7 +9,7 @@ use gltf::json::accessor::Type;
 use gltf::json::mesh::{Mode, Primitive, Semantic};
 use gltf::json::validation::Checked;
 
-use super::assembly::{Assembly, Part};
+use super::assembly::{Assembly, Part, compact};
 use super::error::{ImportError, one_line};
 use super::gltf_alpha::cut;
 use super::gltf_data::{Accessor, Source, reason};
@@ -188,14 +189,13 @@ impl<'s> Importer<'s> {
         } else {
             // The texture cuts holes, too: one material for each opacity of its triangles.
             let mean = |t: &[u32; 3]| t.iter().map(|&v| found.alphas[v as usize]).sum::<f32>() / 3.0;
-            let byte = |t: &[u32; 3]| (mean(t) * 255.0).round() as u8;
-            let mut bytes: Vec<u8> = found.visible.triangles.iter().map(byte).collect();
-            bytes.sort_unstable();
-            bytes.dedup();
-            for opacity in bytes {
-                let triangles = found.visible.triangles.iter().copied().filter(|t| byte(t) == opacity).collect();
+            let mut by_opacity: BTreeMap<u8, Vec<[u32; 3]>> = BTreeMap::new();
+            for triangle in &found.visible.triangles {
+                by_opacity.entry((mean(triangle) * 255.0).round() as u8).or_default().push(*triangle);
+            }
+            for (opacity, triangles) in by_opacity {
                 let material = self.materials.with_opacity(material, opacity, &mut self.assembly);
-                parts.push(Part { triangles, material, ..found.visible.clone() });
+                parts.push(Part { material, ..found.visible.of_triangles(triangles) });
             }
         }
         parts.retain(|part| !part.triangles.is_empty());
@@ -252,15 +252,7 @@ impl<'s> Importer<'s> {
         }
 
         // Keep only the vertices that are used: primitives often share one large buffer.
-        let mut used: Vec<u32> = part.triangles.as_flattened().to_vec();
-        used.sort_unstable();
-        used.dedup();
-        if used.len() < positions.len() {
-            for corner in part.triangles.as_flattened_mut() {
-                // Always found: `used` contains every corner.
-                *corner = used.partition_point(|&v| v < *corner) as u32;
-            }
-        }
+        let used = compact(&mut part.triangles, positions.len());
         part.positions.reserve(used.len());
         for &vertex in &used {
             let [x, y, z, _] = positions.vector(vertex as usize);

@@ -87,6 +87,37 @@ fn the_opacity_of_vertices_and_of_texels_multiply() {
 }
 
 #[test]
+fn each_opacity_of_vertices_over_holes_keeps_only_its_own_vertices() {
+    let mut document = Document::textured_square();
+    let texture = document.texture(&png(2, 1, &[[255, 0, 0, 0], [255, 0, 0, 255]]));
+    document.material(0)["pbrMetallicRoughness"] = json!({"baseColorTexture": {"index": texture}});
+    document.material(0)["alphaMode"] = "MASK".into();
+    // A strip of 100 separate triangles, each with an opacity of its own.
+    let (mut positions, mut uvs, mut colors) = (Vec::new(), Vec::new(), Vec::new());
+    for i in 0..100u8 {
+        let x = f32::from(i);
+        positions.extend([x, 0.0, 0.0, x + 1.0, 0.0, 0.0, x, 1.0, 0.0]);
+        uvs.extend([0.0, x, 1.0, x, 0.0, x + 1.0]);
+        colors.extend([[255, 255, 255, 150 + i]; 3]);
+    }
+    let attributes = json!({
+        "POSITION": document.floats("VEC3", &positions), "NORMAL": document.floats("VEC3", &[0.0, 0.0, 1.0].repeat(300)),
+        "TEXCOORD_0": document.floats("VEC2", &uvs), "COLOR_0": document.bytes(&colors, true),
+    });
+    *document.primitive(0) = json!({"attributes": attributes, "material": 0});
+    let mesh = document.mesh();
+    assert_eq!((mesh.triangle_count(), mesh.positions.len(), mesh.uvs.len(), mesh.normals.len()), (100, 300, 300, 300));
+    for (i, triangle) in mesh.triangles.iter().enumerate() {
+        let x = i as f32;
+        let corners = triangle.map(|v| (mesh.positions[v as usize], mesh.uvs[v as usize]));
+        let place = |right: f32, up: f32| ([f64::from(x + right), f64::from(up), 0.0], [right, x + up]);
+        assert_eq!(corners, [place(0.0, 0.0), place(1.0, 0.0), place(0.0, 1.0)]);
+        let opacity = mesh.materials[mesh.triangle_materials[i] as usize].base_color[3];
+        assert_eq!((opacity * 255.0).round(), 150.0 + x);
+    }
+}
+
+#[test]
 fn emission_is_the_colour_where_the_base_colour_is_black() {
     const GREEN: [u8; 4] = [0, 200, 0, 255];
     let sheet = || counts([([0, 200, 0], 256)]);
