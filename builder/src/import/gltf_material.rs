@@ -154,7 +154,8 @@ impl Materials {
         material.is_some_and(|index| self.emits.get(&index) == Some(&true))
     }
 
-    /// The texture that gives a material its colour: that of its emission where the base colour is black.
+    /// The texture that gives a material its colour: that of its emission where the base colour is black. If that has none,
+    /// the texture of the base colour if it cuts holes.
     fn color_texture<'m>(
         &mut self,
         source: &Source<'_>,
@@ -170,7 +171,25 @@ impl Materials {
                 emits
             }
         };
-        Ok(if emits { material.emissive_texture.as_ref() } else { base.texture })
+        Ok(match (&material.emissive_texture, base.texture) {
+            (_, texture) if !emits => texture,
+            (Some(emitted), _) => Some(emitted),
+            (None, Some(texture)) if self.texture_with_holes(source, material, texture)?.is_some() => Some(texture),
+            (None, _) => None,
+        })
+    }
+
+    /// The texture of a base colour, if its opacity matters: unless the material is opaque or the texture is.
+    fn texture_with_holes(
+        &mut self,
+        source: &Source<'_>,
+        material: &json::Material,
+        base: &Info,
+    ) -> Result<Option<Arc<Texture>>, ImportError> {
+        if matches!(material.alpha_mode, Checked::Valid(AlphaMode::Opaque)) {
+            return Ok(None);
+        }
+        Ok(self.texture(source, base.index.value())?.ok().filter(|texture| texture.alpha_range().0 < 255))
     }
 
     /// Whether a base colour is black everywhere.
@@ -316,42 +335,40 @@ impl Materials {
         Ok(Material { name, base_color, texture, alpha_cutoff, normal_map, height_map: None })
     }
 
-    /// For a material whose colour is what it emits: `emitted` with the opacity of the texture of the base colour, if that
-    /// matters.
+    /// For a material whose colour is what it emits: `found`, which is the texture of [`Self::color_texture`], with the opacity
+    /// of the texture of the base colour, if that matters.
     fn with_holes_of(
         &mut self,
         source: &Source<'_>,
         material: &json::Material,
-        emitted: Option<Arc<Texture>>,
+        found: Option<Arc<Texture>>,
         name: &str,
         assembly: &mut Assembly,
     ) -> Result<Option<Arc<Texture>>, ImportError> {
-        let opaque =
-            emitted.map(|texture| if texture.alpha_range().0 == 255 { texture } else { without_alpha(&texture) });
-        if matches!(material.alpha_mode, Checked::Valid(AlphaMode::Opaque)) {
-            return Ok(opaque);
-        }
+        let Some(emissive) = &material.emissive_texture else {
+            // The texture of the base colour, if any: the factor alone is the colour.
+            let white = |texture: Arc<Texture>| self.changed(source, &texture, name, |_, [.., a]| [255, 255, 255, a]);
+            return found.map(white).transpose();
+        };
+        let opaque = match found {
+            Some(texture) if texture.alpha_range().0 < 255 => {
+                Some(self.changed(source, &texture, name, |_, [r, g, b, _]| [r, g, b, 255])?)
+            }
+            other => other,
+        };
         let Some(info) = BaseColor::of(material).texture else { return Ok(opaque) };
-        let Ok(base) = self.texture(source, info.index.value())? else { return Ok(opaque) };
-        if base.alpha_range().0 == 255 {
-            return Ok(opaque);
-        }
+        let Some(base) = self.texture_with_holes(source, material, info)? else { return Ok(opaque) };
         let place = |info: &Info| -> Result<(Coordinates, [Wrap; 2]), ImportError> {
             let transform = info.extensions.as_ref().and_then(|e| e.texture_transform.as_ref());
             Ok((Coordinates::of(info.tex_coord, transform), wrap_of(source, info.index.value())?))
         };
-        let same_place = match &material.emissive_texture {
-            Some(emissive) => place(info)? == place(emissive)?,
-            None => false,
-        };
-        let (mip, emitted) = (&base.mips[0], opaque.as_ref().map(|texture| &texture.mips[0]));
-        let wrap = base.wrap;
-        match emitted {
-            Some(e) if same_place && (e.width, e.height) == (mip.width, mip.height) => {
-                let join = |(e, b): (&[u8; 4], &[u8; 4])| [e[0], e[1], e[2], b[3]];
-                let texels: Vec<[u8; 4]> = e.texels.iter().zip(&mip.texels).map(join).collect();
-                let joined = Texture::from_rgba8(e.width, e.height, texels.as_flattened()).ok();
-                Ok(joined.map(|texture| Arc::new(texture.with_wrap(wrap))))
+        let holes = &base.mips[0];
+        match &opaque {
+            Some(texture)
+                if place(info)? == place(emissive)?
+                    && (texture.mips[0].width, texture.mips[0].height) == (holes.width, holes.height) =>
+            {
+                self.changed(source, texture, name, |i, [r, g, b, _]| [r, g, b, holes.texels[i][3]]).map(Some)
             }
             _ => {
                 assembly.warn(format!(
@@ -363,25 +380,26 @@ impl Materials {
         }
     }
 
+    /// A texture of its own for a material, made from the number and the value of each texel of `texture`.
+    fn changed(
+        &mut self,
+        source: &Source<'_>,
+        texture: &Texture,
+        material: &str,
+        change: impl Fn(usize, [u8; 4]) -> [u8; 4],
+    ) -> Result<Arc<Texture>, ImportError> {
+        let mip = &texture.mips[0];
+        self.store.charge(source.path, &format!("that of material {material}"), mip.texels.len() as u64)?;
+        let texels: Vec<[u8; 4]> = mip.texels.iter().enumerate().map(|(i, &texel)| change(i, texel)).collect();
+        // The size is that of a texture already.
+        let made =
+            Texture::from_rgba8(mip.width, mip.height, texels.as_flattened()).unwrap_or_else(|_| texture.clone());
+        Ok(Arc::new(made.with_wrap(texture.wrap)))
+    }
+
     /// The colours of a texture, or why they cannot be read.
     fn texture(&mut self, source: &Source<'_>, texture: usize) -> Result<Result<Arc<Texture>, String>, ImportError> {
-        let wrap = wrap_of(source, texture)?;
-        first_readable(source, texture, |image| {
-            if let Some(known) = self.colors.get(&(image, wrap)) {
-                return Ok(known.clone());
-            }
-            let made = match picture(source, image, &mut self.store) {
-                Ok(Picture::File(file)) => self.store.load_wrapped(source.path, &file, wrap).and_then(|found| {
-                    found.ok_or_else(|| source.malformed(format!("the texture {} is missing", file.display())))
-                }),
-                Ok(Picture::Embedded(decoded)) => texture_of(source.path, &embedded_name(image), &decoded.into_rgba8())
-                    .map(|texture| Arc::new(Arc::unwrap_or_clone(texture).with_wrap(wrap))),
-                Err(e) => Err(e),
-            };
-            let made = or_reason(made)?;
-            self.colors.insert((image, wrap), made.clone());
-            Ok(made)
-        })
+        read(source, texture, &mut self.store, &mut self.colors)
     }
 
     /// The normals of a texture, or why they cannot be read.

@@ -118,6 +118,26 @@ fn each_opacity_of_vertices_over_holes_keeps_only_its_own_vertices() {
 }
 
 #[test]
+fn a_black_texture_over_an_emitted_colour_still_cuts_holes() {
+    let mut document = Document::textured_square();
+    let black = document.texture(&png(2, 1, &[[0, 0, 0, 0], [0, 0, 0, 255]]));
+    *document.material(0) = json!({
+        "pbrMetallicRoughness": {"baseColorTexture": {"index": black}}, "emissiveFactor": [0, 0, 1], "alphaMode": "MASK",
+    });
+    let mesh = document.mesh();
+    let found = colors(&mesh, 4);
+    assert!(found.keys().eq([&BLUE]) && (112..=144).contains(&found[&BLUE]) && mesh.warnings.is_empty(), "{found:?}");
+    document.material(0)["alphaMode"] = "OPAQUE".into();
+    assert_eq!(colors(&document.mesh(), 4), counts([(BLUE, 256)]));
+    // Without coordinates for the texture, it cuts nothing.
+    document.material(0)["alphaMode"] = "MASK".into();
+    document.attributes(0).as_object_mut().unwrap().remove("TEXCOORD_0");
+    let mesh = document.mesh();
+    assert_eq!(colors(&mesh, 4), counts([(BLUE, 256)]));
+    assert_eq!(mesh.warnings, ["mesh 0, primitive 0 has no TEXCOORD_0 for its texture; it gets its plain colour"]);
+}
+
+#[test]
 fn emission_is_the_colour_where_the_base_colour_is_black() {
     const GREEN: [u8; 4] = [0, 200, 0, 255];
     let sheet = || counts([([0, 200, 0], 256)]);
