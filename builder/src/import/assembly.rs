@@ -149,17 +149,21 @@ impl Assembly {
     }
 
     pub(super) fn warn(&mut self, line: impl Into<String>) {
-        let line = line.into();
-        tracing::warn!("{line}");
-        // Repeated lines carry no information, and a file could produce them without end.
-        if self.mesh.warnings.len() < MAX_WARNINGS && !self.mesh.warnings.contains(&line) {
-            self.mesh.warnings.push(line);
-        }
+        warn(&mut self.mesh.warnings, line.into());
     }
 }
 
 /// Most warnings that are kept.
 const MAX_WARNINGS: usize = 100;
+
+/// Logs a warning, and keeps it unless it is one of `warnings` or these are too many: repeated lines carry no information, and
+/// a file could produce them without end.
+pub(super) fn warn(warnings: &mut Vec<String>, line: String) {
+    tracing::warn!("{line}");
+    if warnings.len() < MAX_WARNINGS && !warnings.contains(&line) {
+        warnings.push(line);
+    }
+}
 
 /// Extends an attribute array that is either empty or as long as the positions, and keeps it so.
 fn append_attribute<T: Copy>(all: &mut Vec<T>, more: &[T], before: usize, added: usize, missing: T) {

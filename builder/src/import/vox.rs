@@ -7,6 +7,7 @@ use std::path::Path;
 
 use dot_vox::{Dict, DotVoxData, SceneNode};
 
+use super::assembly::warn;
 use super::error::{ImportError, one_line};
 use crate::mesh::MAX_ELEMENTS;
 use crate::voxels::{ModelVoxel, VoxelModel};
@@ -120,26 +121,22 @@ struct Reader<'a> {
 
 impl Reader<'_> {
     fn warn(&mut self, line: String) {
-        tracing::warn!("{line}");
-        if self.model.warnings.len() < 100 && !self.model.warnings.contains(&line) {
-            self.model.warnings.push(line);
-        }
+        warn(&mut self.model.warnings, line);
     }
 
     fn visit_scene(&mut self) -> Result<(), ImportError> {
         let data = self.data;
-        let bad = |path: &Path, what: String| ImportError::malformed(path, what);
         let mut stack = vec![(0u32, Placement::IDENTITY)];
         while let Some((index, outer)) = stack.pop() {
             self.visits += 1;
             if self.visits > MAX_VISITS {
-                return Err(bad(
+                return Err(ImportError::malformed(
                     self.path,
                     format!("the scene has more than {MAX_VISITS} nodes, or one that contains itself"),
                 ));
             }
             let Some(node) = data.scenes.get(index as usize) else {
-                return Err(bad(
+                return Err(ImportError::malformed(
                     self.path,
                     format!("node {index} does not exist: there are only {}", data.scenes.len()),
                 ));
@@ -164,7 +161,7 @@ impl Reader<'_> {
                     }
                     let inner = match frames.first() {
                         Some(frame) => Placement::of_frame(&frame.attributes)
-                            .map_err(|what| bad(self.path, format!("node {index}{name}: {what}")))?,
+                            .map_err(|what| ImportError::malformed(self.path, format!("node {index}{name}: {what}")))?,
                         None => Placement::IDENTITY,
                     };
                     let placement = outer.after(&inner);
@@ -175,7 +172,10 @@ impl Reader<'_> {
                     // Reversed, because the last node on the stack is processed first.
                     stack.extend(children.iter().rev().map(|&child| (child, outer)));
                     if stack.len() > MAX_VISITS {
-                        return Err(bad(self.path, format!("the scene has more than {MAX_VISITS} nodes")));
+                        return Err(ImportError::malformed(
+                            self.path,
+                            format!("the scene has more than {MAX_VISITS} nodes"),
+                        ));
                     }
                 }
                 SceneNode::Shape { models, .. } => {
