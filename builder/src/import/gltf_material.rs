@@ -4,20 +4,19 @@
 //! emitted colour.
 
 use std::collections::HashMap;
-use std::path::PathBuf;
 use std::sync::Arc;
 
 use gltf::json;
 use gltf::json::extensions::texture::TextureTransform;
 use gltf::json::material::AlphaMode;
-use gltf::json::texture::{Info, WrappingMode};
+use gltf::json::texture::Info;
 use gltf::json::validation::Checked;
-use image::DynamicImage;
 
 use super::assembly::Assembly;
 use super::error::{ImportError, one_line};
-use super::gltf_data::{Resource, Source, reason};
-use super::image::{TextureStore, has_holes, normals_of, texture_of};
+use super::gltf_data::Source;
+use super::gltf_texture::{Known, read, wrap_of};
+use super::image::{TextureStore, has_holes};
 use crate::mesh::maps::{LinearTexture, NormalMap, UvTransform};
 use crate::mesh::{Material, Texture, Wrap};
 
@@ -95,17 +94,8 @@ pub(super) struct Materials {
     invisible: Option<u32>,
     /// Whether the colour of a material is what it emits.
     emits: HashMap<usize, bool>,
-    /// The colours in each image, wrapped as a sampler says, or why it cannot be read.
-    colors: HashMap<(usize, [Wrap; 2]), Result<Arc<Texture>, String>>,
-    normals: HashMap<(usize, [Wrap; 2]), Result<Arc<LinearTexture<3>>, String>>,
-}
-
-/// Where the image of a texture is.
-enum Picture {
-    /// In an existing file.
-    File(PathBuf),
-    /// Embedded: its decoded pixels.
-    Embedded(DynamicImage),
+    colors: Known<Texture>,
+    normals: Known<LinearTexture<3>>,
 }
 
 impl Materials {
@@ -408,23 +398,7 @@ impl Materials {
         source: &Source<'_>,
         texture: usize,
     ) -> Result<Result<Arc<LinearTexture<3>>, String>, ImportError> {
-        let wrap = wrap_of(source, texture)?;
-        first_readable(source, texture, |image| {
-            if let Some(known) = self.normals.get(&(image, wrap)) {
-                return Ok(known.clone());
-            }
-            let made = match picture(source, image, &mut self.store) {
-                Ok(Picture::File(file)) => self.store.load_normals(source.path, &file, wrap).and_then(|found| {
-                    found.ok_or_else(|| source.malformed(format!("the texture {} is missing", file.display())))
-                }),
-                Ok(Picture::Embedded(decoded)) => normals_of(source.path, &embedded_name(image), decoded)
-                    .map(|texture| Arc::new(Arc::unwrap_or_clone(texture).with_wrap(wrap))),
-                Err(e) => Err(e),
-            };
-            let made = or_reason(made)?;
-            self.normals.insert((image, wrap), made.clone());
-            Ok(made)
-        })
+        read(source, texture, &mut self.store, &mut self.normals)
     }
 }
 
@@ -440,103 +414,6 @@ fn unit(x: f32) -> f32 {
 /// The factor of the emitted colour.
 fn emission(material: &json::Material) -> [f32; 3] {
     material.emissive_factor.0.map(unit)
-}
-
-fn without_alpha(texture: &Texture) -> Arc<Texture> {
-    let mip = &texture.mips[0];
-    let texels: Vec<[u8; 4]> = mip.texels.iter().map(|&[r, g, b, _]| [r, g, b, 255]).collect();
-    // The size is that of a texture already.
-    Texture::from_rgba8(mip.width, mip.height, texels.as_flattened())
-        .map_or_else(|_| Arc::new(texture.clone()), |opaque| Arc::new(opaque.with_wrap(texture.wrap)))
-}
-
-/// An image that cannot be read is no error of the whole file. Too many texels are.
-fn or_reason<T>(result: Result<T, ImportError>) -> Result<Result<T, String>, ImportError> {
-    match result {
-        Ok(made) => Ok(Ok(made)),
-        Err(e @ ImportError::TooLarge { .. }) => Err(e),
-        Err(e) => Ok(Err(reason(e))),
-    }
-}
-
-fn embedded_name(image: usize) -> String {
-    format!("{image} (embedded)")
-}
-
-/// How a texture is read at coordinates outside 0..=1, by its sampler. Without one, or with modes that glTF does not have, it
-/// repeats.
-fn wrap_of(source: &Source<'_>, texture: usize) -> Result<[Wrap; 2], ImportError> {
-    let textures = &source.root.textures;
-    let entry = textures.get(texture).ok_or_else(|| source.out_of_range("texture", texture, textures.len()))?;
-    let sampler = entry.sampler.and_then(|s| source.root.samplers.get(s.value()));
-    let wrap = |mode: &Checked<WrappingMode>| match mode {
-        Checked::Valid(WrappingMode::ClampToEdge) => Wrap::Clamp,
-        Checked::Valid(WrappingMode::MirroredRepeat) => Wrap::Mirror,
-        Checked::Valid(WrappingMode::Repeat) | Checked::Invalid => Wrap::Repeat,
-    };
-    Ok(sampler.map_or([Wrap::Repeat; 2], |s| [wrap(&s.wrap_s), wrap(&s.wrap_t)]))
-}
-
-/// Extensions that give a texture an image that can be read, in the order of preference: those before the image of the
-/// texture itself, and those after it.
-const BETTER: [&str; 1] = ["EXT_texture_webp"];
-const WORSE: [&str; 1] = ["MSFT_texture_dds"];
-/// Extensions with images that cannot be read.
-const UNREADABLE: [&str; 2] = ["KHR_texture_basisu", "EXT_texture_avif"];
-
-/// What `read` makes of the first image of a texture that it can read, or why there is none.
-fn first_readable<T>(
-    source: &Source<'_>,
-    texture: usize,
-    mut read: impl FnMut(usize) -> Result<Result<T, String>, ImportError>,
-) -> Result<Result<T, String>, ImportError> {
-    let textures = &source.root.textures;
-    let entry = textures.get(texture).ok_or_else(|| source.out_of_range("texture", texture, textures.len()))?;
-    let others = entry.extensions.as_ref().map(|e| &e.others);
-    let of_extension = |name: &&str| {
-        let index = others?.get(*name)?.get("source")?.as_u64()?;
-        Some(usize::try_from(index).unwrap_or(usize::MAX))
-    };
-    // The JSON parser's value for a texture without `source`.
-    let plain = Some(entry.source.value()).filter(|&index| index != u32::MAX as usize);
-    let mut why = None;
-    let images = &source.root.images;
-    for index in BETTER.iter().filter_map(of_extension).chain(plain).chain(WORSE.iter().filter_map(of_extension)) {
-        if index >= images.len() {
-            return Err(source.out_of_range("image", index, images.len()));
-        }
-        match read(index)? {
-            Ok(found) => return Ok(Ok(found)),
-            Err(reason) => why = why.or(Some(reason)),
-        }
-    }
-    let unreadable = UNREADABLE.iter().find(|name| of_extension(name).is_some());
-    Ok(Err(match (why, unreadable) {
-        (Some(why), _) => why,
-        (None, Some(name)) => {
-            format!("texture {texture} has only an image of the glTF extension {name}, which is not supported")
-        }
-        (None, None) => format!("texture {texture} has no image"),
-    }))
-}
-
-/// Where an image is. Embedded images are decoded.
-fn picture(source: &Source<'_>, index: usize, store: &mut TextureStore) -> Result<Picture, ImportError> {
-    let images = &source.root.images;
-    let image = images.get(index).ok_or_else(|| source.out_of_range("image", index, images.len()))?;
-    let decoded = match (&image.uri, image.buffer_view) {
-        (Some(uri), _) => match source.resolve(uri, &format!("image {index}"))? {
-            Resource::File(file) if file.exists() => return Ok(Picture::File(file)),
-            Resource::File(file) => return Err(source.malformed(format!("the texture {} is missing", file.display()))),
-            Resource::Embedded { bytes } => store.decode(source.path, &embedded_name(index), &bytes, None)?,
-        },
-        (None, Some(view)) => {
-            let (bytes, _) = source.view(view.value())?;
-            store.decode(source.path, &embedded_name(index), bytes, None)?
-        }
-        (None, None) => return Err(source.malformed(format!("image {index} has neither uri nor bufferView"))),
-    };
-    Ok(Picture::Embedded(decoded))
 }
 
 #[cfg(test)]
