@@ -9,7 +9,7 @@ fn triangle_bytes() -> Vec<u8> {
 }
 
 /// A document with that triangle as mesh 0. Each part can be replaced.
-struct Document {
+struct Template {
     buffers: String,
     views: &'static str,
     accessors: &'static str,
@@ -18,7 +18,7 @@ struct Document {
     rest: String,
 }
 
-impl Default for Document {
+impl Default for Template {
     fn default() -> Self {
         Self {
             buffers: format!(r#"{{"byteLength":60,"uri":"{}"}}"#, data_uri(&triangle_bytes())),
@@ -32,7 +32,7 @@ impl Default for Document {
     }
 }
 
-impl Document {
+impl Template {
     fn json(&self) -> String {
         let Self { buffers, views, accessors, primitive, nodes, rest } = self;
         format!(
@@ -52,8 +52,8 @@ impl Document {
     }
 }
 
-fn with_accessors(accessors: &'static str) -> Document {
-    Document { accessors, ..Document::default() }
+fn with_accessors(accessors: &'static str) -> Template {
+    Template { accessors, ..Template::default() }
 }
 
 fn glb(json: &str, binary: &[u8]) -> Vec<u8> {
@@ -71,7 +71,7 @@ fn glb(json: &str, binary: &[u8]) -> Vec<u8> {
 
 #[test]
 fn a_plain_triangle() {
-    let mesh = Document::default().mesh();
+    let mesh = Template::default().mesh();
     assert_eq!(mesh.positions, [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
     assert_eq!(mesh.triangles, [[0, 1, 2]]);
     assert_eq!(mesh.materials[0].base_color, [1.0; 4]);
@@ -82,9 +82,9 @@ fn a_plain_triangle() {
 fn buffers_in_files_and_binary_chunks() {
     let files = Files::new();
     files.write("my data.bin", triangle_bytes());
-    let beside = Document { buffers: r#"{"byteLength":60,"uri":"my%20data.bin"}"#.into(), ..Document::default() };
+    let beside = Template { buffers: r#"{"byteLength":60,"uri":"my%20data.bin"}"#.into(), ..Template::default() };
     assert_eq!(files.accept("a.gltf", beside.json()).triangle_count(), 1);
-    let inside = Document { buffers: r#"{"byteLength":60}"#.into(), ..Document::default() };
+    let inside = Template { buffers: r#"{"byteLength":60}"#.into(), ..Template::default() };
     assert_eq!(files.accept("a.glb", glb(&inside.json(), &triangle_bytes())).triangle_count(), 1);
     // The binary container with the extension of the text format.
     assert_eq!(files.accept("b.gltf", glb(&inside.json(), &triangle_bytes())).triangle_count(), 1);
@@ -96,12 +96,12 @@ fn buffers_in_files_and_binary_chunks() {
 
 #[test]
 fn nodes_place_instances() {
-    let document = Document {
+    let document = Template {
         nodes: r#"{"children":[1,2],"translation":[10,0,0]},
             {"mesh":0,"rotation":[0,0,0.70710678,0.70710678],"scale":[2,2,2]},
             {"mesh":0,"matrix":[-1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,5,1]},
             {"mesh":0}"#,
-        ..Document::default()
+        ..Template::default()
     };
     let mesh = document.mesh();
     // Node 3 is not in the scene.
@@ -116,16 +116,16 @@ fn nodes_place_instances() {
 #[test]
 fn without_a_default_scene_all_scenes_are_read() {
     let two = r#"{"mesh":0},{"mesh":0},{"children":[4]},{"mesh":0},{"mesh":0}"#;
-    let count = |rest: &str| Document { nodes: two, rest: rest.into(), ..Document::default() }.mesh().triangle_count();
+    let count = |rest: &str| Template { nodes: two, rest: rest.into(), ..Template::default() }.mesh().triangle_count();
     assert_eq!(count(r#""scenes":[{"nodes":[0]},{"nodes":[2,0]},{}]"#), 2);
     assert_eq!(count(r#""scenes":[]"#), 4);
-    let bare = Document { nodes: "", rest: r#""scenes":[]"#.into(), ..Document::default() }.mesh();
+    let bare = Template { nodes: "", rest: r#""scenes":[]"#.into(), ..Template::default() }.mesh();
     assert_eq!((bare.triangle_count(), bare.warnings.len()), (1, 1));
 }
 
 #[test]
 fn bad_graphs_end() {
-    let error = |nodes: &'static str| Document { nodes, ..Document::default() }.error();
+    let error = |nodes: &'static str| Template { nodes, ..Template::default() }.error();
     let twice = "has more than one parent, or is its own ancestor";
     assert_eq!(error(r#"{"children":[0]}"#), format!("node 0 {twice}"));
     assert_eq!(error(r#"{"children":[1]},{"children":[2]},{"children":[1]}"#), format!("node 1 {twice}"));
@@ -135,7 +135,7 @@ fn bad_graphs_end() {
     assert_eq!(error(r#"{"mesh":3}"#), "mesh 3 does not exist: there are only 1");
     assert_eq!(error(r#"{"name":"nothing here"}"#), "the mesh has no triangles");
     assert_eq!(
-        Document { rest: r#""scene":2,"scenes":[]"#.into(), ..Document::default() }.error(),
+        Template { rest: r#""scene":2,"scenes":[]"#.into(), ..Template::default() }.error(),
         "scene 2 does not exist: there are only 0"
     );
 }
@@ -173,7 +173,7 @@ fn accessors_are_kept_within_their_bytes() {
         format!("{position} has 4000000000 values and no buffer view; the limit is 1048576")
     );
     assert_eq!(error(""), "accessor 0 does not exist: there are only 0");
-    let view = |views: &'static str| Document { views, ..Document::default() }.error();
+    let view = |views: &'static str| Template { views, ..Template::default() }.error();
     assert_eq!(
         view(r#"{"buffer":0,"byteOffset":40,"byteLength":36}"#),
         "buffer view 0 reaches past the end of buffer 0"
@@ -187,7 +187,7 @@ fn accessors_are_kept_within_their_bytes() {
 
 #[test]
 fn buffers_must_be_there() {
-    let error = |buffers: &str| Document { buffers: buffers.into(), ..Document::default() }.error();
+    let error = |buffers: &str| Template { buffers: buffers.into(), ..Template::default() }.error();
     assert_eq!(error(r#"{"byteLength":60}"#), "buffer 0 has no data: no uri and no binary chunk");
     assert_eq!(error(r#"{"byteLength":1e3}"#).split(':').next(), Some("not a glTF document"));
     assert_eq!(error(r#"{"byteLength":99,"uri":"data:,abc%20"}"#), "buffer 0 has 4 bytes, but 99 are declared");
@@ -205,10 +205,10 @@ fn buffers_must_be_there() {
     );
     assert_eq!(error(r#"{"byteLength":60,"uri":"a%ff.bin"}"#), "buffer 0: the URI a%ff.bin is not UTF-8 once decoded");
     let files = Files::new();
-    let missing = Document { buffers: r#"{"byteLength":60,"uri":"none.bin"}"#.into(), ..Document::default() };
+    let missing = Template { buffers: r#"{"byteLength":60,"uri":"none.bin"}"#.into(), ..Template::default() };
     assert!(files.refuse("a.gltf", missing.json()).starts_with("a.gltf: buffer 0: "));
     assert!(files.error("a.gltf").contains("none.bin: cannot be read: "));
-    let directory = Document { buffers: r#"{"byteLength":60,"uri":"."}"#.into(), ..Document::default() };
+    let directory = Template { buffers: r#"{"byteLength":60,"uri":"."}"#.into(), ..Template::default() };
     assert!(files.refuse("a.gltf", directory.json()).contains("is not a regular file"));
 }
 
@@ -219,7 +219,7 @@ fn sparse_accessors_replace_values() {
     bytes.extend([2, 0, 0, 0]);
     let buffers = format!(r#"{{"byteLength":64,"uri":"{}"}}"#, data_uri(&bytes));
     let views = r#"{"buffer":0,"byteLength":36},{"buffer":0,"byteOffset":12,"byteLength":12},{"buffer":0,"byteOffset":60,"byteLength":4}"#;
-    let document = |accessors| Document { buffers: buffers.clone(), views, accessors, ..Document::default() };
+    let document = |accessors| Template { buffers: buffers.clone(), views, accessors, ..Template::default() };
     let mesh = document(
         r#"{"componentType":5126,"count":3,"type":"VEC3","sparse":{"count":1,
             "indices":{"bufferView":2,"componentType":5121},"values":{"bufferView":1}}}"#,
@@ -258,12 +258,12 @@ fn indices_are_checked() {
     let mut bytes = triangle_bytes();
     bytes.extend([0, 1, 2, 2]);
     let buffers = format!(r#"{{"byteLength":64,"uri":"{}"}}"#, data_uri(&bytes));
-    let document = |accessors, primitive| Document {
+    let document = |accessors, primitive| Template {
         buffers: buffers.clone(),
         views: r#"{"buffer":0,"byteLength":36},{"buffer":0,"byteOffset":60,"byteLength":4}"#,
         accessors,
         primitive,
-        ..Document::default()
+        ..Template::default()
     };
     let vertices = r#"{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"},
         {"bufferView":1,"componentType":5121,"count":4,"type":"SCALAR"}"#;
@@ -296,7 +296,7 @@ fn indices_are_checked() {
 
 #[test]
 fn primitives_without_triangles_are_skipped() {
-    let mesh = |primitive| Document { primitive, ..Document::default() };
+    let mesh = |primitive| Template { primitive, ..Template::default() };
     let points = mesh(r#""attributes":{"POSITION":0}},{"attributes":{"POSITION":0},"mode":0},{"attributes":{}"#).mesh();
     assert_eq!(points.triangle_count(), 1);
     assert_eq!(
@@ -317,20 +317,20 @@ fn vertices_must_be_finite() {
     let mut bytes = triangle_bytes();
     bytes[16..20].copy_from_slice(&f32::NAN.to_le_bytes());
     let buffers = format!(r#"{{"byteLength":60,"uri":"{}"}}"#, data_uri(&bytes));
-    let error = Document { buffers, ..Document::default() }.error();
+    let error = Template { buffers, ..Template::default() }.error();
     assert_eq!(error, "mesh 0, primitive 0: vertex 1 is not finite; repair or remove it");
     let nodes = r#"{"scale":[3e38,1,1],"children":[1]},{"scale":[3e38,1,1],"children":[2]},
         {"scale":[3e38,1,1],"children":[3]},{"scale":[3e38,1,1],"children":[4]},{"scale":[3e38,1,1],"children":[5]},
         {"scale":[3e38,1,1],"children":[6]},{"scale":[3e38,1,1],"children":[7]},{"scale":[3e38,1,1],"children":[8]},
         {"scale":[3e38,1,1],"mesh":0}"#;
-    assert!(Document { nodes, ..Document::default() }.error().starts_with("vertex "));
+    assert!(Template { nodes, ..Template::default() }.error().starts_with("vertex "));
 }
 
 #[test]
 fn extensions_that_matter_are_refused_if_required() {
-    let rest = |extensions: &str| Document {
+    let rest = |extensions: &str| Template {
         rest: format!(r#""scene":0,"scenes":[{{"nodes":[0]}}],{extensions}"#),
-        ..Document::default()
+        ..Template::default()
     };
     assert_eq!(
         rest(r#""extensionsUsed":["ADOBE_a"],"extensionsRequired":["ADOBE_a"]"#).error(),
@@ -352,19 +352,19 @@ fn other_versions_and_other_json_are_refused() {
     );
     assert_eq!(refuse("{}"), "a.gltf: not a glTF document: missing field `asset` at line 1 column 2");
     assert!(refuse(&"[".repeat(100_000)).starts_with("a.gltf: not a glTF document: "));
-    assert!(refuse(&Document::default().json()[..200]).starts_with("a.gltf: not a glTF document: EOF while parsing"));
+    assert!(refuse(&Template::default().json()[..200]).starts_with("a.gltf: not a glTF document: EOF while parsing"));
 }
 
 /// A textured document: the material's JSON, and an image of two texels side by side.
-fn textured(material: &str, texels: &[[u8; 4]; 2]) -> Document {
+fn textured(material: &str, texels: &[[u8; 4]; 2]) -> Template {
     let image = data_uri(&png(2, 1, texels));
-    Document {
+    Template {
         primitive: r#""attributes":{"POSITION":0,"TEXCOORD_0":1},"material":0"#,
         rest: format!(
             r#""scene":0,"scenes":[{{"nodes":[0]}}],"materials":[{{{material}}}],"textures":[{{"source":0}}],
             "images":[{{"uri":"{image}"}}]"#
         ),
-        ..Document::default()
+        ..Template::default()
     }
 }
 
@@ -404,10 +404,10 @@ fn a_lamp_has_the_colour_of_its_light() {
 
 #[test]
 fn bad_images_are_warnings_and_bad_references_errors() {
-    let with = |rest: &str| Document {
+    let with = |rest: &str| Template {
         primitive: r#""attributes":{"POSITION":0,"TEXCOORD_0":1},"material":0"#,
         rest: format!(r#""scene":0,"scenes":[{{"nodes":[0]}}],"materials":[{{{COLOR}}}],{rest}"#),
-        ..Document::default()
+        ..Template::default()
     };
     let texture = r#""textures":[{"source":0}]"#;
     for (images, why) in [
@@ -442,10 +442,10 @@ fn textures_need_coordinates() {
 
 #[test]
 fn only_the_vertices_in_use_are_kept() {
-    let mesh = Document {
+    let mesh = Template {
         accessors: r#"{"bufferView":0,"componentType":5126,"count":5,"type":"VEC3"}"#,
         views: r#"{"buffer":0,"byteLength":60}"#,
-        ..Document::default()
+        ..Template::default()
     };
     // Five vertices without indices: one triangle, and two corners left over.
     let mesh = mesh.mesh();
@@ -459,14 +459,14 @@ fn instances_without_end_are_refused_before_they_are_made() {
     let starts: Vec<String> = (0..200).map(|i| i.to_string()).collect();
     let mut bytes = triangle_bytes();
     bytes.extend([0, 0, 0, 0]);
-    let document = Document {
+    let document = Template {
         buffers: format!(r#"{{"byteLength":64,"uri":"{}"}}"#, data_uri(&bytes)),
         accessors: r#"{"componentType":5126,"count":1000000,"type":"VEC3","sparse":{"count":1,
             "indices":{"bufferView":1,"componentType":5121},"values":{"bufferView":0}}}"#,
         primitive: r#""attributes":{"POSITION":0},"mode":5"#,
         nodes: nodes.join(",").leak(),
         rest: format!(r#""scene":0,"scenes":[{{"nodes":[{}]}}]"#, starts.join(",")),
-        ..Document::default()
+        ..Template::default()
     };
     assert_eq!(
         document.error(),
