@@ -82,7 +82,8 @@ impl<'a> Object<'a> {
     /// [`HitPoint::distance`](crate::HitPoint::distance) is in mesh units again. Only leaves end the ray: for other ends set
     /// its sizes. A direction without length or with NaN makes a ray that misses.
     pub fn ray(&self, origin: DVec3, direction: DVec3, distances: Range<f64>) -> Ray {
-        let direction = self.mesh_to_octree.transform_vector3(direction).normalize();
+        // Squares of very small and very large components are 0 or infinite.
+        let direction = near_one(self.mesh_to_octree.transform_vector3(near_one(direction))).normalize();
         let mesh_units_per_t = self.octree_to_mesh.transform_vector3(direction).length();
         Ray {
             t_min: (distances.start / mesh_units_per_t) as f32,
@@ -95,6 +96,15 @@ impl<'a> Object<'a> {
     pub fn rays<'r>(&self, rays: &'r [Ray]) -> Rays<'r> {
         Rays { root: self.root, contours: self.contours, rays }
     }
+}
+
+/// A vector of the same direction whose largest component is 1 to 4, or 2^-51 to 1 for a subnormal one. It is multiplied by
+/// a power of two, so that no component is rounded unless it is negligible. Zero, infinity and NaN stay.
+fn near_one(vector: DVec3) -> DVec3 {
+    const FRACTION_BITS: u32 = 52;
+    const TWICE_THE_BIAS: u64 = 2 * 1023;
+    let exponent = vector.abs().max_element().to_bits() >> FRACTION_BITS;
+    vector * f64::from_bits(TWICE_THE_BIAS.saturating_sub(exponent).max(1) << FRACTION_BITS)
 }
 
 impl Ray {
@@ -150,14 +160,16 @@ mod tests {
                 crate::reference::cast_ray(&octree, object.root(), &ray, true)
             };
             let direction = towards - origin;
-            for length in [1e-3, 1.0, 1e20] {
+            for length in [1e-290, 1e-3, 1.0, 1e20, 1e290] {
                 let hit = cast(direction * length, 0.0..f64::INFINITY);
                 assert!(!hit.is_miss() && (hit.raw_t - 0.5).abs() < 1e-6, "{edge} {length}: {hit:?}");
             }
             assert!(cast(direction, 0.0..0.49 * edge).is_miss() && !cast(direction, 0.0..0.51 * edge).is_miss());
             assert!(cast(direction, 1.01 * edge..2.0 * edge).is_miss());
             assert!((cast(direction, 0.75 * edge..2.0 * edge).raw_t - 0.75).abs() < 1e-6);
-            assert!(cast(DVec3::ZERO, 0.0..1.0).is_miss() && cast(DVec3::NAN, 0.0..1.0).is_miss());
+            for none in [DVec3::ZERO, DVec3::NAN, DVec3::INFINITY, DVec3::new(0.0, f64::NAN, 1.0)] {
+                assert!(cast(none, 0.0..1.0).is_miss(), "{none}");
+            }
             assert_eq!(
                 Ray::from_mesh(&octree, 0, origin, direction, 0.0..1.0),
                 object.ray(origin, direction, 0.0..1.0)
