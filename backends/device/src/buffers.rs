@@ -39,19 +39,34 @@ impl Gpu {
         let buffer = self.buffer(label, size, usage | Usage::COPY_DST)?;
         let (whole, rest) = data.split_at(data.len() - data.len() % 4);
         for (piece, at) in whole.chunks(PIECE_BYTES).zip((0..).step_by(PIECE_BYTES)) {
-            self.queue().write_buffer(&buffer, at, piece);
-            self.queue().submit([]);
-            self.wait()?;
+            self.write_now(&buffer, at, piece)?;
         }
         if !rest.is_empty() {
             let mut word = [0; 4];
             word[..rest.len()].copy_from_slice(rest);
-            self.queue().write_buffer(&buffer, whole.len() as u64, &word);
-            self.queue().submit([]);
-            self.wait()?;
+            self.write_now(&buffer, whole.len() as u64, &word)?;
         }
         self.check()?;
         Ok(buffer)
+    }
+
+    /// Writes to a buffer with usage `COPY_DST` from byte `at` on, before the next submission. `at` and the number of bytes
+    /// are multiples of 4. Does not wait.
+    ///
+    /// # Errors
+    /// On a device of the program: bytes outside of the buffer, a buffer without that usage, not enough memory for the copy.
+    /// On a device that was opened here, the next [`submit`](Self::submit) or [`check`](Self::check) returns these.
+    pub fn write(&self, buffer: &wgpu::Buffer, at: u64, bytes: &[u8]) -> Result<(), DeviceError> {
+        self.caught(|_| self.queue().write_buffer(buffer, at, bytes))
+    }
+
+    /// Writes and waits, so that the memory of the copy is free again.
+    fn write_now(&self, buffer: &wgpu::Buffer, at: u64, bytes: &[u8]) -> Result<(), DeviceError> {
+        self.caught(|_| {
+            self.queue().write_buffer(buffer, at, bytes);
+            self.queue().submit([]);
+        })?;
+        self.wait()
     }
 
     /// The first `count` values of a buffer with usage `COPY_SRC`, through a staging buffer made for this call.
@@ -86,20 +101,26 @@ impl Gpu {
         bytes: u64,
         take: impl FnOnce(&[u8]),
     ) -> Result<(), DeviceError> {
-        let reading = self.begin_reading(staging, bytes);
+        let reading = self.begin_reading(staging, bytes)?;
         self.wait()?;
         self.finish_reading(staging, &reading, take)?.ok_or_else(|| self.error("the device did not deliver the buffer"))
     }
 
     /// Asks for the first `bytes` bytes of a buffer with usage `MAP_READ`, a multiple of 4, and does not wait. For
     /// [`finish_reading`](Self::finish_reading).
-    pub fn begin_reading(&self, staging: &wgpu::Buffer, bytes: u64) -> Reading {
+    ///
+    /// # Errors
+    /// On a device of the program: a buffer that cannot be mapped; a lost device. On a device that was opened here, `wait` and
+    /// `finish_reading` return these.
+    pub fn begin_reading(&self, staging: &wgpu::Buffer, bytes: u64) -> Result<Reading, DeviceError> {
         let reading = Reading { bytes, result: Arc::new(Mutex::new(None)) };
         let store = reading.result.clone();
-        staging.map_async(wgpu::MapMode::Read, ..bytes, move |mapped| {
-            *store.lock().unwrap_or_else(PoisonError::into_inner) = Some(mapped);
-        });
-        reading
+        self.caught(|_| {
+            staging.map_async(wgpu::MapMode::Read, ..bytes, move |mapped| {
+                *store.lock().unwrap_or_else(PoisonError::into_inner) = Some(mapped);
+            });
+        })?;
+        Ok(reading)
     }
 
     /// Gives the bytes of a buffer to `take` if they have arrived, and returns what it returns; `None` if they have not. The

@@ -78,8 +78,8 @@ impl Gpu {
     /// Uses a device that the program has opened, and its queue: handles of both, so that buffers of either can be used
     /// together. Timestamps are there if the device has the feature `TIMESTAMP_QUERY`; limits are those of the device.
     ///
-    /// The device's callbacks for uncaptured errors and for its loss stay those of the program. Errors of this crate's own
-    /// calls are still returned by them.
+    /// The device's callbacks for uncaptured errors and for its loss stay those of the program. Errors that the calls of this
+    /// crate cause are returned by these calls and not passed to the callbacks.
     pub fn from_device(device: wgpu::Device, queue: wgpu::Queue) -> Self {
         let (about, limits) = (describe_as(device.adapter_info(), device.features()), device.limits());
         Self { device, queue, about, limits, reports: Arc::default(), borrowed: true }
@@ -91,7 +91,7 @@ impl Gpu {
         &self.device
     }
 
-    /// wgpu's queue, with the same care.
+    /// wgpu's queue, with the same care; see also [`write`](Self::write) and [`submit`](Self::submit).
     pub fn queue(&self) -> &wgpu::Queue {
         &self.queue
     }
@@ -158,20 +158,22 @@ impl Gpu {
         }
     }
 
+    /// A call of wgpu that does not return its errors. On a borrowed device they would go to the program's callback:
+    /// they are caught. On a device of one's own, [`check`](Self::check) returns them later.
+    pub(crate) fn caught<T>(&self, call: impl FnOnce(&wgpu::Device) -> T) -> Result<T, DeviceError> {
+        if self.borrowed { self.checked(call) } else { Ok(call(&self.device)) }
+    }
+
     /// Records commands and submits them, but does not wait for them.
     ///
     /// # Errors
     /// Commands that are not valid; a lost device.
     pub fn submit(&self, record: impl FnOnce(&mut wgpu::CommandEncoder)) -> Result<(), DeviceError> {
-        let submit = |device: &wgpu::Device| {
+        self.caught(|device| {
             let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
             record(&mut encoder);
             self.queue.submit([encoder.finish()]);
-        };
-        if self.borrowed {
-            return self.checked(submit);
-        }
-        submit(&self.device);
+        })?;
         self.check()
     }
 

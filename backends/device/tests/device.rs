@@ -1,5 +1,7 @@
 //! Whatever device there is: it computes, it is timed, and what it cannot do is an error.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
 use esvo_core::DeviceKind;
@@ -223,6 +225,30 @@ fn errors_of_one_thread_are_not_those_of_another() -> Result<(), DeviceError> {
         assert!(bad.join().unwrap() && good.join().unwrap());
     });
     Ok(())
+}
+
+#[test]
+fn errors_on_a_device_of_the_program_are_returned_and_not_reported_to_the_program() -> Result<(), DeviceError> {
+    let Some(own) = gpu() else { return Ok(()) };
+    let (device, queue) = (own.device().clone(), own.queue().clone());
+    let reports = Arc::new(AtomicU32::new(0));
+    let counted = reports.clone();
+    device.on_uncaptured_error(Arc::new(move |_| {
+        counted.fetch_add(1, Ordering::Relaxed);
+    }));
+    let gpu = Gpu::from_device(device, queue);
+    let bytes = gpu.upload("bytes", &[1u8, 2, 3, 4, 5], Usage::STORAGE | Usage::COPY_SRC)?;
+    assert_eq!(gpu.read::<u8>(&bytes, 5)?, [1, 2, 3, 4, 5]);
+    gpu.write(&bytes, 4, &[6; 4])?;
+    assert_eq!(gpu.read::<u8>(&bytes, 5)?, [1, 2, 3, 4, 6]);
+    let fixed = gpu.buffer("fixed", 16, Usage::STORAGE)?;
+    assert!(matches!(gpu.write(&fixed, 0, &[0; 4]), Err(DeviceError::Invalid { .. })));
+    assert!(gpu.write(&bytes, 8, &[0; 4]).is_err(), "outside of the buffer");
+    assert!(matches!(gpu.begin_reading(&fixed, 16), Err(DeviceError::Invalid { .. })));
+    assert!(gpu.read_staging(&fixed, 16, |_| panic!("nothing was read")).is_err());
+    assert!(gpu.submit(|commands| commands.copy_buffer_to_buffer(&fixed, 0, &fixed, 0, 16)).is_err());
+    assert_eq!(reports.load(Ordering::Relaxed), 0);
+    gpu.check()
 }
 
 #[test]

@@ -101,7 +101,7 @@ impl WgpuCaster {
     /// After the hits were returned once, there are none.
     ///
     /// # Errors
-    /// What the device said.
+    /// What the device said. If the hits of these rays cannot be read, every further call returns this error.
     pub fn poll(&mut self, pending: &mut PendingHits) -> Result<Option<Vec<Hit>>, CastError> {
         self.gpu.poll()?;
         pending.advance(&self.gpu, &mut self.spare)
@@ -153,7 +153,7 @@ impl WgpuCaster {
     ) -> Result<(), CastError> {
         let (Some(loaded), Some(frame)) = (&self.loaded, &self.frame) else { return Err(CastError::NotLoaded) };
         let band = kernel::band_view(view, loaded.map.to_resident(view.root), first_row);
-        self.gpu.queue().write_buffer(&frame.view, 0, bytemuck::bytes_of(&band));
+        self.gpu.write(&frame.view, 0, bytemuck::bytes_of(&band))?;
         let variant = loaded.placement.variant(view);
         self.gpu.submit(|commands| {
             let mut dispatch = |pass: Pass, variant, group: &wgpu::BindGroup, (width, height): (u32, u32)| {

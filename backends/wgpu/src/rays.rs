@@ -6,7 +6,7 @@ use std::sync::Arc;
 use esvo_core::gpu::kernel::{self, Pass, WORKGROUP};
 use esvo_core::gpu::resident::SlotMap;
 use esvo_core::{CastError, Hit, Ray, View};
-use esvo_device::{Gpu, Reading, Usage, storage, uniform};
+use esvo_device::{DeviceError, Gpu, Reading, Usage, storage, uniform};
 
 /// Buffers for the rays of one dispatch.
 pub(crate) struct RayBuffers {
@@ -60,8 +60,8 @@ impl RayBuffers {
     ) -> Result<Batch, CastError> {
         let count = rays.len() as u32;
         let bytes = size_of_val(rays) as u64 / size_of::<Ray>() as u64 * size_of::<Hit>() as u64;
-        gpu.queue().write_buffer(&self.view, 0, bytemuck::bytes_of(&kernel::rays_view(root, count)));
-        gpu.queue().write_buffer(&self.rays, 0, bytemuck::cast_slice(rays));
+        gpu.write(&self.view, 0, bytemuck::bytes_of(&kernel::rays_view(root, count)))?;
+        gpu.write(&self.rays, 0, bytemuck::cast_slice(rays))?;
         gpu.submit(|commands| {
             let descriptor = wgpu::ComputePassDescriptor { label: Some(Pass::Rays.entry()), timestamp_writes: None };
             let mut compute = commands.begin_compute_pass(&descriptor);
@@ -72,7 +72,7 @@ impl RayBuffers {
             drop(compute);
             commands.copy_buffer_to_buffer(&self.out, 0, &self.staging, 0, bytes);
         })?;
-        let reading = gpu.begin_reading(&self.staging, bytes);
+        let reading = gpu.begin_reading(&self.staging, bytes)?;
         Ok(Batch { buffers: self, reading, count: rays.len() })
     }
 }
@@ -93,7 +93,7 @@ impl Batch {
         gpu: &Gpu,
         to: &mut [Hit],
         spare: &mut Vec<RayBuffers>,
-    ) -> Result<Option<Self>, CastError> {
+    ) -> Result<Option<Self>, DeviceError> {
         let copy = |from: &[u8]| bytemuck::cast_slice_mut(to).copy_from_slice(from);
         if gpu.finish_reading(&self.buffers.staging, &self.reading, copy)?.is_none() {
             return Ok(Some(self));
@@ -111,13 +111,15 @@ pub struct PendingHits {
     /// Those of the batches that have arrived, then those that have not.
     hits: Vec<Hit>,
     arrived: usize,
+    /// Why a batch was not read. Its hits are missing, so the list is never complete.
+    failed: Option<DeviceError>,
     map: Arc<SlotMap>,
 }
 
 impl PendingHits {
     pub(crate) fn new(batches: VecDeque<Batch>, map: Arc<SlotMap>) -> Self {
         let rays = batches.iter().map(|batch| batch.count).sum();
-        Self { batches, hits: vec![Hit::miss(0); rays], arrived: 0, map }
+        Self { batches, hits: vec![Hit::miss(0); rays], arrived: 0, failed: None, map }
     }
 
     /// Number of rays.
@@ -130,19 +132,74 @@ impl PendingHits {
         self.hits.is_empty()
     }
 
-    /// Takes what has arrived. Returns the hits once all have.
+    /// Takes what has arrived. Returns the hits once all have. After an error, returns the same error at every call.
     pub(crate) fn advance(&mut self, gpu: &Gpu, spare: &mut Vec<RayBuffers>) -> Result<Option<Vec<Hit>>, CastError> {
+        if let Some(error) = &self.failed {
+            return Err(error.clone().into());
+        }
         while let Some(batch) = self.batches.pop_front() {
             let next = self.arrived + batch.count;
-            if let Some(later) = batch.finish(gpu, &mut self.hits[self.arrived..next], spare)? {
-                self.batches.push_front(later);
-                return Ok(None);
+            match batch.finish(gpu, &mut self.hits[self.arrived..next], spare) {
+                Ok(None) => self.arrived = next,
+                Ok(Some(later)) => {
+                    self.batches.push_front(later);
+                    return Ok(None);
+                }
+                Err(error) => {
+                    self.batches.clear();
+                    return Err(self.failed.insert(error).clone().into());
+                }
             }
-            self.arrived = next;
         }
         let mut hits = std::mem::take(&mut self.hits);
         self.arrived = 0;
         self.map.restore(&mut hits);
         Ok(Some(hits))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use esvo_core::gpu::kernel::GpuOptions;
+    use esvo_core::testing::{rays::incoherent, sample::Sample};
+    use esvo_core::{Caster, Rays};
+
+    use crate::WgpuCaster;
+
+    #[test]
+    fn a_list_that_lost_a_batch_never_returns_hits() {
+        let options = GpuOptions { max_rays: Some(100), ..GpuOptions::default() };
+        let mut caster = match WgpuCaster::new(&options) {
+            Ok(caster) => caster,
+            Err(error) if std::env::var_os("ESVO_REQUIRE_GPU").is_some() => panic!("{error}"),
+            Err(error) => {
+                eprintln!("skipped: {error}");
+                return;
+            }
+        };
+        let octree = Sample::plain(4, false).octree().unwrap();
+        caster.load(&octree).unwrap();
+        let rays = incoherent(300, 1);
+        for lost in 0..3 {
+            let mut pending = caster.submit_rays(&Rays::new(&octree, 0, &rays)).unwrap();
+            // The buffer is not mapped any more when the hits are read.
+            pending.batches[lost].buffers.staging.unmap();
+            let mut poll = || {
+                for _ in 0..60_000 {
+                    match caster.poll(&mut pending) {
+                        Ok(None) => std::thread::sleep(std::time::Duration::from_millis(1)),
+                        other => return other.map(Option::unwrap_or_default),
+                    }
+                }
+                panic!("no hits after a minute");
+            };
+            let first = poll().unwrap_err().to_string();
+            for _ in 0..3 {
+                assert_eq!(poll().unwrap_err().to_string(), first, "batch {lost}");
+            }
+        }
+        let mut hits = Vec::new();
+        caster.cast_rays(&Rays::new(&octree, 0, &rays), &mut hits).unwrap();
+        assert_eq!(hits.len(), rays.len());
     }
 }
