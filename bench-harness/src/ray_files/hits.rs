@@ -9,7 +9,9 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use super::rays::RayFile;
-use super::table::{FileHeader, Form, Layout, RayFileError, TableReader, TableWriter, double, float, whole};
+use super::table::{
+    FileHeader, Form, Layout, RayFileError, TableReader, TableWriter, double, first_not_finite, float, whole,
+};
 
 /// Rays that are cast at once: few enough to keep memory small.
 const BATCH: usize = 1 << 20;
@@ -98,6 +100,11 @@ impl Layout for HitRecord {
             iterations: whole(bytes, 40),
         })
     }
+
+    fn not_in_json(&self) -> Option<(&'static str, f64)> {
+        let position = self.position.iter().find(|x| !x.is_finite()).map(|x| ("position", *x));
+        first_not_finite(&[("t", &[self.t]), ("size", &[self.size])]).or(position)
+    }
 }
 
 /// Writes hits one after the other.
@@ -107,7 +114,7 @@ impl<'a> HitWriter<'a> {
     /// Writes the header of a file of `count` hits. `path` tells the form: `.bin` or `.json`.
     ///
     /// # Errors
-    /// Another extension; the system's.
+    /// Another extension; a count other than that of the header's picture; the system's.
     pub fn new(out: &'a mut dyn Write, path: &Path, header: &FileHeader, count: u64) -> std::io::Result<Self> {
         let form = Form::of(path).map_err(std::io::Error::other)?;
         TableWriter::new::<HitRecord>(out, form, header, count).map(Self)
@@ -116,7 +123,7 @@ impl<'a> HitWriter<'a> {
     /// Writes some hits.
     ///
     /// # Errors
-    /// The system's.
+    /// More hits than were announced; in a `.json` a number that is infinite or NaN; the system's.
     pub fn put(&mut self, hits: &[HitRecord]) -> std::io::Result<()> {
         self.0.put(hits)
     }
@@ -124,7 +131,7 @@ impl<'a> HitWriter<'a> {
     /// Writes what follows the last hit.
     ///
     /// # Errors
-    /// The system's.
+    /// Fewer hits than were announced; the system's.
     pub fn end(self) -> std::io::Result<()> {
         self.0.end()
     }
@@ -159,17 +166,19 @@ impl HitFile {
 /// Casts the rays of a file, in their order, and passes the hits to `sink`, some at a time. `caster` has loaded `octree`.
 ///
 /// # Errors
-/// What the file says; an object that the octree does not have; the caster's; an error of `sink`.
+/// The file's, as a [`RayFileError`] that names it, also for an object that the octree does not have; the caster's, as an
+/// [`esvo_core::CastError`]; those of `sink`, unchanged.
 pub fn cast_file(
     rays: &mut RayFile,
     octree: &Octree,
     caster: &mut dyn Caster,
     sink: &mut dyn FnMut(&[HitRecord]) -> std::io::Result<()>,
 ) -> std::io::Result<()> {
-    let other = std::io::Error::other::<String>;
     let (object, contours) = (rays.header().object as usize, rays.header().contours);
     let Some(entry) = octree.objects().get(object) else {
-        return Err(other(format!("the rays are for object {object}; the octree has {}", octree.objects().len())));
+        let objects = octree.objects().len();
+        let what = format!("its rays are for object {object}, counted from 0; the octree has {objects}");
+        return Err(std::io::Error::other(rays.error(what)));
     };
     let root = entry.root_slot as u32;
     let (mut batch, mut hits, mut records) = (Vec::new(), Vec::new(), Vec::new());

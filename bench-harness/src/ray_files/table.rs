@@ -44,6 +44,21 @@ pub struct FileHeader {
     pub octree_to_mesh: [f64; 16],
 }
 
+impl FileHeader {
+    /// Checks it as the header of `count` records. `Err` says what is wrong.
+    fn check(&self, count: u64, records: &str) -> Result<(), String> {
+        let [width, height] = self.size;
+        let pixels = u64::from(width) * u64::from(height);
+        if self.size != [0, 0] && pixels != count {
+            return Err(format!("a picture of {width}x{height} has {pixels} {records}, not {count}"));
+        }
+        if !self.octree_to_mesh.iter().all(|x| x.is_finite()) {
+            return Err("the matrix has numbers that are not finite".into());
+        }
+        Ok(())
+    }
+}
+
 /// A kind of record.
 pub(super) trait Layout: Sized + Serialize + DeserializeOwned {
     /// First bytes of a `.bin`.
@@ -59,6 +74,8 @@ pub(super) trait Layout: Sized + Serialize + DeserializeOwned {
     fn put(&self, out: &mut Vec<u8>);
     /// Reads a record of [`BYTES`](Self::BYTES) bytes. `Err` says what is wrong.
     fn get(bytes: &[u8]) -> Result<Self, String>;
+    /// The first number that a `.json` cannot hold, with its name: JSON has neither infinity nor NaN.
+    fn not_in_json(&self) -> Option<(&'static str, f64)>;
 }
 
 /// The form of a file, by its extension.
@@ -79,11 +96,11 @@ impl Form {
 }
 
 /// The first part of a `.json`; the records follow.
-#[derive(Serialize, Deserialize)]
-struct JsonHead {
-    schema: String,
+#[derive(Serialize)]
+struct JsonHead<'a> {
+    schema: &'a str,
     #[serde(flatten)]
-    header: FileHeader,
+    header: &'a FileHeader,
 }
 
 /// A whole `.json`.
@@ -101,32 +118,41 @@ struct Json<R> {
 pub(super) struct TableWriter<'a> {
     out: &'a mut dyn Write,
     form: Form,
-    first: bool,
+    /// What the records are, for errors.
+    what: &'static str,
+    /// Number of records in the header.
+    count: u64,
+    written: u64,
     bytes: Vec<u8>,
 }
 
 impl<'a> TableWriter<'a> {
-    /// Writes the header.
+    /// Writes the header. Refuses one that [`TableReader`] would refuse.
     pub(super) fn new<R: Layout>(
         out: &'a mut dyn Write,
         form: Form,
         header: &FileHeader,
         count: u64,
     ) -> std::io::Result<Self> {
+        header.check(count, R::WHAT).map_err(std::io::Error::other)?;
         match form {
             Form::Binary => out.write_all(&binary_header::<R>(header, count))?,
             Form::Json => {
-                let head = JsonHead { schema: R::SCHEMA.into(), header: *header };
+                let head = JsonHead { schema: R::SCHEMA, header };
                 let head = serde_json::to_string(&head).map_err(std::io::Error::other)?;
                 write!(out, "{},\"records\":[", &head[..head.len() - 1])?;
             }
         }
-        Ok(Self { out, form, first: true, bytes: Vec::new() })
+        Ok(Self { out, form, what: R::WHAT, count, written: 0, bytes: Vec::new() })
     }
 
-    /// Writes some records.
+    /// Writes some records. Refuses more than the header announces, and in a `.json` numbers that are not finite.
     pub(super) fn put<R: Layout>(&mut self, records: &[R]) -> std::io::Result<()> {
         for record in records {
+            if self.written == self.count {
+                let (what, count) = (self.what, self.count);
+                return Err(std::io::Error::other(format!("there are more {what} than the {count} of the header")));
+            }
             match self.form {
                 Form::Binary => {
                     self.bytes.clear();
@@ -134,17 +160,26 @@ impl<'a> TableWriter<'a> {
                     self.out.write_all(&self.bytes)?;
                 }
                 Form::Json => {
+                    if let Some((name, value)) = record.not_in_json() {
+                        let what =
+                            format!("record {}: {name} is {value}, which JSON cannot hold; use .bin", self.written);
+                        return Err(std::io::Error::other(what));
+                    }
                     let text = serde_json::to_string(record).map_err(std::io::Error::other)?;
-                    write!(self.out, "{}\n{text}", if self.first { "" } else { "," })?;
-                    self.first = false;
+                    write!(self.out, "{}\n{text}", if self.written == 0 { "" } else { "," })?;
                 }
             }
+            self.written += 1;
         }
         Ok(())
     }
 
-    /// Writes what follows the last record.
+    /// Writes what follows the last record. Refuses fewer records than the header announces.
     pub(super) fn end(self) -> std::io::Result<()> {
+        if self.written < self.count {
+            let (what, count, written) = (self.what, self.count, self.written);
+            return Err(std::io::Error::other(format!("there are {written} {what}, but the header announces {count}")));
+        }
         if self.form == Form::Json { writeln!(self.out, "\n]}}") } else { Ok(()) }
     }
 }
@@ -228,11 +263,10 @@ impl<R: Layout> TableReader<R> {
             return Err(failed("flags or reserved bytes are set that this version does not know".into()));
         }
         let count = long(24);
-        let expected = count.checked_mul(R::BYTES as u64).and_then(|n| n.checked_add(HEADER as u64));
-        if expected != Some(metadata.len()) {
-            let what =
-                format!("{count} {} do not fit its {} bytes: it is truncated or not whole", R::WHAT, metadata.len());
-            return Err(failed(what));
+        let expected = u128::from(count) * R::BYTES as u128 + HEADER as u128;
+        if expected != u128::from(metadata.len()) {
+            let there = metadata.len();
+            return Err(failed(format!("{count} {} take {expected} bytes, but the file has {there}", R::WHAT)));
         }
         let header = FileHeader {
             object: number(20),
@@ -244,16 +278,15 @@ impl<R: Layout> TableReader<R> {
     }
 
     fn checked(self) -> Result<Self, RayFileError> {
-        let [width, height] = self.header.size;
-        let pixels = u64::from(width) * u64::from(height);
-        if self.header.size != [0, 0] && pixels != self.count {
-            let what = format!("a picture of {width}x{height} has {pixels} {}, not {}", R::WHAT, self.count);
-            return Err(RayFileError::new(&self.path, what));
+        match self.header.check(self.count, R::WHAT) {
+            Ok(()) => Ok(self),
+            Err(what) => Err(self.error(what)),
         }
-        if !self.header.octree_to_mesh.iter().all(|x| x.is_finite()) {
-            return Err(RayFileError::new(&self.path, "the matrix has numbers that are not finite"));
-        }
-        Ok(self)
+    }
+
+    /// An error of this file.
+    pub(super) fn error(&self, what: impl ToString) -> RayFileError {
+        RayFileError::new(&self.path, what)
     }
 
     /// Replaces `records` by the next ones, at most `most`. Leaves none at the end.
@@ -279,6 +312,12 @@ impl<R: Layout> TableReader<R> {
 
 fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
+}
+
+/// The first number that is infinite or NaN, with its name.
+pub(super) fn first_not_finite(numbers: &[(&'static str, &[f32])]) -> Option<(&'static str, f64)> {
+    let values = numbers.iter().flat_map(|(name, values)| values.iter().map(move |value| (*name, f64::from(*value))));
+    values.into_iter().find(|(_, value)| !value.is_finite())
 }
 
 /// The `f32` at an offset.

@@ -5,7 +5,8 @@ use std::sync::Arc;
 
 use clap::Args;
 use esvo_bench::Progress;
-use esvo_bench::ray_files::{Comparison, HitFile, HitRecord, HitWriter, RayFile, cast_file, compare};
+use esvo_bench::ray_files::{Comparison, HitFile, HitRecord, HitWriter, RayFile, RayFileError, cast_file, compare};
+use esvo_core::CastError;
 use esvo_engines::{EngineId, OpenOptions};
 use esvo_format::write_atomically;
 
@@ -96,7 +97,7 @@ pub(crate) fn run_hits(arguments: &HitsArguments) -> Result<(), Failure> {
             })?;
             writer.end()
         })
-        .map_err(|e| name_file(output, e))?,
+        .map_err(|e| if is_of_writing(&e) { name_file(output, e) } else { e.to_string() })?,
         None => cast_file(&mut rays, &octree, &mut *caster, &mut look)?,
     }
     progress.finish();
@@ -115,4 +116,9 @@ pub(crate) fn run_hits(arguments: &HitsArguments) -> Result<(), Failure> {
     }
     let wrong = only_first + only_second + other_t;
     Err(format!("{name}: {} of {} differ", wrong, count(number, "ray")).into())
+}
+
+/// Whether an error of [`write_atomically`] concerns the output: not a file that was read, nor the engine.
+fn is_of_writing(error: &std::io::Error) -> bool {
+    !error.get_ref().is_some_and(|inner| inner.is::<RayFileError>() || inner.is::<CastError>())
 }
