@@ -49,7 +49,14 @@ def main() -> int:
     parser.add_argument("--scenes", default=",".join(name for name, _ in SCENES), help="names of scenes, separated by commas")
     parser.add_argument("--casting-engines", default="cpu", help="names of engines, separated by commas")
     options = parser.parse_args()
-    scenes = [(name, levels) for name, levels in SCENES if name in options.scenes.split(",")]
+    wanted = options.scenes.split(",")
+    known = [name for name, _ in SCENES]
+    for name in wanted:
+        if name not in known:
+            parser.error(f"--scenes: {name!r} is no scene of this comparison; the scenes are {', '.join(known)}")
+    if options.rounds < 1:
+        parser.error(f"--rounds {options.rounds}: expected at least 1")
+    scenes = [(name, levels) for name, levels in SCENES if name in wanted]
     programs = {"old": os.path.abspath(options.old), "new": os.path.abspath(options.new)}
     different = []
 
