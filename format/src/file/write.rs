@@ -256,7 +256,8 @@ impl Drop for Listed {
 }
 
 /// Removes the unfinished temporary files of [`write_atomically`]. For a program that was asked to stop and will exit. It may
-/// be called from a failed allocation: it needs no memory, and does not wait for a thread that is adding a file.
+/// be called from a failed allocation: it needs no memory. While another thread adds or removes a file, it waits once, for 0.1
+/// seconds; if the list is still locked then, it removes nothing, and all temporary files stay.
 pub fn remove_temporaries() {
     let mut paths = match TEMPORARIES.try_lock() {
         Ok(paths) => paths,
@@ -266,7 +267,8 @@ pub fn remove_temporaries() {
             std::thread::sleep(std::time::Duration::from_millis(100));
             match TEMPORARIES.try_lock() {
                 Ok(paths) => paths,
-                Err(_) => return,
+                Err(TryLockError::Poisoned(paths)) => paths.into_inner(),
+                Err(TryLockError::WouldBlock) => return,
             }
         }
     };
