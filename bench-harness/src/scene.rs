@@ -23,8 +23,8 @@ pub struct Scene {
     pub identity: String,
     /// Credit line.
     pub credit: String,
-    /// Whether pictures may be published.
-    pub publish: bool,
+    /// Why pictures may not be published; `None` if they may.
+    pub not_published: Option<&'static str>,
     /// The mesh, not displaced.
     pub mesh: Mesh,
     /// Whether the mesh must be displaced before it is built.
@@ -119,6 +119,8 @@ pub struct SceneSource<'a> {
     entry: &'a SceneEntry,
     /// The mesh file; `None`: the stand-in.
     found: Option<FoundScene<'a>>,
+    /// Whether the stand-in was asked for.
+    stand_in: bool,
 }
 
 impl<'a> SceneSource<'a> {
@@ -128,7 +130,30 @@ impl<'a> SceneSource<'a> {
     /// A mesh file that exists but cannot be read.
     pub fn find(entry: &'a SceneEntry, scenes_dir: Option<&Path>, stand_in: bool) -> Result<Self, BenchError> {
         let locate = || locate_scene(entry, scenes_dir).map_err(|e| BenchError::scene(&entry.name, e));
-        Ok(Self { entry, found: if stand_in { None } else { locate()? } })
+        Ok(Self { entry, found: if stand_in { None } else { locate()? }, stand_in })
+    }
+
+    /// Whether the stand-in is used because the mesh file was not found.
+    pub fn is_replaced(&self) -> bool {
+        self.found.is_none() && !self.stand_in && self.entry.stand_in.is_some()
+    }
+
+    /// Why the mesh file was not found, and what to do if something can be done.
+    pub fn missing(&self) -> String {
+        match (&self.entry.folder, self.entry.meshes.first()) {
+            (_, None) => "the manifest lists no mesh file for it".into(),
+            (Some(folder), Some(mesh)) => format!("{} does not exist", folder.join(&mesh.file).display()),
+            (None, Some(_)) => "its mesh was not found; give the folder of the mesh by --scenes-dir".into(),
+        }
+    }
+
+    /// Why there is neither a mesh file nor a stand-in; `None` if there is one of them.
+    pub fn absent(&self) -> Option<String> {
+        match (&self.found, &self.entry.stand_in) {
+            (Some(_), _) | (_, Some(_)) => None,
+            (None, None) if self.stand_in => Some("it has no stand-in".into()),
+            (None, None) => Some(format!("it has no stand-in, and {}", self.missing())),
+        }
     }
 
     /// Which mesh it is.
@@ -179,12 +204,10 @@ impl<'a> SceneSource<'a> {
             }
             return Ok(mesh);
         }
-        if let (Some(folder), Some(mesh)) = (&self.entry.folder, self.entry.meshes.first()) {
-            return Err(failed(&format!("{} does not exist", folder.join(&mesh.file).display())));
+        if let Some(why) = self.absent() {
+            return Err(failed(&why));
         }
-        self.entry.stand_in.as_ref().and_then(StandIn::generate).ok_or_else(|| {
-            failed(&"its mesh was not found, and it has no stand-in; give the folder of the mesh by --scenes-dir")
-        })
+        self.entry.stand_in.as_ref().and_then(StandIn::generate).ok_or_else(|| failed(&"its generator does not exist"))
     }
 }
 
@@ -214,8 +237,14 @@ impl Scene {
                 SceneVariant::Other if entry.folder.is_some() && !entry.credit.is_empty() => entry.credit.clone(),
                 SceneVariant::Other => "unknown".into(),
             },
+            not_published: match variant {
+                SceneVariant::StandIn => None,
+                // A mesh that no manifest lists: the terms of the listed one say nothing about it.
+                _ if other.is_some() => Some("the mesh is not the listed one, and its terms are not known"),
+                _ if entry.publish => None,
+                _ => Some("the terms of the mesh do not allow publishing them"),
+            },
             other,
-            publish: entry.publish || variant == SceneVariant::StandIn,
             mesh,
             displaced: entry.displaced,
             views: all,

@@ -7,7 +7,6 @@ use esvo_bench::scene::{self, SceneSource};
 use esvo_core::camera::viewpoint;
 use esvo_core::{Camera, CastOptions, View};
 use esvo_format::Octree;
-use esvo_scenes::SceneVariant;
 use glam::DVec3;
 
 use crate::fail::{Failure, complain};
@@ -128,20 +127,25 @@ fn camera(arguments: &ViewArguments, octree: &Octree) -> Result<Camera, Failure>
     let manifest = scene::manifest(arguments.manifest.as_deref())?;
     let entry = scene::buildable(&manifest, name)?;
     let source = SceneSource::find(entry, arguments.scenes_dir.as_deref(), arguments.stand_in)?;
+    if let Some(why) = source.absent() {
+        return Err(format!("--scene {name}: {why}").into());
+    }
     let views = source.views();
+    if views.is_empty() {
+        let what =
+            "the manifest has no cameras for it; add `cameras` to the manifest, or give --camera instead of --scene";
+        return Err(format!("--scene {name}: {what}").into());
+    }
     let index = arguments.view.wrapping_sub(1);
     let view =
         views.get(index).ok_or_else(|| format!("--view {}: {name} has views 1 to {}", arguments.view, views.len()))?;
-    match (source.variant(), source.other()) {
-        (_, Some(other)) => {
-            let what = "not the mesh that the manifest lists; the viewpoints are those of the listed one";
-            complain("warning", &format!("--scene {name}: {other}: {what}"));
-        }
-        (SceneVariant::StandIn, None) if !arguments.stand_in => {
-            let what = "its mesh was not found, so this is a viewpoint of its stand-in; give the mesh's folder by --scenes-dir";
-            complain("warning", &format!("--scene {name}: {what}"));
-        }
-        _ => {}
+    if let Some(other) = source.other() {
+        let what = "not the mesh that the manifest lists; the viewpoints are those of the listed one";
+        complain("warning", &format!("--scene {name}: {other}: {what}"));
+    }
+    if source.is_replaced() {
+        let why = source.missing();
+        complain("warning", &format!("--scene {name}: this is a viewpoint of its stand-in: {why}"));
     }
     let mut camera = view.camera;
     camera.fov_degrees = fov.unwrap_or(camera.fov_degrees);

@@ -158,7 +158,7 @@ fn bench_build_goes_on_where_it_can_and_says_what_is_left_out() {
     let scenes = "sibenik-d,sibenik";
     let limits = ["--rays", "10000", "--repeats", "1", "--disk", "0.00008", "--out", "made"];
     let text = folder.ok(&[&["bench", "build", "--scenes", scenes, "--levels", "4,5,10"], &limits[..]].concat());
-    assert!(text.contains("SIBENIK-D: its mesh is not here"), "{text}");
+    assert!(text.contains("SIBENIK-D: it has no stand-in, and its mesh was not found"), "{text}");
     assert!(text.contains("SIBENIK, cubical, at ") && text.contains("GB of disk, and the limit is 0.00008"), "{text}");
     let table = std::fs::read_to_string(folder.path("made/build.md")).unwrap();
     for part in ["| SIBENIK | cubical, stand-in | 4 |", "## What contours save", "| SIBENIK | stand-in | 4 |"] {

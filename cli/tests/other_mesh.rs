@@ -42,6 +42,9 @@ fn tables_and_records_name_another_mesh() {
         let json = find_json(&folder.path(record));
         assert!(json.contains("\"mesh\": \"other\"") && json.contains("another mesh"), "{json}");
     }
+    let json = find_json(&folder.path("results/m"));
+    let why = "the mesh is not the listed one, and its terms are not known";
+    assert!(json.contains("\"publish\": false") && json.contains(why), "{json}");
 }
 
 /// The first record in a folder or the folders in it.

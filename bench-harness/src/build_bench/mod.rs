@@ -18,7 +18,7 @@ use std::path::PathBuf;
 use esvo_scenes::{SceneEntry, SceneVariant};
 
 use crate::matrix_parts::LeftOut;
-use crate::scene::{self, Scene};
+use crate::scene::{self, Scene, SceneSource};
 use crate::system::clock::Clock;
 use crate::system::machine::Machine;
 use crate::system::proc;
@@ -110,9 +110,7 @@ impl BuildRun<'_> {
     fn scene(&mut self, entry: &SceneEntry, levels: &[u32]) -> Result<(), BenchError> {
         let matrix = &self.options.matrix;
         let scenes_dir = self.options.scenes_dir.as_deref();
-        if entry.stand_in.is_none() && esvo_scenes::find_scene_file(entry, scenes_dir).is_none() {
-            let reason =
-                "its mesh is not here, and it has no stand-in; give the folder of the mesh by --scenes-dir".into();
+        if let Some(reason) = SceneSource::find(entry, scenes_dir, false)?.absent() {
             self.report.left_out.push(LeftOut { what: entry.name.clone(), reason });
             return self.save();
         }

@@ -137,7 +137,7 @@ impl PaperRun<'_> {
             triangles: scene.mesh.triangle_count() as u64,
             identity: scene.identity.clone(),
             credit: scene.credit.clone(),
-            publish: scene.publish,
+            publish: scene.not_published.is_none(),
             views: scene.views.clone(),
             warnings: scene.mesh.warnings.clone(),
             mesh_seconds: scene.seconds,
@@ -156,7 +156,9 @@ impl PaperRun<'_> {
         let limit = self.options.matrix.memory_gb;
         let held = resident_bytes() as f64;
         if held > limit * GB {
-            let why = format!("its mesh takes {:.2} GB of memory, and the limit is {limit}; see --memory", held / GB);
+            let held = held / GB;
+            let why =
+                format!("with its mesh, the program takes {held:.2} GB of memory; the limit is {limit}, see --memory");
             self.refuse(&scene.name, &wanted.levels, &[Some(why.clone()), Some(why)]);
             return Ok(report);
         }
@@ -237,8 +239,8 @@ impl PaperRun<'_> {
     }
 
     fn pictures(&mut self, scene: &Scene, pair: &OctreePair, report: &mut SceneReport) -> Result<(), BenchError> {
-        if !scene.publish {
-            self.leave_out(format!("pictures of {}", scene.name), "the terms of the mesh do not allow publishing them");
+        if let Some(why) = scene.not_published {
+            self.leave_out(format!("pictures of {}", scene.name), why);
             return Ok(());
         }
         let Some(any) = pair.contours.as_ref().or(pair.cubical.as_ref()) else { return Ok(()) };

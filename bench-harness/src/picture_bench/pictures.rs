@@ -117,8 +117,8 @@ impl Shown {
         displaced: bool,
         progress: &Progress,
     ) -> Result<Self, BenchError> {
-        if !scene.publish {
-            return Err(BenchError::scene(title, "the terms of its mesh do not allow publishing pictures"));
+        if let Some(why) = scene.not_published {
+            return Err(BenchError::scene(title, format!("pictures of it may not be published: {why}")));
         }
         if displaced {
             progress.say(format!("{title}: displacing"));

@@ -97,7 +97,7 @@ fn matrix(arguments: &BenchBuildArguments) -> Result<BuildMatrix, Failure> {
         None if arguments.full => BuildMatrix::full_run(),
         None => BuildMatrix::default_run(),
     };
-    let names = selection.names()?;
+    let names = selection.names(&matrix.scenes)?;
     if !names.is_empty() {
         matrix.select_scenes(&names);
     }

@@ -28,7 +28,8 @@ pub(crate) struct Selection {
     /// Folder that is searched first for real meshes; then $ESVO_SCENES, then ../shared/scenes
     #[arg(long, value_name = "FOLDER")]
     pub(crate) scenes_dir: Option<PathBuf>,
-    /// Read the scenes from this manifest of your own instead of the paper's: see scenes/README.md. Without --scenes, all of them
+    /// Read the scenes from this manifest of your own instead of the paper's: see scenes/README.md. Without --scenes: those of
+    /// --matrix if the manifest has any of them, otherwise all of the manifest
     #[arg(long, value_name = "FILE", conflicts_with = "scenes_dir")]
     pub(crate) manifest: Option<PathBuf>,
     /// Print the record as JSON instead of the tables
@@ -45,15 +46,19 @@ impl Selection {
         }
     }
 
-    /// Names of the scenes to measure; empty: those of the matrix.
+    /// Names of the scenes to measure; empty: those of the matrix, which has these scenes.
     ///
     /// # Errors
     /// A manifest that cannot be used.
-    pub(crate) fn names(&self) -> Result<Vec<String>, Failure> {
-        if self.manifest.is_none() || self.matrix.is_some() || !self.scenes.is_empty() {
+    pub(crate) fn names(&self, matrix: &[SceneLevels]) -> Result<Vec<String>, Failure> {
+        if self.manifest.is_none() || !self.scenes.is_empty() {
             return Ok(self.scenes.clone());
         }
         let manifest = esvo_bench::scene::manifest(self.manifest.as_deref())?;
+        // A matrix that was written for this manifest.
+        if matrix.iter().any(|scene| manifest.scene(&scene.name).is_some()) {
+            return Ok(Vec::new());
+        }
         Ok(manifest.scenes.iter().map(|scene| scene.name.clone()).collect())
     }
 

@@ -88,7 +88,7 @@ fn matrix(arguments: &TablesArguments) -> Result<Matrix, Failure> {
         None if arguments.full => Matrix::full_run(),
         None => Matrix::default_run(),
     };
-    let names = selection.names()?;
+    let names = selection.names(&matrix.scenes)?;
     if !names.is_empty() {
         matrix.select_scenes(&names);
     }
