@@ -14,7 +14,8 @@ pub(crate) fn name_file(path: &Path, error: impl Display) -> String {
 }
 
 /// Opens an octree and checks that it is sound. With `verify`, the checksums of all blocks are compared first; without it,
-/// neither here nor by casters. If the file is a mesh or an .oct file, the error says so.
+/// neither here nor by casters. If the file is a mesh, a voxel model or an .oct file, the
+/// error says so.
 pub(crate) fn open(path: &Path, verify: bool) -> Result<Octree, Failure> {
     let options = OpenOptions { verify, ..OpenOptions::default() };
     let octree = Octree::open_with(path, &options).map_err(|error| not_opened(path, error))?;
@@ -48,15 +49,16 @@ pub(crate) fn damaged(path: &Path, broken: &Broken) -> String {
     format!("{name}: {broken}; get the file again, or list all damage: esvo validate {name}")
 }
 
-/// The error for a mesh or an .oct file in place of an octree. `None` for other errors and other extensions.
+/// The error for a mesh, a voxel model or an .oct file in place of an octree. `None` for other errors and other extensions.
 pub(crate) fn wrong_kind(path: &Path, error: &FormatError) -> Option<String> {
     if !matches!(error, FormatError::Broken(broken) if broken.rule == ids::IDENTIFIER) {
         return None;
     }
     let (name, better) = (path.display(), path.with_extension("esvo"));
     match extension(path).as_str() {
-        "obj" | "gltf" | "glb" | "ply" | "stl" => Some(format!(
-            "{name}: is a mesh, not an octree; build an octree from it first: esvo build {name} -o {}",
+        kind @ ("obj" | "gltf" | "glb" | "ply" | "stl" | "vox") => Some(format!(
+            "{name}: is a {}, not an octree; build an octree from it first: esvo build {name} -o {}",
+            if kind == "vox" { "voxel model" } else { "mesh" },
             better.display()
         )),
         "oct" => Some(format!(

@@ -41,6 +41,12 @@ fn a_mesh_from_standard_input_is_that_of_the_file() {
     // The format of a file with another extension.
     folder.put("box.txt", BOX);
     folder.ok(&["build", "box.txt", "--format", "obj", "-o", "text.esvo", "-l", "5"]);
+    // A device never ends.
+    if cfg!(unix) {
+        let device = ["build", "/dev/zero", "--format", "obj", "-o", "x.esvo"];
+        folder.fails(&device, 1, "/dev/zero: is not a regular file");
+    }
+    folder.fails(&["build", "absent.txt", "--format", "obj", "-o", "x.esvo"], 1, "absent.txt: cannot be read");
     folder.fails(&["build", "box.txt", "-o", "x.esvo"], 1, "unknown kind of mesh");
     folder.fails(&["build", "-", "-o", "x.esvo"], 1, "standard input has no extension; give its format");
     folder.fails(&["build", "-", "--format", "obj", "-o", "x.esvo"], 1, "standard input: is empty");
@@ -58,13 +64,16 @@ fn a_mesh_from_standard_input_is_that_of_the_file() {
 fn a_voxel_model_becomes_an_octree() {
     let folder = Folder::new();
     folder.put("a.vox", model());
+    folder.fails(&["info", "a.vox"], 1, "a.vox: is a voxel model, not an octree; build an octree from it first");
     let out = folder.ok(&["build", "a.vox", "-o", "a.esvo"]);
     assert!(out.starts_with("a.esvo: 2 levels, 5 voxels"), "{out}");
     assert!(folder.ok(&["validate", "a.esvo"]).contains("keeps every rule"));
     folder.ok(&["render", "a.esvo", "-o", "a.png", "--size", "8x8", "--up", "0,0,1"]);
     let out = with_input(&folder, &["build", "-", "--format", "vox", "-o", "b.esvo"], &model());
     assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
-    for option in [&["--levels", "5"][..], &["--resume"], &["--preset", "fine"], &["--displace", "1"]] {
+    for option in
+        [&["--levels", "5"][..], &["--no-contours"], &["--resume"], &["--preset", "fine"], &["--displace", "1"]]
+    {
         let arguments = [&["build", "a.vox", "-o", "x.esvo"][..], option].concat();
         folder.fails(&arguments, 1, &format!("{} does not apply to voxel models", option[0]));
     }

@@ -4,7 +4,6 @@
 
 mod common;
 
-use std::io::Write;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
@@ -18,7 +17,8 @@ fn start(folder: &Folder, before: &str) -> Child {
     let child =
         Command::new("sh").args(["-c", &script]).current_dir(folder.path("")).stderr(Stdio::null()).spawn().unwrap();
     let start = Instant::now();
-    while !folder.path("a.esvo.part").exists() && start.elapsed() < Duration::from_secs(120) {
+    while !folder.path("a.esvo.part").exists() {
+        assert!(start.elapsed() < Duration::from_secs(120), "the build has not begun after two minutes");
         std::thread::sleep(Duration::from_millis(5));
     }
     child
@@ -26,7 +26,6 @@ fn start(folder: &Folder, before: &str) -> Child {
 
 fn hang_up(child: &Child) {
     assert!(Command::new("kill").args(["-HUP", &child.id().to_string()]).status().unwrap().success());
-    std::io::stdout().flush().unwrap();
 }
 
 #[test]

@@ -64,16 +64,22 @@ pub(crate) fn read_input(path: &Path, format: Option<Format>, progress: &Progres
     progress.say(format!("reading {}", path.display()));
     let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let input = match format {
-        Some(format) => {
-            let bytes = std::fs::read(path).map_err(|e| format!("{}: cannot be read: {e}", path.display()))?;
-            of_bytes(path, format, bytes)?
-        }
+        Some(format) => of_bytes(path, format, read_file(path).map_err(|e| e.to_string())?)?,
         None if Format::of_extension(path) == Some(Format::Vox) => {
             Input::Voxels(load_voxels(path).map_err(|e| e.to_string())?)
         }
         None => Input::Mesh(load_mesh(path).map_err(|e| explain(path, &e))?),
     };
     Ok((input, name))
+}
+
+/// The content of a regular file. Devices and pipes are refused as the importer does: they may never end.
+fn read_file(path: &Path) -> Result<Vec<u8>, ImportError> {
+    let failed = |source| ImportError::Read { path: path.to_owned(), source };
+    if !std::fs::metadata(path).map_err(failed)?.is_file() {
+        return Err(ImportError::NotAFile { path: path.to_owned() });
+    }
+    std::fs::read(path).map_err(failed)
 }
 
 fn of_bytes(path: &Path, format: Format, bytes: Vec<u8>) -> Result<Input, Failure> {

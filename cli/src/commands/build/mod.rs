@@ -294,7 +294,7 @@ pub(crate) fn run_build(arguments: &BuildArguments) -> Result<(), Failure> {
     ))
 }
 
-/// Leaves from which a build says first how large it may become: some 5 GB, and minutes to hours.
+/// Leaves from which a build says first how large it may become: some 7 GB, and minutes to hours.
 const MANY_LEAVES: f64 = 1e9;
 
 /// Says how large a large build may become.
@@ -314,12 +314,16 @@ fn warn_of_size(mesh: &esvo_builder::Mesh, settings: &BuildSettings) {
     }
 }
 
-/// Where the mesh of a scene comes from. Warns if it is another mesh than the one that the manifest lists.
+/// Where the mesh of a scene comes from. Warns if it is another mesh than the one that the manifest lists, or a stand-in that
+/// was not asked for.
 fn found<'a>(arguments: &BuildArguments, scene: &'a SceneEntry) -> Result<SceneSource<'a>, Failure> {
     let source = SceneSource::find(scene, arguments.scenes_dir.as_deref(), arguments.stand_in)?;
     if let Some(other) = source.other() {
         let what = "not the mesh that the manifest lists, so its octree is not comparable with those of others";
         complain("warning", &format!("--scene {}: {other}: {what}", scene.name));
+    }
+    if source.is_replaced() {
+        complain("warning", &format!("--scene {}: its stand-in is built: {}", scene.name, source.missing()));
     }
     Ok(source)
 }
@@ -344,6 +348,7 @@ fn input(
 fn check_for_voxels(arguments: &BuildArguments) -> Result<(), Failure> {
     let given = [
         ("--levels", arguments.levels.is_some()),
+        ("--no-contours", arguments.no_contours),
         ("--contour-error", arguments.contour_error.is_some()),
         ("--color-error", arguments.color_error.is_some()),
         ("--normal-error", arguments.normal_error.is_some()),
