@@ -2,7 +2,8 @@
 //!
 //! No mesh is part of the repository. A [`SceneManifest`] identifies the meshes of each scene by content hash and says where to
 //! get them. [`locate_scene`] looks for a scene's mesh on this machine. If it is not found, a procedural stand-in with the same
-//! number of triangles is used; tables say which of the two was measured ([`SceneVariant`]).
+//! number of triangles is used. Tables say which mesh was measured ([`SceneVariant`]): the real one, the stand-in, or another
+//! one, which is a file of other content or a mesh of a manifest of the user's own.
 //!
 //! ```
 //! use esvo_scenes::{SceneManifest, SceneVariant};
