@@ -23,9 +23,10 @@
 //! | cast at octrees | [`CpuCaster`]: hits are equal to the reference caster's in every bit |
 //! | choose the instructions | [`InstructionSet`], [`CpuCaster::with_instructions`] |
 //! | cast at triangles, fast or exactly | [`triangles`] |
+//! | count visits, pushes and bytes | [`counters`], with the feature `counters` |
 //! | name the processor | [`cpu_name`] |
 //!
-//! In `src/octree/`, `shared/` casts pictures in packets of rays that share a stack, with one source for all instruction
+//! In `src/octree/`, `shared/` casts pictures in tiles and packets of rays that share a stack, with one source for all instruction
 //! sets and the proof that their hits are the reference's. `tiles.rs` cuts fans and lists of rays into packets of sixteen
 //! rays, `single.rs` casts the rays of a packet one after the other, and `packet.rs` casts them in lockstep with AVX-512, through
 //! the memory accesses of `gather.rs`. For a further instruction set, add a variant of [`InstructionSet`] in
@@ -37,4 +38,5 @@ mod machine;
 mod octree;
 
 pub use machine::cpu_name;
+pub use octree::counters;
 pub use octree::{CpuCaster, InstructionSet};

@@ -7,6 +7,7 @@ use esvo_core::reference::{EPSILON, MAX_ITERATIONS, MAX_SCALE};
 use esvo_core::{Hit, Ray, exp2};
 use esvo_format::ChildDescriptor;
 
+use super::counters::{What, count};
 use super::scene::Scene;
 use super::tiles::{CastPacket, Found, LANES, Number, Packet, Task};
 
@@ -79,6 +80,18 @@ pub(super) fn cast_one(scene: &Scene, ray: &Ray, contours: bool) -> Hit {
     if contours { cast::<true, true>(scene, ray) } else { cast::<false, true>(scene, ray) }
 }
 
+/// The lesser of two numbers. [`f32::min`] takes three instructions to be right about NaN, which does not occur.
+#[inline(always)]
+fn less(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
+}
+
+/// The greater of two numbers; see [`less`].
+#[inline(always)]
+fn greater(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
+}
+
 #[inline(always)]
 fn cast<const CONTOURS: bool, const LOD: bool>(scene: &Scene, ray: &Ray) -> Hit {
     let (slots, words) = (scene.slots(), scene.words());
@@ -98,11 +111,11 @@ fn cast<const CONTOURS: bool, const LOD: bool>(scene: &Scene, ray: &Ray) -> Hit 
         }
     }
     let t_at = |axis: usize, x: f32| x * coef[axis] - bias[axis];
-    let mut t_min = t_at(0, 2.0).max(t_at(1, 2.0)).max(t_at(2, 2.0));
-    let mut t_max = t_at(0, 1.0).min(t_at(1, 1.0)).min(t_at(2, 1.0));
+    let mut t_min = greater(greater(t_at(0, 2.0), t_at(1, 2.0)), t_at(2, 2.0));
+    let mut t_max = less(less(t_at(0, 1.0), t_at(1, 1.0)), t_at(2, 1.0));
     let mut h = t_max;
-    t_min = t_min.max(ray.t_min);
-    t_max = t_max.min(ray.t_max);
+    t_min = greater(ray.t_min, t_min);
+    t_max = less(ray.t_max, t_max);
 
     let mut parent = scene.root();
     let mut descriptor = ChildDescriptor(slots[parent as usize]);
@@ -122,8 +135,9 @@ fn cast<const CONTOURS: bool, const LOD: bool>(scene: &Scene, ray: &Ray) -> Hit 
     let mut iteration = 0;
     while iteration < MAX_ITERATIONS {
         iteration += 1;
+        count(What::Visits, 1);
         let corner: [f32; 3] = std::array::from_fn(|axis| t_at(axis, pos[axis]));
-        let tc_max = corner[0].min(corner[1]).min(corner[2]);
+        let tc_max = less(less(corner[0], corner[1]), corner[2]);
         let child = idx ^ mirror;
         if descriptor.valid_mask() as u32 >> child & 1 != 0 && t_min <= t_max {
             if LOD && tc_max * ray.size_per_t + ray.size_at_origin >= size {
@@ -132,8 +146,10 @@ fn cast<const CONTOURS: bool, const LOD: bool>(scene: &Scene, ray: &Ray) -> Hit 
             let half = size * 0.5;
             let centre: [f32; 3] = std::array::from_fn(|axis| half * coef[axis] + corner[axis]);
             let mut tv_min = t_min;
-            let mut tv_max = t_max.min(tc_max);
+            let mut tv_max = less(t_max, tc_max);
             if CONTOURS && descriptor.contour_mask() as u32 >> child & 1 != 0 {
+                count(What::ContourTests, 1);
+                count(What::Bytes, 4);
                 let at = 2 * parent + descriptor.contour_ptr() + descriptor.contour_rank(child as u8);
                 let word = words[at as usize];
                 let field = |shift: u32| (word << shift) as i32 as f32;
@@ -142,8 +158,8 @@ fn cast<const CONTOURS: bool, const LOD: bool>(scene: &Scene, ray: &Ray) -> Hit 
                 let offset = field(7) * size * 1.5;
                 let middle = (centre[0] * a + centre[1] * b + centre[2] * c + offset) * inverse;
                 let reach = (word as f32 * size * 0.75 * inverse).abs();
-                tv_min = tv_min.max(middle - reach);
-                tv_max = tv_max.min(middle + reach);
+                tv_min = greater(tv_min, middle - reach);
+                tv_max = less(tv_max, middle + reach);
             }
             if tv_min <= tv_max {
                 if descriptor.leaf_mask() as u32 >> child & 1 != 0 {
@@ -154,8 +170,11 @@ fn cast<const CONTOURS: bool, const LOD: bool>(scene: &Scene, ray: &Ray) -> Hit 
                     pushed |= 1 << scale;
                 }
                 h = tc_max;
+                count(What::Pushes, 1);
+                count(What::Bytes, 8);
                 let mut first = parent + descriptor.child_ptr();
                 if descriptor.far() {
+                    count(What::Bytes, 8);
                     first = parent.wrapping_add(slots[first as usize] as u32);
                 }
                 parent = first + descriptor.child_rank(child as u8);
@@ -173,6 +192,7 @@ fn cast<const CONTOURS: bool, const LOD: bool>(scene: &Scene, ray: &Ray) -> Hit 
                 continue;
             }
         }
+        count(What::Advances, 1);
         let mut step = 0;
         let mut differing = 0;
         for axis in 0..3 {
@@ -190,6 +210,8 @@ fn cast<const CONTOURS: bool, const LOD: bool>(scene: &Scene, ray: &Ray) -> Hit 
             if scale >= MAX_SCALE || pushed >> scale & 1 == 0 {
                 return Hit::miss(iteration);
             }
+            count(What::Pops, 1);
+            count(What::Bytes, 8);
             size = exp2(scale as i32 - MAX_SCALE as i32);
             (parent, t_max) = stack[scale as usize];
             descriptor = ChildDescriptor(slots[parent as usize]);

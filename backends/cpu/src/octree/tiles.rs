@@ -10,7 +10,7 @@ pub(super) const LANES: usize = 16;
 pub(super) const BLOCK: usize = esvo_core::BEAM_BLOCK as usize;
 
 /// Rows of pixels of a [`Task::Band`], a multiple of [`BLOCK`].
-pub(super) const BAND_ROWS: usize = 2 * BLOCK;
+pub(super) const BAND_ROWS: usize = 4 * BLOCK;
 
 /// A number of a [`Packet`]: an `f32` that all lanes share, or an array with one for each lane.
 pub(super) trait Number: Copy {
@@ -61,6 +61,7 @@ pub(super) struct Packet<N> {
 }
 
 /// What the rays of a packet hit, lane by lane; see [`Hit`].
+#[derive(Clone, Copy)]
 pub(super) struct Found {
     pub(super) t: [f32; LANES],
     pub(super) slot: [u32; LANES],

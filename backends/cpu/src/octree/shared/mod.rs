@@ -1,5 +1,8 @@
 //! Packets of rays that share a stack: sixteen rays of a picture go through the tree together.
 //!
+//! `walk` is the walk of a packet, `voxel` what it does in a voxel, `packet` the rays and what they hit. `tile` leads the
+//! packets of 16 x 16 pixels through the upper nodes, by the `bounds` of their rays. `picture` cuts pictures into tiles.
+//!
 //! A packet has one stack. Descriptors, masks of children and the order of visits are scalar; planes, spans and contours are
 //! vectors of one float for each ray. A node's children are visited in one order, by a test of each child's cube that tells
 //! which rays meet it. Rays of other octants than the first ray's go in a pass of their own.
@@ -41,7 +44,7 @@
 //!
 //! **3. The test of a packet.** A packet visits the child `U` if `entry < exit`, where `entry` is the greatest of `start` and
 //! the `middle_a` for `a` outside `U`. Let `F` be the set of axes with `middle_a > start`, and let `start < E`; rays for which
-//! that is not so are found when they enter the node, by the compares of `strange` in `traverse`, and cast one by one.
+//! that is not so are found when they enter the node, by the compares of `strange` in `walk`, and cast one by one.
 //!  - Not a subset of `F`: some `middle_a` of `U` is at most `start`, so that `exit <= start <= entry`. Not visited.
 //!  - `F` itself: `middle_a` outside `F` are at most `start`, so that `entry = start`. The exit is above: `middle_a` of `F` are, and
 //!    `lower_a >= E` are. Visited, and entered at `start`.
@@ -59,19 +62,21 @@
 //! **5. No number is NaN**: (A) bounds the origin, [`MAX_COMPONENT`] and [`EPSILON`](esvo_core::reference::EPSILON)
 //! the coefficients, and products of three such numbers are far from overflow. The size test is a compare, which both do.
 
+mod bounds;
+mod packet;
+mod picture;
 #[cfg(test)]
 mod tests;
-mod traverse;
+mod tile;
+mod voxel;
+mod walk;
 
-use esvo_core::reference::MAX_COMPONENT;
-use esvo_core::{Hit, Ray, View};
 use fearless_simd::prelude::*;
 use fearless_simd::{Fallback, Level};
 
-use self::traverse::{ALL, Floats, Lanes, Packet, Results, Stack, axes, bits, finest_scale, traverse};
+use self::picture::{Band, band, coarse_row};
 use super::scene::Scene;
-use super::single;
-use super::tiles::{BLOCK, Found, LANES, Task, first_lanes};
+use super::tiles::Task;
 
 /// Mistakes that tests make to see that they are found.
 mod fault {
@@ -81,6 +86,10 @@ mod fault {
     pub(super) const NO_CHECK: u8 = 2;
     /// All rays of a packet go in the octant of the first.
     pub(super) const WRONG_OCTANT: u8 = 3;
+    /// Slabs of nodes above are forgotten when a block leaves its tile.
+    pub(super) const NO_SLABS: u8 = 4;
+    /// A tile's bounds leave out the rounding of its rays.
+    pub(super) const NARROW: u8 = 5;
 
     #[cfg(test)]
     thread_local! {
@@ -127,23 +136,23 @@ impl Vectors {
         #[cfg(any(target_arch = "aarch64", target_arch = "x86_64"))]
         let level = Level::new();
         match self {
-            Self::Arrays => return compiled(Fallback::new(), scene, task),
+            Self::Arrays => return compiled::<_, false>(Fallback::new(), scene, task),
             #[cfg(target_arch = "aarch64")]
             Self::Neon => {
                 if let Some(simd) = level.as_neon() {
-                    return compiled(simd, scene, task);
+                    return compiled::<_, true>(simd, scene, task);
                 }
             }
             #[cfg(target_arch = "x86_64")]
             Self::Avx2 => {
                 if let Some(simd) = level.as_avx2() {
-                    return compiled(simd, scene, task);
+                    return compiled::<_, true>(simd, scene, task);
                 }
             }
             #[cfg(target_arch = "x86_64")]
             Self::Avx512 => {
                 if let Some(simd) = level.as_avx512() {
-                    return compiled(simd, scene, task);
+                    return compiled::<_, true>(simd, scene, task);
                 }
             }
             _ => {}
@@ -152,14 +161,16 @@ impl Vectors {
     }
 }
 
+/// With `TILES`, pictures are cast tile by tile. Plain arrays go without: what tiles would gain there is not worth minutes of
+/// compiling.
 #[inline(always)]
-fn compiled<'a, S: Simd>(simd: S, scene: &Scene, task: Task<'a>) -> Option<Task<'a>> {
+fn compiled<'a, S: Simd, const TILES: bool>(simd: S, scene: &Scene, task: Task<'a>) -> Option<Task<'a>> {
     match task {
         Task::Band { view, coarse, first_row, hits } => {
             let rows = Band { view, coarse, first_row, hits };
             simd.vectorize(
                 #[inline(always)]
-                || band(simd, scene, rows),
+                || band::<_, TILES>(simd, scene, rows),
             );
             None
         }
@@ -172,141 +183,4 @@ fn compiled<'a, S: Simd>(simd: S, scene: &Scene, task: Task<'a>) -> Option<Task<
         }
         other => Some(other),
     }
-}
-
-/// See [`Task::Band`].
-struct Band<'a> {
-    view: &'a View,
-    coarse: &'a [f32],
-    first_row: u32,
-    hits: &'a mut [Hit],
-}
-
-/// Directions through points of a picture: [`View::direction`] lane by lane.
-#[inline(always)]
-fn directions<S: Simd>(simd: S, view: &View, x: [f32; LANES], y: [f32; LANES]) -> [Floats<S>; 3] {
-    let (x, y) = (Floats::simd_from(simd, x), Floats::simd_from(simd, y));
-    axes(
-        #[inline(always)]
-        |axis| y * view.dy[axis] + (x * view.dx[axis] + view.base[axis]),
-    )
-}
-
-#[inline(always)]
-fn band<S: Simd>(simd: S, scene: &Scene, band: Band) {
-    let Band { view, coarse, first_row, hits } = band;
-    let width = view.width as usize;
-    let height = hits.len() / width;
-    let mut stack = Stack::new(simd);
-    let finest_scale = finest_scale(view.origin);
-    for top in (0..height).step_by(BLOCK) {
-        for left in (0..width).step_by(BLOCK) {
-            let at = |lane: usize| (left + lane % BLOCK, top + lane / BLOCK);
-            let x = std::array::from_fn(|lane| at(lane).0 as f32 + 0.5);
-            let y = std::array::from_fn(|lane| (first_row as usize + at(lane).1) as f32 + 0.5);
-            let mut lanes = ALL;
-            if left + BLOCK > width || top + BLOCK > height {
-                lanes = (0..LANES)
-                    .filter(|lane| at(*lane).0 < width && at(*lane).1 < height)
-                    .fold(0, |all, lane| all | 1 << lane);
-            }
-            let mut ray = view.ray(left as u32, first_row + top as u32);
-            if view.beam() {
-                ray.t_min = view.beam_start(coarse, left as u32, first_row + top as u32);
-            }
-            let directions = directions(simd, view, x, y);
-            let found = cast(simd, scene, &ray, view.contours(), directions, finest_scale, lanes, &mut stack);
-            for row in 0..BLOCK.min(height - top) {
-                let columns = BLOCK.min(width - left);
-                let first = (top + row) * width + left;
-                for (column, hit) in hits[first..first + columns].iter_mut().enumerate() {
-                    *hit = found.get(row * BLOCK + column);
-                }
-            }
-        }
-    }
-}
-
-#[inline(always)]
-fn coarse_row<S: Simd>(simd: S, scene: &Scene, view: &View, row: u32, starts: &mut [f32]) {
-    let mut stack = Stack::new(simd);
-    let finest_scale = finest_scale(view.origin);
-    for (k, starts) in starts.chunks_mut(LANES).enumerate() {
-        let ray = view.coarse_ray((k * LANES) as u32, row);
-        let rays: [Ray; LANES] = std::array::from_fn(|lane| view.coarse_ray((k * LANES + lane) as u32, row));
-        let directions = axes(
-            #[inline(always)]
-            |axis| {
-                let lanes: [f32; LANES] = std::array::from_fn(|lane| rays[lane].direction[axis]);
-                Floats::simd_from(simd, lanes)
-            },
-        );
-        let lanes = Lanes::from(first_lanes(starts.len()));
-        let found = cast(simd, scene, &ray, false, directions, finest_scale, lanes, &mut stack);
-        for (lane, start) in starts.iter_mut().enumerate() {
-            let hit = found.get(lane);
-            *start = if hit.is_miss() { 1.0 } else { view.coarse_start(hit.raw_t, hit.size()) };
-        }
-    }
-}
-
-/// Casts rays that differ from `ray` in their directions.
-#[inline(always)]
-#[expect(clippy::too_many_arguments, reason = "what a picture, a packet and a stack have in common is little")]
-fn cast<S: Simd>(
-    simd: S,
-    scene: &Scene,
-    ray: &Ray,
-    contours: bool,
-    directions: [Floats<S>; 3],
-    finest_scale: Option<u32>,
-    lanes: Lanes,
-    stack: &mut Stack<S>,
-) -> Found {
-    // False for infinity and NaN.
-    let limit = Floats::splat(simd, MAX_COMPONENT);
-    let cast = axes(
-        #[inline(always)]
-        |axis| directions[axis].abs().simd_le(limit),
-    );
-    let lanes = lanes & bits(cast[0] & cast[1] & cast[2]);
-    let mut results = Results::new(simd, lanes);
-    if let Some(finest_scale) = finest_scale {
-        let mut packet = Packet::new(simd, ray.origin.into(), directions, finest_scale);
-        (packet.t_min, packet.t_max, packet.size_per_t) = (ray.t_min, ray.t_max, ray.size_per_t);
-        packet.contours = if contours { 0xff } else { 0 };
-        let mut todo = lanes;
-        while todo != 0 {
-            let first = todo.trailing_zeros();
-            let (mut mirror, mut same) = (0, todo);
-            for (axis, mirrored) in packet.mirrored.iter().enumerate() {
-                let bit = mirrored >> first & 1;
-                mirror |= (bit as usize) << axis;
-                if fault::made(fault::WRONG_OCTANT) {
-                    continue;
-                }
-                same &= if bit != 0 { *mirrored } else { !mirrored };
-            }
-            todo &= !same;
-            // A function of its own: pictures and the coarse pass share what is compiled.
-            simd.vectorize(
-                #[inline(always)]
-                || traverse(simd, scene, &packet, mirror, same, stack, &mut results),
-            );
-        }
-    } else {
-        results.again = lanes;
-    }
-    let mut found = results.found;
-    let mut again = results.again;
-    while again != 0 {
-        let lane = again.trailing_zeros() as usize;
-        again &= again - 1;
-        let direction = axes(
-            #[inline(always)]
-            |axis| directions[axis][lane],
-        );
-        found.set(lane, single::cast_one(scene, &Ray { direction: direction.into(), ..*ray }, contours));
-    }
-    found
 }

@@ -8,6 +8,7 @@ use esvo_core::{CastOptions, Hit, View};
 use esvo_format::Octree;
 
 use super::super::tiles::BAND_ROWS;
+use super::packet::finest_scale;
 use super::*;
 
 /// Casts a picture.
@@ -95,6 +96,8 @@ fn faults_of_packets_are_found() {
         (fault::TIES, "a tie decided wrongly"),
         (fault::NO_CHECK, "no check at push"),
         (fault::WRONG_OCTANT, "a wrong octant"),
+        (fault::NO_SLABS, "slabs of nodes above are forgotten"),
+        (fault::NARROW, "bounds of a tile that are too narrow"),
     ] {
         fault::FAULT.set(fault);
         let (count, _) = differences(set, &samples());
