@@ -93,6 +93,16 @@ cargo check -q --locked -p esvo --no-default-features --features ash
 cargo check -q --locked -p esvo-format --no-default-features
 cargo check -q --locked -p esvo-core --no-default-features --all-targets
 
+step "Embree"
+# The feature is for comparison only; it links a library that is no package of Rust.
+if echo 'int main(void) { return 0; }' | cc -x c - -o /dev/null -lembree3 >/dev/null 2>&1; then
+    cargo clippy -q --locked -p esvo-cpu --features embree --all-targets -- -D warnings
+    cargo test -q --locked -p esvo-cpu --features embree --lib embree_sys
+    cargo test -q --locked -p esvo-cpu --features embree --test embree
+else
+    echo "skipped: no Embree 3 here (Debian: libembree-dev)"
+fi
+
 step "other compilers and processors"
 # The oldest compiler that Cargo.toml promises, and a processor without AVX, where they are installed.
 oldest=$(sed -n 's/^rust-version = "\(.*\)"/\1/p' Cargo.toml)

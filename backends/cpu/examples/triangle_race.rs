@@ -113,14 +113,17 @@ fn race(name: &str, octrees: &[String], rounds: usize, packets: bool) -> Result<
     drop(mesh);
     let start = Instant::now();
     let triangles = TriangleScene::new(corners)?;
-    println!("hierarchy of this crate: {:.1} s", start.elapsed().as_secs_f64());
+    let megabytes = |bytes: u64| bytes as f64 / 1e6;
+    let seconds = start.elapsed().as_secs_f64();
+    println!("hierarchy of this crate: {seconds:.1} s, {:.0} MB", megabytes(triangles.resident_bytes()));
 
     let mut racers = Vec::new();
     #[cfg(feature = "embree")]
     let embree = {
         let start = Instant::now();
         let embree = EmbreeScene::new(&triangles)?;
-        println!("hierarchy of Embree: {:.1} s", start.elapsed().as_secs_f64());
+        let seconds = start.elapsed().as_secs_f64();
+        println!("hierarchy of Embree: {seconds:.1} s, {:.0} MB", megabytes(embree.resident_bytes()));
         embree
     };
     #[cfg(feature = "embree")]
@@ -132,6 +135,7 @@ fn race(name: &str, octrees: &[String], rounds: usize, packets: bool) -> Result<
         racers.push(Racer::new("packets of 16 over obvhs".into(), Kind::Packets(&triangles)));
     }
     for (path, octree) in &octrees {
+        println!("{path}: {:.0} MB", megabytes(size_of_val(octree.words()) as u64));
         for (mode, beam) in [("contours", false), ("contours and beam", true)] {
             let mut caster = CpuCaster::new(Some(1))?;
             caster.load(octree)?;

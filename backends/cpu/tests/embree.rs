@@ -90,6 +90,15 @@ fn embree_finds_what_the_exact_caster_finds() {
     }
 }
 
+/// A triangle takes 40 bytes at least (nine numbers and its index), and its share of nodes.
+#[test]
+fn the_size_of_the_hierarchy_is_known() {
+    let triangles = triangles(&sphere(4));
+    let least = triangles.len() as u64 * 40;
+    let bytes = EmbreeScene::new(&TriangleScene::new(triangles).unwrap()).unwrap().resident_bytes();
+    assert!((least..least * 6).contains(&bytes), "{bytes} bytes, at least {least}");
+}
+
 /// The negative controls of the test above: a triangle left out, and one moved by a thousandth of the mesh.
 #[test]
 fn one_wrong_triangle_is_noticed() {
@@ -126,6 +135,8 @@ fn scenes_without_triangles_or_area_are_missed() {
         for at_once in EmbreeRays::ALL {
             assert_eq!(cast(&scene, at_once, &rays), [TriangleHit::MISS; 15]);
         }
-        assert!(EmbreeScene::new(&scene).unwrap().is_native(EmbreeRays::Single));
+        let embree = EmbreeScene::new(&scene).unwrap();
+        assert!(embree.is_native(EmbreeRays::Single));
+        assert!(embree.resident_bytes() < 10_000, "{} bytes", embree.resident_bytes());
     }
 }

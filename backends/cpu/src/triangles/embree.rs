@@ -3,7 +3,8 @@
 //! Needs the feature `embree` and the library (Debian: `libembree-dev`, 3.13). Embree's triangle test is the fast one of Möller and
 //! Trumbore in single precision, not its robust one. Rays are marked as coherent.
 
-use std::ffi::c_int;
+use std::ffi::{c_int, c_void};
+use std::sync::atomic::{AtomicIsize, Ordering};
 
 use esvo_core::CastError;
 use esvo_core::exact::{CameraRays, TriangleHit};
@@ -50,8 +51,10 @@ pub struct EmbreeScene {
     device: *mut sys::Device,
     scene: *mut sys::Scene,
     placement: Placement,
-    /// False without triangles.
-    any: bool,
+    /// Triangles, those without area included.
+    count: usize,
+    /// Bytes that Embree has allocated. Embree adds to it until the device is released.
+    allocated: Box<AtomicIsize>,
 }
 
 // SAFETY: the pointers are owned by this value alone. Embree's device and scene may be used and released on any thread.
@@ -89,17 +92,18 @@ impl EmbreeScene {
         }
         // SAFETY: null stands for the default configuration.
         let device = unsafe { sys::rtcNewDevice(std::ptr::null()) };
-        let mut made = Self {
-            device,
-            scene: std::ptr::null_mut(),
-            placement: scene.placement,
-            any: !scene.triangles().is_empty(),
-        };
+        let allocated = Box::new(AtomicIsize::new(0));
+        let mut made = Self { device, scene: std::ptr::null_mut(), placement: scene.placement, count, allocated };
         made.check("making a device", device.is_null())?;
+        // SAFETY: the device is not null. The number lies in a box, which is dropped after the device is released.
+        unsafe {
+            let own = std::ptr::from_ref::<AtomicIsize>(&made.allocated).cast_mut().cast();
+            sys::rtcSetDeviceMemoryMonitorFunction(device, count_bytes, own);
+        }
         // SAFETY: the device is not null.
         made.scene = unsafe { sys::rtcNewScene(device) };
         made.check("making a scene", made.scene.is_null())?;
-        if made.any {
+        if count > 0 {
             made.attach(scene.triangles())?;
         }
         // SAFETY: the scene is not null, and nobody else has it yet.
@@ -175,10 +179,17 @@ impl EmbreeScene {
         unsafe { sys::rtcGetDeviceProperty(self.device, property) != 0 }
     }
 
+    /// Bytes of the hierarchy with its copies of the triangles: what Embree has allocated, less the buffers of corners and indices,
+    /// which casting does not read.
+    pub fn resident_bytes(&self) -> u64 {
+        let buffers = self.count * (size_of::<[[f32; 3]; 3]>() + size_of::<[u32; 3]>());
+        self.allocated.load(Ordering::Relaxed).saturating_sub(buffers as isize).max(0) as u64
+    }
+
     /// Casts a picture as [`TriangleScene::cast`] does, in tiles of 4 x 4 pixels: `hits[y * width + x]`. Resizes `hits`.
     pub fn cast(&self, at_once: EmbreeRays, rays: &CameraRays, hits: &mut Vec<TriangleHit>) {
         hits.resize(rays.pixels(), TriangleHit::MISS);
-        if !self.any {
+        if self.count == 0 {
             hits.fill(TriangleHit::MISS);
             return;
         }
@@ -248,6 +259,17 @@ impl EmbreeScene {
             }
         }
     }
+}
+
+/// Adds to the count of bytes of an [`EmbreeScene`].
+///
+/// # Safety
+/// `own` points to an [`AtomicIsize`].
+unsafe extern "C" fn count_bytes(own: *mut c_void, bytes: isize, _post: bool) -> bool {
+    // SAFETY: the caller's promise.
+    let allocated = unsafe { &*own.cast::<AtomicIsize>() };
+    allocated.fetch_add(bytes, Ordering::Relaxed);
+    true
 }
 
 /// Rays that Embree casts in one call.

@@ -25,6 +25,10 @@ pub(super) const PROPERTY_NATIVE_RAY8: c_int = 33;
 /// `RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED`.
 pub(super) const PROPERTY_NATIVE_RAY16: c_int = 34;
 
+/// `RTCMemoryMonitorFunction`: gets its own pointer, the bytes that are allocated (negative: freed), and whether that has
+/// happened already. False cancels the work.
+pub(super) type MemoryMonitor = unsafe extern "C" fn(own: *mut c_void, bytes: isize, post: bool) -> bool;
+
 /// What `RTCDevice` points to.
 #[repr(C)]
 pub(super) struct Device {
@@ -89,6 +93,7 @@ unsafe extern "C" {
     pub(super) fn rtcReleaseDevice(device: *mut Device);
     pub(super) fn rtcGetDeviceError(device: *mut Device) -> c_int;
     pub(super) fn rtcGetDeviceProperty(device: *mut Device, property: c_int) -> isize;
+    pub(super) fn rtcSetDeviceMemoryMonitorFunction(device: *mut Device, monitor: MemoryMonitor, own: *mut c_void);
 
     pub(super) fn rtcNewGeometry(device: *mut Device, kind: c_int) -> *mut Geometry;
     pub(super) fn rtcReleaseGeometry(geometry: *mut Geometry);
