@@ -9,9 +9,8 @@
 //!   `../shared/scenes`, otherwise its stand-in. Give a scene several times to race several octrees.
 //! - `OCTREE` is an octree of that mesh: `esvo build --scene SCENE -l LEVELS -o OCTREE`.
 //! - A scene that is displaced (sibenik-d) is diced and displaced as `esvo build` does it, for the levels of its first
-//!   octree, and the triangles that result are cast.
-//! - `--rounds N`: rounds of measuring [default: 5].
-//! - `--no-packets`: leave out this crate's triangle packets, whose hierarchy takes long to build over millions of triangles.
+//!   octree, and the triangles that result are cast. The hierarchy of this crate takes minutes over millions of triangles.
+//! - `--rounds N`: rounds of measuring [default: 5]. Every round casts every viewpoint by every caster.
 //!
 //! Without the feature `embree` the rest is measured. Every viewpoint of the manifest is cast at 1024 x 768. All casters
 //! cast a view in turn, in every round; printed is the median of the rounds in million rays per second of processor time, over all
@@ -43,13 +42,11 @@ const STRIDE: u32 = 8;
 
 fn main() -> Result<(), Error> {
     let mut rounds = 5;
-    let mut packets = true;
     let mut scenes: Vec<(String, Vec<String>)> = Vec::new();
     let mut arguments = std::env::args().skip(1);
     while let Some(argument) = arguments.next() {
         match argument.as_str() {
             "--rounds" => rounds = arguments.next().ok_or("--rounds: expected a number")?.parse()?,
-            "--no-packets" => packets = false,
             option if option.starts_with('-') => return Err(format!("unknown option {option}").into()),
             scene => {
                 let (name, octree) = scene.split_once('=').map_or((scene, None), |(name, path)| (name, Some(path)));
@@ -64,7 +61,7 @@ fn main() -> Result<(), Error> {
     if rounds == 0 || scenes.is_empty() {
         return Err("expected at least one round and one SCENE=OCTREE".into());
     }
-    scenes.iter().try_for_each(|(name, octrees)| race(name, octrees, rounds, packets))
+    scenes.iter().try_for_each(|(name, octrees)| race(name, octrees, rounds))
 }
 
 /// One caster of the race.
@@ -102,7 +99,7 @@ struct Hits {
     voxels: Vec<Hit>,
 }
 
-fn race(name: &str, octrees: &[String], rounds: usize, packets: bool) -> Result<(), Error> {
+fn race(name: &str, octrees: &[String], rounds: usize) -> Result<(), Error> {
     let octrees: Vec<(&str, Arc<Octree>)> = octrees
         .iter()
         .map(|path| Ok((path.as_str(), Arc::new(Octree::open(Path::new(path)).map_err(|e| format!("{path}: {e}"))?))))
@@ -131,9 +128,7 @@ fn race(name: &str, octrees: &[String], rounds: usize, packets: bool) -> Result<
         let native = if embree.is_native(rays) { "" } else { " (split by Embree on this processor)" };
         racers.push(Racer::new(format!("Embree, {}{native}", rays.name()), Kind::Embree(&embree, rays)));
     }
-    if packets {
-        racers.push(Racer::new("packets of 16 over obvhs".into(), Kind::Packets(&triangles)));
-    }
+    racers.push(Racer::new("packets of 16 over obvhs".into(), Kind::Packets(&triangles)));
     for (path, octree) in &octrees {
         println!("{path}: {:.0} MB", megabytes(size_of_val(octree.words()) as u64));
         for (mode, beam) in [("contours", false), ("contours and beam", true)] {
