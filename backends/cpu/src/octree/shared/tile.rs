@@ -64,7 +64,7 @@ use super::packet::{ALL, Contour, Floats, Lanes, Packet, Results, axes, bits};
 use super::voxel::{Meeting, Node, Tree, visit};
 use super::walk::{self, FRAMES, Stack, cast_alone, enter, walk_alone};
 
-/// A voxel that so few blocks meet is entered by each of them alone.
+/// A voxel that at most this many blocks meet is entered by each of them alone.
 const FEW: u32 = 4;
 
 /// A block whose rays have a greater [`Bounds::doubt`] goes alone.
@@ -79,7 +79,7 @@ pub(super) struct Block<S: Simd> {
     lanes: Lanes,
     start: Floats<S>,
     end: Floats<S>,
-    /// Numbers that are so close to each other may be compared otherwise by the reference.
+    /// The reference may order two numbers differently if they are not further apart than this.
     doubt: Floats<S>,
 }
 
