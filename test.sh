@@ -129,7 +129,9 @@ else
 fi
 
 step "packages"
-# Builds every crate from what would be published, with nothing around it.
+# Builds every crate from what would be published, with nothing around it. Cargo unpacks these crates under its home, by the path of
+# the target folder and the version, and takes what lies there from an earlier run: an older source of the same version.
+rm -rf "${CARGO_HOME:-$HOME/.cargo}"/registry/{src,cache}/-*/esvo-*
 cargo package --workspace --locked --allow-dirty --exclude esvo-examples
 
 step "licences and advisories of the dependencies"
