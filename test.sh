@@ -129,10 +129,11 @@ else
 fi
 
 step "packages"
-# Builds every crate from what would be published, with nothing around it. Cargo unpacks these crates under its home, by the path of
-# the target folder and the version, and takes what lies there from an earlier run: an older source of the same version.
-rm -rf "${CARGO_HOME:-$HOME/.cargo}"/registry/{src,cache}/-*/esvo-*
-cargo package --workspace --locked --allow-dirty --exclude esvo-examples
+# Builds every crate from what would be published, with nothing around it. Cargo takes crates of one version for equal, and would use
+# what it unpacked and compiled of these in an earlier run.
+packages="${CARGO_TARGET_DIR:-target}/packages"
+rm -rf "$packages"/debug/.fingerprint/esvo-* "${CARGO_HOME:-$HOME/.cargo}"/registry/{src,cache}/-*/esvo-*
+cargo package --workspace --locked --allow-dirty --exclude esvo-examples --target-dir "$packages"
 
 step "licences and advisories of the dependencies"
 if ! cargo deny --version >/dev/null 2>&1 && [ "${CI:-}" = true ]; then
