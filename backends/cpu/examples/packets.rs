@@ -6,19 +6,24 @@
 //! ```
 //!
 //! An argument is the name of a scene of the built-in manifest and an octree of it. Every viewpoint of the manifest is cast at
-//! 1024 x 768 with contours, with contours and beam, and with cubes. All sets cast each view in turn in every round. Printed
-//! are million rays per second of processor time over all viewpoints: by the least time that each view took in the rounds, so that
-//! other work on the machine counts least.
+//! 1024 x 768 with contours, with contours and beam, and with cubes; rays end at voxels of one pixel. All sets cast each view in
+//! turn in every round. Printed is a table of million rays per second of processor time over all viewpoints: by the least time
+//! that each view took in the rounds, so that other work on the machine counts least, and by the median of its times.
 
-mod views;
+mod measuring;
 
 use esvo_core::{Caster, Hit};
 use esvo_cpu::CpuCaster;
 
-use self::views::{Arguments, Error, MODES, SIZE, views};
+use self::measuring::{Arguments, Error, MODES, SIZE, processor_time, title, views};
 
 fn main() -> Result<(), Error> {
     let Arguments { rounds, sets, scenes } = Arguments::parse()?;
+    title("Rays per second by instruction set", "packets", "");
+    println!("Million rays per second of processor time on one thread, by the least time of each view in {rounds} rounds; in");
+    println!("parentheses by the median. The last column counts hits with another `t` or voxel than the first set's.\n");
+    println!("| scene, mode, views | {} | differ |", sets.iter().map(|set| set.name()).collect::<Vec<_>>().join(" | "));
+    println!("|---|{}--:|", "--:|".repeat(sets.len()));
     for (name, octree) in scenes {
         let mut casters = Vec::new();
         for set in &sets {
@@ -28,13 +33,13 @@ fn main() -> Result<(), Error> {
         }
         for (mode, options) in MODES {
             let views = views(&name, &octree, &options)?;
-            let mut seconds = vec![vec![f64::MAX; views.len()]; casters.len()];
+            let mut seconds = vec![vec![Vec::new(); views.len()]; casters.len()];
             for _ in 0..rounds {
                 for (k, view) in views.iter().enumerate() {
                     for (caster, seconds) in casters.iter_mut().zip(&mut seconds) {
                         let start = processor_time();
                         caster.time(view)?;
-                        seconds[k] = seconds[k].min(processor_time() - start);
+                        seconds[k].push(processor_time() - start);
                     }
                 }
             }
@@ -51,23 +56,15 @@ fn main() -> Result<(), Error> {
                     different += first.iter().zip(&other).filter(|pair| !same(*pair)).count();
                 }
             }
-            print!("{name:<11} {mode:<9}");
-            for (set, seconds) in sets.iter().zip(&seconds) {
-                let rays = views.len() as f64 * f64::from(SIZE.0 * SIZE.1);
-                print!(" {set} {:.2}", rays / seconds.iter().sum::<f64>() / 1e6);
+            print!("| {name}, {mode}, {} |", views.len());
+            let rays = views.len() as f64 * f64::from(SIZE.0 * SIZE.1);
+            for seconds in &mut seconds {
+                seconds.iter_mut().for_each(|times| times.sort_by(f64::total_cmp));
+                let rate = |at: usize| rays / seconds.iter().map(|times| times[at]).sum::<f64>() / 1e6;
+                print!(" {:.2} ({:.2}) |", rate(0), rate(rounds / 2));
             }
-            println!("   {} views, {different} hits differ", views.len());
+            println!(" {different} |");
         }
     }
     Ok(())
-}
-
-/// Seconds that the threads of this process have run on a processor, as Linux counts them.
-fn processor_time() -> f64 {
-    let tasks = std::fs::read_dir("/proc/self/task").into_iter().flatten().flatten();
-    let nanoseconds = tasks.filter_map(|task| {
-        let text = std::fs::read_to_string(task.path().join("schedstat")).ok()?;
-        text.split_whitespace().next()?.parse::<u64>().ok()
-    });
-    nanoseconds.sum::<u64>() as f64 * 1e-9
 }

@@ -18,6 +18,8 @@
 //! in both directions: median and 99th percentile of the depth difference along the ray where both hit, in pixels (the edge of
 //! a pixel at the hit), and the share of rays of which only one hits.
 
+mod measuring;
+
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
@@ -34,9 +36,8 @@ use esvo_scenes::{CameraSpec, SceneManifest, SceneVariant, StandIn, locate_scene
 use glam::{DMat4, DVec3, DVec4};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
-type Error = Box<dyn std::error::Error>;
+use self::measuring::{Error, SIZE, camera, processor_time, title};
 
-const SIZE: (u32, u32) = (1024, 768);
 /// Distance in pixels of the rays whose depth is compared.
 const STRIDE: u32 = 8;
 
@@ -46,7 +47,10 @@ fn main() -> Result<(), Error> {
     let mut arguments = std::env::args().skip(1);
     while let Some(argument) = arguments.next() {
         match argument.as_str() {
-            "--rounds" => rounds = arguments.next().ok_or("--rounds: expected a number")?.parse()?,
+            "--rounds" => {
+                let number = arguments.next().and_then(|number| number.parse().ok()).filter(|number| *number > 0);
+                rounds = number.ok_or("--rounds: expected a number above 0")?;
+            }
             option if option.starts_with('-') => return Err(format!("unknown option {option}").into()),
             scene => {
                 let (name, octree) = scene.split_once('=').map_or((scene, None), |(name, path)| (name, Some(path)));
@@ -58,9 +62,14 @@ fn main() -> Result<(), Error> {
             }
         }
     }
-    if rounds == 0 || scenes.is_empty() {
-        return Err("expected at least one round and one SCENE=OCTREE".into());
+    if scenes.is_empty() {
+        return Err("expected at least one SCENE=OCTREE, e.g. sibenik=sibenik.esvo".into());
     }
+    let feature = if cfg!(feature = "embree") { " --features embree" } else { "" };
+    title("Triangles and octrees", "triangle_race", feature);
+    println!("Million rays per second of processor time on one thread, median of {rounds} interleaved rounds over all viewpoints;");
+    println!("rays of octrees end at voxels of one pixel. Differences are those from the exact triangles: of depth along the ray, in");
+    println!("pixels, where both hit; and the share of rays of which only one hits. Times of building hierarchies are wall time.\n");
     scenes.iter().try_for_each(|(name, octrees)| race(name, octrees, rounds))
 }
 
@@ -105,14 +114,14 @@ fn race(name: &str, octrees: &[String], rounds: usize) -> Result<(), Error> {
         .map(|path| Ok((path.as_str(), Arc::new(Octree::open(Path::new(path)).map_err(|e| format!("{path}: {e}"))?))))
         .collect::<Result<_, Error>>()?;
     let (mesh, cameras) = scene(name, octrees.first().map_or(10, |(_, octree)| octree.objects()[0].levels))?;
-    println!("{name}: {} triangles, {} viewpoints", mesh.triangles.len(), cameras.len());
+    println!("## {name}\n\n{} triangles, {} viewpoints.", mesh.triangles.len(), cameras.len());
     let corners = mesh.triangles.iter().map(|t| t.map(|v| mesh.positions[v as usize])).collect();
     drop(mesh);
     let start = Instant::now();
     let triangles = TriangleScene::new(corners)?;
     let megabytes = |bytes: u64| bytes as f64 / 1e6;
     let seconds = start.elapsed().as_secs_f64();
-    println!("hierarchy of this crate: {seconds:.1} s, {:.0} MB", megabytes(triangles.resident_bytes()));
+    println!("Hierarchy of this crate: {seconds:.1} s, {:.0} MB.", megabytes(triangles.resident_bytes()));
 
     let mut racers = Vec::new();
     #[cfg(feature = "embree")]
@@ -120,7 +129,7 @@ fn race(name: &str, octrees: &[String], rounds: usize) -> Result<(), Error> {
         let start = Instant::now();
         let embree = EmbreeScene::new(&triangles)?;
         let seconds = start.elapsed().as_secs_f64();
-        println!("hierarchy of Embree: {seconds:.1} s, {:.0} MB", megabytes(embree.resident_bytes()));
+        println!("Hierarchy of Embree: {seconds:.1} s, {:.0} MB.", megabytes(embree.resident_bytes()));
         embree
     };
     #[cfg(feature = "embree")]
@@ -130,7 +139,7 @@ fn race(name: &str, octrees: &[String], rounds: usize) -> Result<(), Error> {
     }
     racers.push(Racer::new("packets of 16 over obvhs".into(), Kind::Packets(&triangles)));
     for (path, octree) in &octrees {
-        println!("{path}: {:.0} MB", megabytes(size_of_val(octree.words()) as u64));
+        println!("Octree {path}: {:.0} MB.", megabytes(size_of_val(octree.words()) as u64));
         for (mode, beam) in [("contours", false), ("contours and beam", true)] {
             let mut caster = CpuCaster::new(Some(1))?;
             caster.load(octree)?;
@@ -166,11 +175,12 @@ fn race(name: &str, octrees: &[String], rounds: usize) -> Result<(), Error> {
             racer.compare(&rays, &hits, &exact);
         }
     }
-    println!("| caster | Mrays/s | difference in pixels: median | 99th percentile | only one hits |");
-    println!("|---|---|---|---|---|");
+    println!("\n| caster | Mrays/s | difference in pixels: median | 99th percentile | only one hits |");
+    println!("|---|--:|--:|--:|--:|");
     for racer in &mut racers {
         racer.print(cameras.len());
     }
+    println!();
     Ok(())
 }
 
@@ -234,7 +244,7 @@ impl<'a> Racer<'a> {
 /// Mesh and viewpoints of a scene; if it is displaced, diced for an octree of `levels`.
 fn scene(name: &str, levels: u32) -> Result<(Mesh, Vec<Camera>), Error> {
     let manifest = SceneManifest::builtin()?;
-    let entry = manifest.scene(name).ok_or_else(|| format!("no scene {name} in the manifest"))?;
+    let entry = manifest.scene(name).ok_or_else(|| format!("{name}: the manifest has no such scene"))?;
     let (mesh, specs): (_, &[CameraSpec]) = match locate_scene(entry, None)? {
         Some(found) => {
             let mut mesh = load_mesh(&found.path)?;
@@ -247,7 +257,7 @@ fn scene(name: &str, levels: u32) -> Result<(Mesh, Vec<Camera>), Error> {
         None => {
             let mesh = entry.stand_in.as_ref().and_then(StandIn::generate);
             let mesh = mesh.ok_or_else(|| format!("{name}: its mesh was not found, and it has no stand-in"))?;
-            println!("{name}: stand-in");
+            println!("The mesh of {name} was not found: this is its stand-in.\n");
             (mesh, entry.cameras(SceneVariant::StandIn))
         }
     };
@@ -259,19 +269,4 @@ fn scene(name: &str, levels: u32) -> Result<(Mesh, Vec<Camera>), Error> {
     let extent = (DVec3::from(high) - DVec3::from(low)).max_element();
     // The displacement of `esvo build --scene`: white is 1/500 of the largest extent.
     Ok((displace(&mesh, &DisplaceOptions::for_levels(&mesh, levels, extent / 500.0))?, cameras))
-}
-
-fn camera(spec: &CameraSpec) -> Camera {
-    let &CameraSpec { eye, forward, up, fov_degrees, near, far, .. } = spec;
-    Camera { eye, forward, up, fov_degrees, near, far }
-}
-
-/// Seconds that the threads of this process have run on a processor, as Linux counts them.
-fn processor_time() -> f64 {
-    let tasks = std::fs::read_dir("/proc/self/task").into_iter().flatten().flatten();
-    let nanoseconds = tasks.filter_map(|task| {
-        let text = std::fs::read_to_string(task.path().join("schedstat")).ok()?;
-        text.split_whitespace().next()?.parse::<u64>().ok()
-    });
-    nanoseconds.sum::<u64>() as f64 * 1e-9
 }

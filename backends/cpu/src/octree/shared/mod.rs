@@ -82,14 +82,16 @@ use super::tiles::Task;
 mod fault {
     /// Children that a ray only touches are visited.
     pub(super) const TIES: u8 = 1;
-    /// Rays that rounding may lead elsewhere are not looked for.
+    /// Rays that rounding may lead elsewhere are not looked for at a push.
     pub(super) const NO_CHECK: u8 = 2;
     /// All rays of a packet go in the octant of the first.
     pub(super) const WRONG_OCTANT: u8 = 3;
     /// Slabs of nodes above are forgotten when a block leaves its tile.
     pub(super) const NO_SLABS: u8 = 4;
-    /// A tile's bounds leave out the rounding of its rays.
+    /// A tile's bounds are those of one side of its blocks.
     pub(super) const NARROW: u8 = 5;
+    /// No ray is in doubt where its block leaves the tile.
+    pub(super) const NO_DOUBT: u8 = 6;
 
     #[cfg(test)]
     thread_local! {

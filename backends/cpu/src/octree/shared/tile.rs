@@ -53,7 +53,6 @@
 //! if the latest `c_j` of the block is at most the earliest entry into `D` less [`Bounds::doubt`], none is `s` or within `d` of it;
 //! if the earliest `e_j` is above the latest end, none is the end. Once computed they serve all voxels below a node.
 
-use esvo_core::reference::MAX_SCALE;
 use fearless_simd::prelude::*;
 
 use super::super::counters::{What, count, count_alive};
@@ -61,7 +60,7 @@ use super::super::scene::Scene;
 use super::bounds::{Area, BLOCKS, Bounds, DOUBT};
 use super::fault;
 use super::packet::{ALL, Contour, Floats, Lanes, Packet, Results, axes, bits};
-use super::voxel::{Meeting, Node, Tree, visit};
+use super::voxel::{Meeting, Node, Place, Tree, visit};
 use super::walk::{self, FRAMES, Stack, cast_alone, enter, walk_alone};
 
 /// A voxel that at most this many blocks meet is entered by each of them alone.
@@ -124,7 +123,7 @@ impl<S: Simd> Block<S> {
         let lanes = self.lanes & self.results.alive;
         let near = lanes & bits(entry.simd_le(exit.min(end) + self.doubt * 4.0));
         let strange = bits(exit.simd_le(entry + self.doubt) | second.simd_ge(entry - self.doubt));
-        let strange = if fault::made(fault::NO_CHECK) { 0 } else { near & strange };
+        let strange = if fault::made(fault::NO_DOUBT) { 0 } else { near & strange };
         if strange != 0 {
             self.results.give_up(strange);
         }
@@ -269,20 +268,15 @@ fn octant<S: Simd>(
             known: alive,
         };
     }
-    // Edge and scale of the children of the node.
-    let mut size = 0.5f32;
-    let mut scale = MAX_SCALE - 1;
-    let mut depth = 0usize;
+    let mut place = Place::ROOT;
     loop {
+        let Place { depth, size, scale } = place;
         let frame = &mut frames[depth % FRAMES];
         let live = frame.blocks & alive;
         if frame.node.todo == 0 || live == 0 {
-            if depth == 0 {
+            if !place.up() {
                 return;
             }
-            depth -= 1;
-            scale += 1;
-            size *= 2.0;
             continue;
         }
         count(What::TileTests, 1);
@@ -369,7 +363,7 @@ fn octant<S: Simd>(
                     let Met { corner, entry, exit, end, lanes, .. } = meeting;
                     let meeting = Meeting { corner, entry, exit, t_max: end, lanes };
                     let at = (&frames[depth % FRAMES].node, &child);
-                    let inside = visit(simd, tree, &block.packet, at, (size, scale), meeting, &mut block.results);
+                    let inside = visit(simd, tree, &block.packet, at, place, meeting, &mut block.results);
                     if inside.lanes == 0 {
                         members &= !(1 << k);
                     }
@@ -383,7 +377,7 @@ fn octant<S: Simd>(
                         t_max: meeting.end,
                         lanes: meeting.lanes,
                     };
-                    walk_alone(simd, tree, &block.packet, (size, scale), stack, &mut block.results);
+                    walk_alone(simd, tree, &block.packet, Place { depth: 0, ..place }, stack, &mut block.results);
                 }
                 if block.results.alive & block.lanes == 0 {
                     alive &= !(1 << k);
@@ -395,10 +389,8 @@ fn octant<S: Simd>(
         }
         count(What::TilePushes, 1);
         let node = tree.node(frames[depth % FRAMES].node.slot_of(&child), pos);
-        depth += 1;
-        scale -= 1;
-        size = half_size;
-        let next = &mut frames[depth % FRAMES];
+        place.down();
+        let next = &mut frames[place.depth % FRAMES];
         next.node = node;
         next.contour = contour;
         next.lower = corner;

@@ -1,5 +1,6 @@
 //! Nodes and voxels as packets meet them: what walks of single packets and tiles of packets have in common.
 
+use esvo_core::reference::MAX_SCALE;
 use esvo_format::ChildDescriptor;
 use fearless_simd::prelude::*;
 
@@ -121,6 +122,41 @@ impl Node {
     }
 }
 
+/// Where a walk is.
+#[derive(Clone, Copy)]
+pub(super) struct Place {
+    /// Nodes between the walk's first node and this one.
+    pub(super) depth: usize,
+    /// Edge of the node's children, 2 to the power of `scale` - 23.
+    pub(super) size: f32,
+    pub(super) scale: u32,
+}
+
+impl Place {
+    /// In the root.
+    pub(super) const ROOT: Self = Self { depth: 0, size: 0.5, scale: MAX_SCALE - 1 };
+
+    /// Goes to a child's node.
+    #[inline(always)]
+    pub(super) fn down(&mut self) {
+        self.depth += 1;
+        self.scale -= 1;
+        self.size *= 0.5;
+    }
+
+    /// Goes to the parent, unless this is the walk's first node.
+    #[inline(always)]
+    pub(super) fn up(&mut self) -> bool {
+        let can = self.depth != 0;
+        if can {
+            self.depth -= 1;
+            self.scale += 1;
+            self.size *= 2.0;
+        }
+        can
+    }
+}
+
 /// A child of a node.
 pub(super) struct Child {
     /// 1 on the axes on which it is the upper half, in mirrored space.
@@ -153,18 +189,19 @@ pub(super) struct Visit<S: Simd> {
 }
 
 /// Rays look into a voxel: those for which it is small end, the others are clipped against its contour, and end in it if it
-/// is a leaf. `size` is its edge, 2 to the power of `scale` - 23.
+/// is a leaf. `place` is that of its parent.
 #[inline(always)]
 pub(super) fn visit<S: Simd>(
     simd: S,
     tree: &Tree,
     packet: &Packet<S>,
     (node, child): (&Node, &Child),
-    (size, scale): (f32, u32),
+    place: Place,
     meeting: Meeting<S>,
     results: &mut Results<S>,
 ) -> Visit<S> {
     let Meeting { corner, entry, exit, t_max, lanes } = meeting;
+    let Place { size, scale, .. } = place;
     let voxel = child.number as u32 | scale << 8;
     let centre = packet.centre(simd, corner, size);
     let mut inside = Visit { lanes, t_min: entry, t_max: t_max.min(exit), centre };

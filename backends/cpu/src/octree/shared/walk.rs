@@ -1,13 +1,12 @@
 //! The walk of one packet: scalar control, one stack, and vectors of one float for each ray.
 
-use esvo_core::reference::MAX_SCALE;
 use fearless_simd::prelude::*;
 
 use super::super::counters::{What, count, count_alive};
 use super::super::scene::Scene;
 use super::fault;
 use super::packet::{ALL, Floats, Lanes, Packet, Results, axes, bits};
-use super::voxel::{Meeting, Node, Tree, visit};
+use super::voxel::{Meeting, Node, Place, Tree, visit};
 
 /// Frames of a stack: one for each scale, rounded up to a power of two.
 pub(super) const FRAMES: usize = 32;
@@ -91,13 +90,13 @@ pub(super) fn walk_alone<S: Simd>(
     simd: S,
     tree: &Tree,
     packet: &Packet<S>,
-    at: (f32, u32),
+    place: Place,
     stack: &mut Stack<S>,
     results: &mut Results<S>,
 ) {
     simd.vectorize(
         #[inline(always)]
-        || walk(simd, tree, packet, at, stack, results),
+        || walk(simd, tree, packet, place, stack, results),
     );
 }
 
@@ -115,10 +114,10 @@ fn traverse<S: Simd>(
     let centre = packet.planes([1.5; 3]);
     let t = [lower[0], lower[1], lower[2], centre[0], centre[1], centre[2], start];
     stack.0[0] = Frame { node: tree.node(tree.root, [1.0; 3]), t, t_max, lanes };
-    walk(simd, tree, packet, (0.5, MAX_SCALE - 1), stack, results);
+    walk(simd, tree, packet, Place::ROOT, stack, results);
 }
 
-/// Casts the rays of the first frame through its node, whose children have this edge and scale.
+/// Casts the rays of the first frame through its node, whose depth is 0.
 ///
 /// One function for views with and without contours and small voxels: constants for each of the four took four times as long
 /// to compile.
@@ -127,21 +126,18 @@ fn walk<S: Simd>(
     simd: S,
     tree: &Tree,
     packet: &Packet<S>,
-    (mut size, mut scale): (f32, u32),
+    mut place: Place,
     stack: &mut Stack<S>,
     results: &mut Results<S>,
 ) {
-    let mut depth = 0usize;
     loop {
+        let Place { depth, size, scale } = place;
         let frame = &mut stack.0[depth % FRAMES];
         let lanes = frame.lanes & results.alive;
         if frame.node.todo == 0 || lanes == 0 {
-            if depth == 0 {
+            if !place.up() {
                 return;
             }
-            depth -= 1;
-            scale += 1;
-            size *= 2.0;
             continue;
         }
         results.iterations += 1;
@@ -164,7 +160,7 @@ fn walk<S: Simd>(
             continue;
         }
         let meeting = Meeting { corner, entry, exit, t_max: frame.t_max, lanes };
-        let inside = visit(simd, tree, packet, (&frame.node, &child), (size, scale), meeting, results);
+        let inside = visit(simd, tree, packet, (&frame.node, &child), place, meeting, results);
         let (mut live, t_min, t_max) = (inside.lanes, inside.t_min, inside.t_max);
         if live == 0 {
             continue;
@@ -209,10 +205,8 @@ fn walk<S: Simd>(
         let mut node = tree.node(frame.node.slot_of(&child), pos);
         node.todo &= halves;
         count(What::Pushes, 1);
-        depth += 1;
-        scale -= 1;
-        size = half_size;
+        place.down();
         let t = [corner[0], corner[1], corner[2], planes[0], planes[1], planes[2], t_min];
-        stack.0[depth % FRAMES] = Frame { node, t, t_max, lanes: live };
+        stack.0[place.depth % FRAMES] = Frame { node, t, t_max, lanes: live };
     }
 }

@@ -1,11 +1,12 @@
-//! The views of scenes that examples cast.
+//! What the examples that measure casting have in common: arguments, views of scenes, and processor time.
+#![allow(dead_code, reason = "no example uses all of it")]
 
 use std::sync::Arc;
 
 use esvo_core::{Camera, CastOptions, View};
 use esvo_cpu::InstructionSet;
 use esvo_format::Octree;
-use esvo_scenes::{SceneManifest, SceneVariant};
+use esvo_scenes::{CameraSpec, SceneManifest, SceneVariant};
 
 pub(crate) const SIZE: (u32, u32) = (1024, 768);
 
@@ -19,7 +20,6 @@ pub(crate) type Error = Box<dyn std::error::Error>;
 
 /// What the command line asks for: rounds, instruction sets, and octrees with the names of their scenes.
 pub(crate) struct Arguments {
-    #[allow(dead_code, reason = "the example `counters` has no rounds")]
     pub(crate) rounds: usize,
     pub(crate) sets: Vec<InstructionSet>,
     pub(crate) scenes: Vec<(String, Arc<Octree>)>,
@@ -52,6 +52,9 @@ impl Arguments {
                 _ => return Err(format!("{argument}: expected --rounds, --sets or SCENE=OCTREE").into()),
             }
         }
+        if scenes.is_empty() {
+            return Err("expected at least one SCENE=OCTREE, e.g. sibenik=sibenik.esvo".into());
+        }
         Ok(Self { rounds, sets, scenes })
     }
 }
@@ -66,16 +69,29 @@ pub(crate) fn views(scene: &str, octree: &Octree, options: &CastOptions) -> Resu
         cameras = entry.cameras(SceneVariant::StandIn);
     }
     let root = octree.objects()[0].root_slot as u32;
-    let view = |spec: &esvo_scenes::CameraSpec| {
-        let camera = Camera {
-            eye: spec.eye,
-            forward: spec.forward,
-            up: spec.up,
-            fov_degrees: spec.fov_degrees,
-            near: spec.near,
-            far: spec.far,
-        };
-        Ok(View::new(&camera, octree.octree_to_mesh(0), root, SIZE, options)?)
-    };
+    let view = |spec| Ok(View::new(&camera(spec), octree.octree_to_mesh(0), root, SIZE, options)?);
     cameras.iter().map(view).collect()
+}
+
+/// The camera of a viewpoint.
+pub(crate) fn camera(spec: &CameraSpec) -> Camera {
+    let &CameraSpec { eye, forward, up, fov_degrees, near, far, .. } = spec;
+    Camera { eye, forward, up, fov_degrees, near, far }
+}
+
+/// Prints what was measured, where and by which command. `features` are the options of cargo that name them.
+pub(crate) fn title(what: &str, example: &str, features: &str) {
+    let command: Vec<String> = std::env::args().skip(1).collect();
+    println!("# {what}\n\n{}, {} x {}.\n\n```text", esvo_cpu::cpu_name(), SIZE.0, SIZE.1);
+    println!("cargo run --release -p esvo-cpu{features} --example {example} -- {}\n```\n", command.join(" "));
+}
+
+/// Seconds that the threads of this process have run on a processor, as Linux counts them.
+pub(crate) fn processor_time() -> f64 {
+    let tasks = std::fs::read_dir("/proc/self/task").into_iter().flatten().flatten();
+    let nanoseconds = tasks.filter_map(|task| {
+        let text = std::fs::read_to_string(task.path().join("schedstat")).ok()?;
+        text.split_whitespace().next()?.parse::<u64>().ok()
+    });
+    nanoseconds.sum::<u64>() as f64 * 1e-9
 }
