@@ -40,7 +40,9 @@ fn main() -> Result<(), Error> {
         }
     }
     title("What the octree casters do per ray", "counters", " --features counters");
-    println!("Means over all viewpoints. A visit of a packet counts once for its sixteen rays, a test of a tile once for its 256.\n");
+    println!(
+        "Means over all viewpoints. A visit of a packet counts once for its sixteen rays, a test of a tile once for its 256.\n"
+    );
     println!("| scene, mode, set | {} |", What::ALL.map(What::name).join(" | "));
     println!("|---|{}", "--:|".repeat(What::ALL.len()));
     for (name, rays, counts) in &runs {

@@ -20,8 +20,12 @@ use self::measuring::{Arguments, Error, MODES, SIZE, processor_time, title, view
 fn main() -> Result<(), Error> {
     let Arguments { rounds, sets, scenes } = Arguments::parse()?;
     title("Rays per second by instruction set", "packets", "");
-    println!("Million rays per second of processor time on one thread, by the least time of each view in {rounds} rounds; in");
-    println!("parentheses by the median. The last column counts hits with another `t` or voxel than the first set's.\n");
+    println!(
+        "Million rays per second of processor time on one thread, by the least time of each view in {rounds} rounds; in"
+    );
+    println!(
+        "parentheses by the median. The last column counts hits with another `t` or voxel than the first set's.\n"
+    );
     println!("| scene, mode, views | {} | differ |", sets.iter().map(|set| set.name()).collect::<Vec<_>>().join(" | "));
     println!("|---|{}--:|", "--:|".repeat(sets.len()));
     for (name, octree) in scenes {

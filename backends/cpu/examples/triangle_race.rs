@@ -67,9 +67,15 @@ fn main() -> Result<(), Error> {
     }
     let feature = if cfg!(feature = "embree") { " --features embree" } else { "" };
     title("Triangles and octrees", "triangle_race", feature);
-    println!("Million rays per second of processor time on one thread, median of {rounds} interleaved rounds over all viewpoints;");
-    println!("rays of octrees end at voxels of one pixel. Differences are those from the exact triangles: of depth along the ray, in");
-    println!("pixels, where both hit; and the share of rays of which only one hits. Times of building hierarchies are wall time.\n");
+    println!(
+        "Million rays per second of processor time on one thread, median of {rounds} interleaved rounds over all viewpoints;"
+    );
+    println!(
+        "rays of octrees end at voxels of one pixel. Differences are those from the exact triangles: of depth along the ray, in"
+    );
+    println!(
+        "pixels, where both hit; and the share of rays of which only one hits. Times of building hierarchies are wall time.\n"
+    );
     scenes.iter().try_for_each(|(name, octrees)| race(name, octrees, rounds))
 }
 
