@@ -30,12 +30,14 @@
 //! sets and the proof that their hits are the reference's. `tiles.rs` cuts fans and lists of rays into packets of sixteen
 //! rays, `single.rs` casts the rays of a packet one after the other, and `packet.rs` casts them in lockstep with AVX-512, through
 //! the memory accesses of `gather.rs`. For a further instruction set, add a variant of [`InstructionSet`] in
-//! `instructions.rs`, a line in `shared/mod.rs`, and a line in `tests/conformance.rs`.
+//! `instructions.rs`, one of `Vectors` in `vectors.rs`, and a line in `tests/conformance.rs`. `src/triangles/packet.rs` casts
+//! triangles with the same vectors.
 
 pub mod triangles;
 
 mod machine;
 mod octree;
+mod vectors;
 
 pub use machine::cpu_name;
 pub use octree::counters;

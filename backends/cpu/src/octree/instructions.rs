@@ -3,11 +3,11 @@
 use std::fmt;
 
 use super::scene::Scene;
-use super::shared::Vectors;
-use super::single;
 use super::tiles::Task;
 #[cfg(target_arch = "x86_64")]
 use super::{gather, packet};
+use super::{shared, single};
+use crate::vectors::Vectors;
 
 /// Instructions that an octree caster is compiled for.
 ///
@@ -97,7 +97,7 @@ impl InstructionSet {
     /// Does a task.
     pub(super) fn run(self, scene: &Scene, task: Task) {
         let left = match self.vectors() {
-            Some(vectors) => vectors.run(scene, task),
+            Some(vectors) => shared::run(vectors, scene, task),
             None => Some(task),
         };
         let Some(task) = left else { return };

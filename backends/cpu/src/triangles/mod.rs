@@ -37,9 +37,12 @@ use esvo_core::exact::{CameraRays, ExactRay, TriangleHit};
 use glam::{DVec3, Vec3A};
 use rayon::prelude::*;
 
+use crate::vectors::Vectors;
+
 use bvh::{Bvh, Placement};
 #[cfg(feature = "embree")]
 pub use embree::{EmbreeRays, EmbreeScene};
+use packet::Rows;
 
 /// Most triangles of a scene: splitting may double the boxes, which are numbered with 32 bits.
 pub const MAX_TRIANGLES: usize = 1 << 29;
@@ -120,9 +123,12 @@ impl TriangleScene {
         if self.fast.nodes.is_empty() {
             return;
         }
+        let vectors = Vectors::best();
         hits.par_chunks_mut(packet::EDGE * rays.width as usize).enumerate().for_each(|(strip, hits)| {
-            let row = strip * packet::EDGE;
-            packet::cast_rows(&self.fast, &self.fast_corners, &self.placement, rays, row, hits);
+            let (bvh, corners, placement) = (&self.fast, &self.fast_corners[..], &self.placement);
+            let first_row = strip * packet::EDGE;
+            let rows = Rows { bvh, corners, placement, rays, first_row, hits: &mut *hits };
+            assert!(vectors.run(rows).is_ok(), "the processor has the vectors that were found");
             for hit in hits.iter_mut().filter(|hit| !hit.is_miss()) {
                 hit.triangle = self.fast.order[hit.triangle as usize];
             }

@@ -1,93 +1,137 @@
 //! Closest hits in single precision, fast: packets of 4 x 4 rays from one eye go down the hierarchy together.
 //!
-//! Every loop over the lanes of a packet is plain code that the compiler turns into vectors; the function is compiled for
-//! several instruction sets and the best one that the processor has is picked when it runs.
+//! The code is generic over the vectors of `fearless_simd`, with one float for each ray of a packet, and compiled for each of
+//! [`Vectors`](crate::vectors::Vectors). Hits are the same for all of them: products and sums are rounded one by one.
 
 use esvo_core::exact::{CameraRays, TriangleHit};
+use fearless_simd::prelude::*;
+use fearless_simd::{f32x16, mask32x16, u32x16};
 use glam::{DVec3, Vec3A};
-use multiversion::multiversion;
 
 use super::bvh::{Bvh, Node, Placement};
+use crate::vectors::Work;
 
 /// Edge of a packet in pixels.
 pub(super) const EDGE: usize = 4;
 /// Rays of a packet.
 const LANES: usize = EDGE * EDGE;
-type Lanes = [f32; LANES];
+/// One float for each ray of a packet.
+type Floats<S> = f32x16<S>;
 
 /// Factor on where a ray leaves a box, which covers the rounding of six products and differences.
 const SLACK: f32 = 1.0 + 4.0 * f32::EPSILON;
 
-/// Rays from one eye, lane by lane.
-struct Packet {
-    direction: [Lanes; 3],
-    inverse: [Lanes; 3],
-    /// Closest `t` found so far.
-    t: Lanes,
-    triangle: [u32; LANES],
-    t_near: f32,
+/// Rows of a picture, from `first_row` on as many as `hits` has room for.
+pub(super) struct Rows<'a> {
+    pub(super) bvh: &'a Bvh,
+    pub(super) corners: &'a [[Vec3A; 3]],
+    pub(super) placement: &'a Placement,
+    pub(super) rays: &'a CameraRays,
+    pub(super) first_row: usize,
+    pub(super) hits: &'a mut [TriangleHit],
 }
 
-/// Casts the rows of a picture from `first_row` on that `hits` has room for.
-#[multiversion(targets(
-    "x86_64+avx512f+avx512bw+avx512dq+avx512vl+avx2+avx+bmi1+bmi2+lzcnt",
-    "x86_64+avx2+avx+bmi1+bmi2+lzcnt",
-    "aarch64+neon"
-))]
-pub(super) fn cast_rows(
-    bvh: &Bvh,
-    corners: &[[Vec3A; 3]],
-    placement: &Placement,
-    rays: &CameraRays,
-    first_row: usize,
-    hits: &mut [TriangleHit],
-) {
-    let width = rays.width as usize;
-    let rows = hits.len() / width;
-    let eye: [f32; 3] = placement.point(rays.origin).as_vec3().into();
-    let mut stack = vec![(0u32, 0f32); bvh.depth + 1];
-    for row in (0..rows).step_by(EDGE) {
-        for column in (0..width).step_by(EDGE) {
-            let mut packet = Packet::new(rays, placement.scale, column, first_row + row);
-            packet.descend(bvh, corners, eye, &mut stack);
-            for y in row..(row + EDGE).min(rows) {
-                for x in column..(column + EDGE).min(width) {
-                    let lane = (y - row) * EDGE + (x - column);
-                    hits[y * width + x] = packet.hit(lane);
+impl Work for Rows<'_> {
+    type Output = ();
+
+    /// Casts the rows.
+    fn run<S: Simd, const ARRAYS: bool>(self, simd: S) {
+        simd.vectorize(
+            #[inline(always)]
+            || self.cast(simd),
+        );
+    }
+}
+
+impl Rows<'_> {
+    #[inline(always)]
+    fn cast<S: Simd>(self, simd: S) {
+        let Self { bvh, corners, placement, rays, first_row, hits } = self;
+        let width = rays.width as usize;
+        let rows = hits.len() / width;
+        let eye: [f32; 3] = placement.point(rays.origin).as_vec3().into();
+        let mut stack = vec![(0u32, 0f32); bvh.depth + 1];
+        for row in (0..rows).step_by(EDGE) {
+            for column in (0..width).step_by(EDGE) {
+                let mut packet = Packet::new(simd, rays, placement.scale, column, first_row + row);
+                packet.descend(bvh, corners, eye, &mut stack);
+                let (t, triangle) = packet.found();
+                for y in row..(row + EDGE).min(rows) {
+                    for x in column..(column + EDGE).min(width) {
+                        let lane = (y - row) * EDGE + (x - column);
+                        if triangle[lane] != TriangleHit::NONE {
+                            hits[y * width + x] = TriangleHit { t: f64::from(t[lane]), triangle: triangle[lane] };
+                        }
+                    }
                 }
             }
         }
     }
 }
 
-impl Packet {
+/// Rays from one eye, lane by lane.
+struct Packet<S: Simd> {
+    simd: S,
+    direction: [Floats<S>; 3],
+    inverse: [Floats<S>; 3],
+    /// Closest `t` found so far.
+    t: Floats<S>,
+    /// The triangle there, or [`TriangleHit::NONE`].
+    triangle: u32x16<S>,
+    t_near: Floats<S>,
+}
+
+/// The rays that enter a box before their closest hit, and where they do.
+#[derive(Clone, Copy)]
+struct Entry<S: Simd> {
+    rays: mask32x16<S>,
+    t: Floats<S>,
+}
+
+impl<S: Simd> Entry<S> {
+    /// The least `t` at which one of the rays enters the box; infinite if none does.
+    #[inline(always)]
+    fn least(self) -> f32 {
+        least(self.rays.select(self.t, Floats::splat(self.t.token(), f32::INFINITY)))
+    }
+}
+
+impl<S: Simd> Packet<S> {
     /// The packet whose first pixel is this one. Lanes beyond the picture have the rays of pixels beyond it.
     #[inline(always)]
-    fn new(rays: &CameraRays, scale: f64, x: usize, y: usize) -> Self {
+    fn new(simd: S, rays: &CameraRays, scale: f64, x: usize, y: usize) -> Self {
         let vector = |v: DVec3| (v * scale).as_vec3();
         let (corner, dx, dy) =
             (vector(rays.direction(x as f64 + 0.5, y as f64 + 0.5)), vector(rays.dx), vector(rays.dy));
-        let mut direction = [[0.0; LANES]; 3];
-        let mut inverse = [[0.0; LANES]; 3];
+        let zero = Floats::splat(simd, 0.0);
+        let mut packet = Self {
+            simd,
+            direction: [zero; 3],
+            inverse: [zero; 3],
+            t: Floats::splat(simd, 1.0),
+            triangle: u32x16::splat(simd, TriangleHit::NONE),
+            t_near: Floats::splat(simd, rays.t_near as f32),
+        };
+        let columns = Floats::simd_from(simd, COLUMNS);
+        let rows = Floats::simd_from(simd, ROWS);
+        let least = Floats::splat(simd, f32::MIN_POSITIVE);
         for axis in 0..3 {
-            for lane in 0..LANES {
-                let d = corner[axis] + dx[axis] * (lane % EDGE) as f32 + dy[axis] * (lane / EDGE) as f32;
-                // For a ray that is parallel to a slab, the inverse is huge instead of infinite, so that nothing becomes NaN.
-                let d = if d.abs() < f32::MIN_POSITIVE { f32::MIN_POSITIVE.copysign(d) } else { d };
-                direction[axis][lane] = d;
-                inverse[axis][lane] = 1.0 / d;
-            }
+            let d = columns * dx[axis] + corner[axis] + rows * dy[axis];
+            // For a ray that is parallel to a slab, the inverse is huge instead of infinite, so that nothing becomes NaN.
+            let d = d.abs().simd_lt(least).select(least.copysign(d), d);
+            packet.direction[axis] = d;
+            packet.inverse[axis] = Floats::splat(simd, 1.0) / d;
         }
-        let t_near = rays.t_near as f32;
-        Self { direction, inverse, t: [1.0; LANES], triangle: [TriangleHit::NONE; LANES], t_near }
+        packet
     }
 
+    /// Closest `t` and the triangle there, ray by ray.
     #[inline(always)]
-    fn hit(&self, lane: usize) -> TriangleHit {
-        if self.triangle[lane] == TriangleHit::NONE {
-            return TriangleHit::MISS;
-        }
-        TriangleHit { t: f64::from(self.t[lane]), triangle: self.triangle[lane] }
+    fn found(&self) -> ([f32; LANES], [u32; LANES]) {
+        let (mut t, mut triangle) = ([0.0; LANES], [0; LANES]);
+        self.t.store_slice(&mut t);
+        self.triangle.store_slice(&mut triangle);
+        (t, triangle)
     }
 
     /// Finds the closest hits.
@@ -96,7 +140,7 @@ impl Packet {
         let mut waiting = 0;
         let mut farthest = 1.0f32;
         let mut at = 0;
-        if self.enter(&bvh.nodes[0], eye) == f32::INFINITY {
+        if self.enter(&bvh.nodes[0], eye).rays.all_false() {
             return;
         }
         loop {
@@ -105,21 +149,28 @@ impl Packet {
                 for place in node.first..node.first + node.count {
                     self.meet(&corners[place as usize], place, eye);
                 }
-                farthest = self.t.iter().fold(0.0, |a, &b| a.max(b));
+                farthest = greatest(self.t);
             } else {
-                let (mut near, mut far) = (node.first, node.first + 1);
-                let mut t_near = self.enter(&bvh.nodes[near as usize], eye);
-                let mut t_far = self.enter(&bvh.nodes[far as usize], eye);
-                if t_far < t_near {
-                    (near, far, t_near, t_far) = (far, near, t_far, t_near);
-                }
-                if t_far < f32::INFINITY {
-                    stack[waiting] = (far, t_far);
-                    waiting += 1;
-                }
-                if t_near < f32::INFINITY {
-                    at = near;
-                    continue;
+                let (near, far) = (node.first, node.first + 1);
+                let (a, b) = (self.enter(&bvh.nodes[near as usize], eye), self.enter(&bvh.nodes[far as usize], eye));
+                match (a.rays.any_true(), b.rays.any_true()) {
+                    (true, true) => {
+                        let (t_a, t_b) = (a.least(), b.least());
+                        let (near, far, t_far) = if t_b < t_a { (far, near, t_a) } else { (near, far, t_b) };
+                        stack[waiting] = (far, t_far);
+                        waiting += 1;
+                        at = near;
+                        continue;
+                    }
+                    (true, false) => {
+                        at = near;
+                        continue;
+                    }
+                    (false, true) => {
+                        at = far;
+                        continue;
+                    }
+                    (false, false) => {}
                 }
             }
             at = loop {
@@ -134,26 +185,19 @@ impl Packet {
         }
     }
 
-    /// Least `t` at which a ray enters the box before its closest hit; infinite if no ray does.
+    /// The rays that enter the box before their closest hit.
     #[inline(always)]
-    fn enter(&self, node: &Node, eye: [f32; 3]) -> f32 {
-        let mut enter = [self.t_near; LANES];
-        let mut leave = self.t;
-        for (axis, inverse) in self.inverse.iter().enumerate() {
-            let (lo, hi) = (node.lo[axis] - eye[axis], node.hi[axis] - eye[axis]);
-            for lane in 0..LANES {
-                let (a, b) = (lo * inverse[lane], hi * inverse[lane]);
-                let (near, far) = if a < b { (a, b) } else { (b, a) };
-                enter[lane] = if near > enter[lane] { near } else { enter[lane] };
-                let far = far * SLACK;
-                leave[lane] = if far < leave[lane] { far } else { leave[lane] };
-            }
+    fn enter(&self, node: &Node, eye: [f32; 3]) -> Entry<S> {
+        let mut enter = self.t_near;
+        let mut leave = Floats::splat(self.simd, f32::INFINITY);
+        for axis in 0..3 {
+            let a = self.inverse[axis] * (node.lo[axis] - eye[axis]);
+            let b = self.inverse[axis] * (node.hi[axis] - eye[axis]);
+            enter = enter.max(a.min(b));
+            leave = leave.min(a.max(b));
         }
-        let mut first = [f32::INFINITY; LANES];
-        for lane in 0..LANES {
-            first[lane] = if enter[lane] <= leave[lane] { enter[lane] } else { f32::INFINITY };
-        }
-        least(first)
+        // Rounding is monotonic, so that one product is enough for the least.
+        Entry { rays: enter.simd_le((leave * SLACK).min(self.t)), t: enter }
     }
 
     /// Records the triangle for the rays that hit it before their closest hit so far.
@@ -162,33 +206,46 @@ impl Packet {
     /// triangle at the edge has the same number, negated. Both sides of the triangle count.
     #[inline(always)]
     fn meet(&mut self, corners: &[Vec3A; 3], place: u32, eye: [f32; 3]) {
-        let [a, b, c] = corners.map(|p| p - Vec3A::from(eye));
-        let (bc, ca, ab) = (b.cross(c), c.cross(a), a.cross(b));
-        let normal = (b - a).cross(c - a);
-        let distance = normal.dot(a);
-        for lane in 0..LANES {
-            let dot = |v: Vec3A| {
-                v.x * self.direction[0][lane] + v.y * self.direction[1][lane] + v.z * self.direction[2][lane]
-            };
-            let (u, v, w) = (dot(bc), dot(ca), dot(ab));
-            let t = distance / dot(normal);
-            let inside = ((u >= 0.0) & (v >= 0.0) & (w >= 0.0)) | ((u <= 0.0) & (v <= 0.0) & (w <= 0.0));
-            let closer = inside & (t >= self.t_near) & (t < self.t[lane]);
-            self.t[lane] = if closer { t } else { self.t[lane] };
-            self.triangle[lane] = if closer { place } else { self.triangle[lane] };
+        let simd = self.simd;
+        let eye = Vec3A::from(eye);
+        let (a, b, c) = (corners[0] - eye, corners[1] - eye, corners[2] - eye);
+        let (u, v, w) = (self.dot(b.cross(c)), self.dot(c.cross(a)), self.dot(a.cross(b)));
+        let zero = Floats::splat(simd, 0.0);
+        let inside = (u.simd_ge(zero) & v.simd_ge(zero) & w.simd_ge(zero))
+            | (u.simd_le(zero) & v.simd_le(zero) & w.simd_le(zero));
+        if inside.all_false() {
+            return;
         }
+        let normal = (b - a).cross(c - a);
+        let t = Floats::splat(simd, normal.dot(a)) / self.dot(normal);
+        let closer = inside & t.simd_ge(self.t_near) & t.simd_lt(self.t);
+        self.t = closer.select(t, self.t);
+        self.triangle = closer.select(u32x16::splat(simd, place), self.triangle);
+    }
+
+    /// Products of a vector and the rays' directions.
+    #[inline(always)]
+    fn dot(&self, v: Vec3A) -> Floats<S> {
+        self.direction[0] * v.x + self.direction[1] * v.y + self.direction[2] * v.z
     }
 }
 
+/// Columns and rows of the pixels of a packet.
+const COLUMNS: [f32; LANES] = [0., 1., 2., 3., 0., 1., 2., 3., 0., 1., 2., 3., 0., 1., 2., 3.];
+const ROWS: [f32; LANES] = [0., 0., 0., 0., 1., 1., 1., 1., 2., 2., 2., 2., 3., 3., 3., 3.];
+
 /// The least of the lanes.
 #[inline(always)]
-fn least(mut lanes: Lanes) -> f32 {
-    let mut half = LANES / 2;
-    while half > 0 {
-        for lane in 0..half {
-            lanes[lane] = if lanes[lane + half] < lanes[lane] { lanes[lane + half] } else { lanes[lane] };
-        }
-        half /= 2;
-    }
-    lanes[0]
+fn least<S: Simd>(lanes: Floats<S>) -> f32 {
+    let simd = lanes.token();
+    let (a, b) = simd.split_f32x16(lanes);
+    let (a, b) = simd.split_f32x8(a.min(b));
+    let x = a.min(b);
+    x[0].min(x[1]).min(x[2].min(x[3]))
+}
+
+/// The greatest of the lanes.
+#[inline(always)]
+fn greatest<S: Simd>(lanes: Floats<S>) -> f32 {
+    -least(-lanes)
 }

@@ -72,11 +72,11 @@ mod voxel;
 mod walk;
 
 use fearless_simd::prelude::*;
-use fearless_simd::{Fallback, Level};
 
 use self::picture::{Band, band, coarse_row};
 use super::scene::Scene;
 use super::tiles::Task;
+use crate::vectors::{Vectors, Work};
 
 /// Mistakes that tests make to see that they are found.
 mod fault {
@@ -109,62 +109,32 @@ mod fault {
     }
 }
 
-/// Vectors that packets are compiled for.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) enum Vectors {
-    Arrays,
-    Neon,
-    Avx2,
-    Avx512,
+/// Does a task of a picture with these vectors. Gives others back, and all if the processor does not have the vectors.
+pub(super) fn run<'a>(vectors: Vectors, scene: &'a Scene, task: Task<'a>) -> Option<Task<'a>> {
+    vectors.run(Picture { scene, task }).unwrap_or_else(|picture| Some(picture.task))
 }
 
-impl Vectors {
-    /// Whether the processor has them.
-    pub(super) fn are_available(self) -> bool {
-        match self {
-            Self::Arrays => true,
-            #[cfg(target_arch = "aarch64")]
-            Self::Neon => Level::new().as_neon().is_some(),
-            #[cfg(target_arch = "x86_64")]
-            Self::Avx2 => Level::new().as_avx2().is_some(),
-            #[cfg(target_arch = "x86_64")]
-            Self::Avx512 => Level::new().as_avx512().is_some(),
-            _ => false,
-        }
-    }
+struct Picture<'a> {
+    scene: &'a Scene<'a>,
+    task: Task<'a>,
+}
 
-    /// Does a task of a picture with them. Gives others back, and all if the processor does not have them.
-    pub(super) fn run<'a>(self, scene: &Scene, task: Task<'a>) -> Option<Task<'a>> {
-        #[cfg(any(target_arch = "aarch64", target_arch = "x86_64"))]
-        let level = Level::new();
-        match self {
-            Self::Arrays => return compiled::<_, false>(Fallback::new(), scene, task),
-            #[cfg(target_arch = "aarch64")]
-            Self::Neon => {
-                if let Some(simd) = level.as_neon() {
-                    return compiled::<_, true>(simd, scene, task);
-                }
-            }
-            #[cfg(target_arch = "x86_64")]
-            Self::Avx2 => {
-                if let Some(simd) = level.as_avx2() {
-                    return compiled::<_, true>(simd, scene, task);
-                }
-            }
-            #[cfg(target_arch = "x86_64")]
-            Self::Avx512 => {
-                if let Some(simd) = level.as_avx512() {
-                    return compiled::<_, true>(simd, scene, task);
-                }
-            }
-            _ => {}
+impl<'a> Work for Picture<'a> {
+    /// A task that is none of a picture.
+    type Output = Option<Task<'a>>;
+
+    /// Pictures are cast tile by tile, except with plain arrays: what tiles would gain there is not worth minutes of
+    /// compiling.
+    fn run<S: Simd, const ARRAYS: bool>(self, simd: S) -> Option<Task<'a>> {
+        if ARRAYS {
+            compiled::<_, false>(simd, self.scene, self.task)
+        } else {
+            compiled::<_, true>(simd, self.scene, self.task)
         }
-        Some(task)
     }
 }
 
-/// With `TILES`, pictures are cast tile by tile. Plain arrays go without: what tiles would gain there is not worth minutes of
-/// compiling.
+/// With `TILES`, pictures are cast tile by tile.
 #[inline(always)]
 fn compiled<'a, S: Simd, const TILES: bool>(simd: S, scene: &Scene, task: Task<'a>) -> Option<Task<'a>> {
     match task {

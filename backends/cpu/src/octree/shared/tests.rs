@@ -20,14 +20,14 @@ fn picture(set: Vectors, octree: &Octree, view: &View) -> Vec<Hit> {
         for row in 0..rows {
             let mut starts = vec![0.0; columns as usize];
             let task = Task::CoarseRow { view, row, starts: &mut starts };
-            assert!(set.run(&scene, task).is_none(), "{set:?}");
+            assert!(run(set, &scene, task).is_none(), "{set:?}");
             coarse.extend(starts);
         }
     }
     let mut hits = vec![Hit::miss(0); view.pixels()];
     for (band, hits) in hits.chunks_mut(view.width as usize * BAND_ROWS).enumerate() {
         let task = Task::Band { view, coarse: &coarse, first_row: (band * BAND_ROWS) as u32, hits };
-        assert!(set.run(&scene, task).is_none(), "{set:?}");
+        assert!(run(set, &scene, task).is_none(), "{set:?}");
     }
     hits
 }
@@ -78,20 +78,16 @@ fn samples() -> Vec<Arc<Octree>> {
         .to_vec()
 }
 
-fn sets() -> impl Iterator<Item = Vectors> {
-    [Vectors::Arrays, Vectors::Neon, Vectors::Avx2, Vectors::Avx512].into_iter().filter(|set| set.are_available())
-}
-
 #[test]
 fn packets_find_what_the_reference_finds() {
-    for set in sets() {
+    for set in Vectors::available() {
         assert_eq!(differences(set, &samples()), (0, None), "{set:?}");
     }
 }
 
 #[test]
 fn faults_of_packets_are_found() {
-    let set = sets().last().expect("arrays are always there");
+    let set = Vectors::best();
     // Plain arrays have no tiles.
     let tiles = set != Vectors::Arrays;
     for (fault, what, of_tiles) in [

@@ -1,0 +1,84 @@
+//! The choice of vectors: code that is generic over the vectors of `fearless_simd` is compiled for each of them, and those
+//! that the processor has are found when it runs.
+
+use fearless_simd::prelude::*;
+use fearless_simd::{Fallback, Level};
+
+/// Vectors that casters are compiled for.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Vectors {
+    /// Plain arrays, on every processor.
+    Arrays,
+    Neon,
+    Avx2,
+    Avx512,
+}
+
+/// Code that is compiled for all vectors.
+pub(crate) trait Work {
+    type Output;
+
+    /// Does the work, in a closure that is passed to [`Simd::vectorize`]. `ARRAYS`: the vectors are plain arrays.
+    ///
+    /// The closure, and all functions and closures in it that compute with vectors, need `#[inline(always)]`: what is not
+    /// inlined is compiled without the instructions of the vectors.
+    fn run<S: Simd, const ARRAYS: bool>(self, simd: S) -> Self::Output;
+}
+
+impl Vectors {
+    /// All of them, the fastest last.
+    pub(crate) const ALL: [Self; 4] = [Self::Arrays, Self::Neon, Self::Avx2, Self::Avx512];
+
+    /// Those that the processor has, the fastest last.
+    pub(crate) fn available() -> impl Iterator<Item = Self> {
+        Self::ALL.into_iter().filter(|vectors| vectors.are_available())
+    }
+
+    /// The fastest that the processor has.
+    pub(crate) fn best() -> Self {
+        Self::available().last().unwrap_or(Self::Arrays)
+    }
+
+    /// Whether the processor has them.
+    pub(crate) fn are_available(self) -> bool {
+        match self {
+            Self::Arrays => true,
+            #[cfg(target_arch = "aarch64")]
+            Self::Neon => Level::new().as_neon().is_some(),
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 => Level::new().as_avx2().is_some(),
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => Level::new().as_avx512().is_some(),
+            _ => false,
+        }
+    }
+
+    /// Does work with them. Gives it back if the processor does not have them.
+    pub(crate) fn run<W: Work>(self, work: W) -> Result<W::Output, W> {
+        #[cfg(any(target_arch = "aarch64", target_arch = "x86_64"))]
+        let level = Level::new();
+        match self {
+            Self::Arrays => return Ok(work.run::<_, true>(Fallback::new())),
+            #[cfg(target_arch = "aarch64")]
+            Self::Neon => {
+                if let Some(simd) = level.as_neon() {
+                    return Ok(work.run::<_, false>(simd));
+                }
+            }
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 => {
+                if let Some(simd) = level.as_avx2() {
+                    return Ok(work.run::<_, false>(simd));
+                }
+            }
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => {
+                if let Some(simd) = level.as_avx512() {
+                    return Ok(work.run::<_, false>(simd));
+                }
+            }
+            _ => {}
+        }
+        Err(work)
+    }
+}
