@@ -1,5 +1,6 @@
 //! For testing engines: samples, comparisons, and the checks that every engine must pass.
 
+pub mod authors;
 pub mod compare;
 pub mod conformance;
 pub mod rays;

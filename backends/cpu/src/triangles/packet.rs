@@ -2,6 +2,14 @@
 //!
 //! The code is generic over the vectors of `fearless_simd`, with one float for each ray of a packet, and compiled for each of
 //! [`Vectors`](crate::vectors::Vectors). Hits are the same for all of them: products and sums are rounded one by one.
+//!
+//! A packet has one stack. Of two children that rays enter, the one that a ray enters first comes first, and the other is left out
+//! if all rays have hit something before it when its turn comes. A child that no ray enters costs a test of a mask; only
+//! two children to choose from cost the least of all lanes. In a leaf, `t` is computed only if a ray is inside a triangle. Where the
+//! rays run the same way on each axis, as in nearly all packets, the sides by which they enter and leave boxes are known.
+//!
+//! With AVX2, in million rays per second on SIBENIK and CONFERENCE, the best of some rounds on a busy machine: 7.5 and 10.5
+//! for loops over arrays, 19.8 and 26.5 for vectors and masks, 21.4 and 28.4 with the sides known.
 
 use esvo_core::exact::{CameraRays, TriangleHit};
 use fearless_simd::prelude::*;
@@ -54,7 +62,11 @@ impl Rows<'_> {
         for row in (0..rows).step_by(EDGE) {
             for column in (0..width).step_by(EDGE) {
                 let mut packet = Packet::new(simd, rays, placement.scale, column, first_row + row);
-                packet.descend(bvh, corners, eye, &mut stack);
+                if packet.one_octant {
+                    packet.descend::<true>(bvh, corners, eye, &mut stack);
+                } else {
+                    packet.descend::<false>(bvh, corners, eye, &mut stack);
+                }
                 let (t, triangle) = packet.found();
                 for y in row..(row + EDGE).min(rows) {
                     for x in column..(column + EDGE).min(width) {
@@ -79,6 +91,10 @@ struct Packet<S: Simd> {
     /// The triangle there, or [`TriangleHit::NONE`].
     triangle: u32x16<S>,
     t_near: Floats<S>,
+    /// Whether rays run against each axis; of rays that all do or all do not, only.
+    against: [bool; 3],
+    /// On each axis, all rays run the same way.
+    one_octant: bool,
 }
 
 /// The rays that enter a box before their closest hit, and where they do.
@@ -111,6 +127,8 @@ impl<S: Simd> Packet<S> {
             t: Floats::splat(simd, 1.0),
             triangle: u32x16::splat(simd, TriangleHit::NONE),
             t_near: Floats::splat(simd, rays.t_near as f32),
+            against: [false; 3],
+            one_octant: true,
         };
         let columns = Floats::simd_from(simd, COLUMNS);
         let rows = Floats::simd_from(simd, ROWS);
@@ -119,6 +137,9 @@ impl<S: Simd> Packet<S> {
             let d = columns * dx[axis] + corner[axis] + rows * dy[axis];
             // For a ray that is parallel to a slab, the inverse is huge instead of infinite, so that nothing becomes NaN.
             let d = d.abs().simd_lt(least).select(least.copysign(d), d);
+            let negative = d.simd_lt(zero);
+            packet.against[axis] = negative.any_true();
+            packet.one_octant &= negative.any_true() == negative.all_true();
             packet.direction[axis] = d;
             packet.inverse[axis] = Floats::splat(simd, 1.0) / d;
         }
@@ -134,13 +155,19 @@ impl<S: Simd> Packet<S> {
         (t, triangle)
     }
 
-    /// Finds the closest hits.
+    /// Finds the closest hits. With `ONE_OCTANT`, rays must be of [one octant](Self::one_octant).
     #[inline(always)]
-    fn descend(&mut self, bvh: &Bvh, corners: &[[Vec3A; 3]], eye: [f32; 3], stack: &mut [(u32, f32)]) {
+    fn descend<const ONE_OCTANT: bool>(
+        &mut self,
+        bvh: &Bvh,
+        corners: &[[Vec3A; 3]],
+        eye: [f32; 3],
+        stack: &mut [(u32, f32)],
+    ) {
         let mut waiting = 0;
         let mut farthest = 1.0f32;
         let mut at = 0;
-        if self.enter(&bvh.nodes[0], eye).rays.all_false() {
+        if self.enter::<ONE_OCTANT>(&bvh.nodes[0], eye).rays.all_false() {
             return;
         }
         loop {
@@ -152,7 +179,10 @@ impl<S: Simd> Packet<S> {
                 farthest = greatest(self.t);
             } else {
                 let (near, far) = (node.first, node.first + 1);
-                let (a, b) = (self.enter(&bvh.nodes[near as usize], eye), self.enter(&bvh.nodes[far as usize], eye));
+                let (a, b) = (
+                    self.enter::<ONE_OCTANT>(&bvh.nodes[near as usize], eye),
+                    self.enter::<ONE_OCTANT>(&bvh.nodes[far as usize], eye),
+                );
                 match (a.rays.any_true(), b.rays.any_true()) {
                     (true, true) => {
                         let (t_a, t_b) = (a.least(), b.least());
@@ -185,16 +215,22 @@ impl<S: Simd> Packet<S> {
         }
     }
 
-    /// The rays that enter the box before their closest hit.
+    /// The rays that enter the box before their closest hit. The sides by which rays of one octant enter are known.
     #[inline(always)]
-    fn enter(&self, node: &Node, eye: [f32; 3]) -> Entry<S> {
+    fn enter<const ONE_OCTANT: bool>(&self, node: &Node, eye: [f32; 3]) -> Entry<S> {
         let mut enter = self.t_near;
         let mut leave = Floats::splat(self.simd, f32::INFINITY);
         for axis in 0..3 {
-            let a = self.inverse[axis] * (node.lo[axis] - eye[axis]);
-            let b = self.inverse[axis] * (node.hi[axis] - eye[axis]);
-            enter = enter.max(a.min(b));
-            leave = leave.min(a.max(b));
+            let (lo, hi) = (node.lo[axis] - eye[axis], node.hi[axis] - eye[axis]);
+            let (a, b) = if ONE_OCTANT {
+                let (near, far) = if self.against[axis] { (hi, lo) } else { (lo, hi) };
+                (self.inverse[axis] * near, self.inverse[axis] * far)
+            } else {
+                let (a, b) = (self.inverse[axis] * lo, self.inverse[axis] * hi);
+                (a.min(b), a.max(b))
+            };
+            enter = enter.max(a);
+            leave = leave.min(b);
         }
         // Rounding is monotonic, so that one product is enough for the least.
         Entry { rays: enter.simd_le((leave * SLACK).min(self.t)), t: enter }
