@@ -63,6 +63,19 @@ fn octrees_in_memory_are_validated_too() {
 }
 
 #[test]
+fn an_octree_that_denies_its_far_pointers_is_not_sound() {
+    let (_, octree) = samples().into_iter().find(|(name, _)| *name == "far_pointers").expect("a sample");
+    let changed = |far_pointers| {
+        let mut objects = octree.objects().to_vec();
+        objects[0].far_pointers = far_pointers;
+        Octree::from_parts(objects, octree.blocks().to_vec(), octree.slots().to_vec()).expect("the tables are right")
+    };
+    let broken = changed(0).sound().expect_err("casters would leave out what follows far pointers");
+    assert_eq!((broken.rule, broken.offset), ("O005", 168));
+    assert_eq!(changed(u64::MAX).sound(), Ok(()), "casters follow them");
+}
+
+#[test]
 fn a_report_is_capped_and_reads_well() {
     let mut file = sample("far_pointers");
     let array = file.u32(file.slot(0)) as usize;

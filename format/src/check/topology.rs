@@ -4,7 +4,7 @@
 use std::ops::ControlFlow;
 
 use crate::block::BlockParts;
-use crate::file::{BlockEntry, FIRST_SLOT, NO_PARENT, ObjectEntry, PAGE_SLOTS};
+use crate::file::{BlockEntry, FIRST_SLOT, NO_PARENT, OBJECT_BYTES, ObjectEntry, PAGE_SLOTS};
 use crate::{Broken, ChildDescriptor, Octree, ids};
 
 /// A descriptor that the walk visits.
@@ -367,18 +367,32 @@ impl<V: Visitor> Walk<'_, V> {
     }
 }
 
-/// Keeps the first finding.
-struct First(Option<Broken>);
+/// Keeps the first finding, and the object whose far pointer was met first.
+#[derive(Default)]
+struct First {
+    finding: Option<Broken>,
+    object: u32,
+    far: Option<u32>,
+}
 
 impl Visitor for First {
     fn broken(&mut self, finding: Broken) -> ControlFlow<()> {
-        self.0 = Some(finding);
+        self.finding = Some(finding);
         ControlFlow::Break(())
+    }
+
+    fn descriptor(&mut self, object: u32, _step: &Step, _descriptor: ChildDescriptor) {
+        self.object = object;
+    }
+
+    fn far_pointer(&mut self, _slot: u32) {
+        self.far.get_or_insert(self.object);
     }
 }
 
 impl Octree {
-    /// Whether every pointer that a traversal can follow is valid. Checked at the first call; the result is kept.
+    /// Whether every pointer that a traversal can follow is valid, and far pointers are not denied: casters leave out what
+    /// follows them if all objects say that they have none. Checked at the first call; the result is kept.
     ///
     /// # Errors
     /// The first rule found broken.
@@ -389,7 +403,20 @@ impl Octree {
 
 /// Fails with the first broken rule of pointers and masks, if any.
 fn first_broken(octree: &Octree) -> Result<(), Broken> {
-    let mut first = First(None);
+    let mut first = First::default();
     walk(octree, &mut first);
-    first.0.map_or(Ok(()), Err)
+    if let Some(finding) = first.finding {
+        return Err(finding);
+    }
+    match first.far {
+        Some(object) if !octree.needs().far_pointers => {
+            let at = octree.origin.map_or(0, |origin| origin.objects) + u64::from(object) * OBJECT_BYTES;
+            Err(Broken::new(
+                ids::OBJECT_COUNTS,
+                at + 168,
+                format!("object {object} has far pointers, its entry says 0"),
+            ))
+        }
+        _ => Ok(()),
+    }
 }

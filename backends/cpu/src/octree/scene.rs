@@ -7,13 +7,15 @@ pub(super) struct Scene<'a> {
     slots: &'a [u64],
     words: &'a [u32],
     root: u32,
+    far_pointers: bool,
 }
 
 impl<'a> Scene<'a> {
     /// The octree must be [sound](Octree::sound), and `root` the root slot of one of its objects: both are known of what
     /// [`Roots::open`](esvo_core::Roots::open) returns.
     pub(super) fn new(octree: &'a Octree, root: u32) -> Self {
-        Self { slots: octree.slots(), words: octree.words(), root }
+        let far_pointers = octree.needs().far_pointers;
+        Self { slots: octree.slots(), words: octree.words(), root, far_pointers }
     }
 
     /// The image in slots of 8 bytes.
@@ -26,6 +28,12 @@ impl<'a> Scene<'a> {
     #[inline(always)]
     pub(super) fn words(&self) -> &'a [u32] {
         self.words
+    }
+
+    /// Whether some child pointer is far.
+    #[inline(always)]
+    pub(super) fn has_far_pointers(&self) -> bool {
+        self.far_pointers
     }
 
     /// Slot of the root's descriptor.

@@ -110,7 +110,7 @@ pub(super) fn band<S: Simd, const TILES: bool>(simd: S, scene: &Scene, band: Ban
                     again &= again - 1;
                     let mut ray = view.ray((left + lane % BLOCK) as u32, first_row + (top + lane / BLOCK) as u32);
                     ray.t_min = block.packet.t_min;
-                    found.set(lane, single::cast_one(scene, &ray, view.contours()));
+                    found.set(lane, single::cast_one(simd, scene, &ray, view.contours()));
                 }
                 for row in 0..BLOCK.min(height - top) {
                     let columns = BLOCK.min(width - left);
@@ -150,7 +150,7 @@ pub(super) fn coarse_row<S: Simd>(simd: S, scene: &Scene, view: &View, row: u32,
         count(What::CastAgain, results.again.count_ones());
         for (lane, start) in starts.iter_mut().enumerate() {
             let again = results.again >> lane & 1 != 0;
-            let hit = if again { single::cast_one(scene, &rays[lane], false) } else { results.found.get(lane) };
+            let hit = if again { single::cast_one(simd, scene, &rays[lane], false) } else { results.found.get(lane) };
             *start = if hit.is_miss() { 1.0 } else { view.coarse_start(hit.raw_t, hit.size()) };
         }
     }
