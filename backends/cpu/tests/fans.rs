@@ -2,7 +2,7 @@
 
 use esvo_core::reference::ReferenceCaster;
 use esvo_core::testing::sample::Sample;
-use esvo_core::{CastError, Caster, Fan, Fans};
+use esvo_core::{CastError, Caster, Fan, Fans, Hit};
 use esvo_cpu::{CpuCaster, InstructionSet};
 use glam::{Mat3, Vec3};
 
@@ -31,7 +31,12 @@ fn fans_of_any_number_of_rays_are_the_reference_s() {
                 caster.cast_fans(&fans, &mut ours).unwrap();
                 reference.cast_fans(&fans, &mut theirs).unwrap();
                 assert!(rays < 100 || theirs.iter().filter(|hit| hit.is_miss()).count() > 100);
-                assert!(ours == theirs, "{instructions}, {rays} rays each, contours {contours}");
+                // The iterations of a packet are another number.
+                let same = |(a, b): (&Hit, &Hit)| a.raw_t == b.raw_t && a.same_voxel(b);
+                let all_same = ours.len() == theirs.len() && ours.iter().zip(&theirs).all(same);
+                assert!(all_same, "{instructions}, {rays} rays each, contours {contours}");
+                let alone = matches!(instructions, InstructionSet::Scalar | InstructionSet::Arrays);
+                assert!(!alone || ours == theirs, "{instructions}: iterations");
             }
         }
     }

@@ -11,9 +11,10 @@ use crate::vectors::Vectors;
 
 /// Instructions that an octree caster is compiled for.
 ///
-/// All but `Scalar` cast pictures in packets of sixteen rays that go through the tree together. The
-/// [`iterations`](esvo_core::Hit::iterations) of their hits are those of the packet; all else equals the reference's hits.
-/// Lists of rays and fans are cast one ray at a time, with AVX-512 in lockstep.
+/// All but `Scalar` cast pictures in packets of sixteen rays that go through the tree together, and all but `Scalar` and
+/// `Arrays` lists of rays and fans, too, while their rays stay together. The [`iterations`](esvo_core::Hit::iterations) of
+/// such hits are those of the packet; all else equals the reference's hits. Other rays are cast one at a time, with AVX-512 in
+/// lockstep.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 #[non_exhaustive]
 pub enum InstructionSet {
@@ -25,7 +26,7 @@ pub enum InstructionSet {
     Neon,
     /// Packets of sixteen rays, eight to a vector.
     Avx2,
-    /// Packets of sixteen rays in one vector; lists of rays and fans in lockstep.
+    /// Packets of sixteen rays in one vector; rays that do not stay together in lockstep.
     Avx512,
 }
 
@@ -96,17 +97,27 @@ impl InstructionSet {
 
     /// Does a task.
     pub(super) fn run(self, scene: &Scene, task: Task) {
+        let apart = match self {
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => lockstep,
+            _ => single::run,
+        };
         let left = match self.vectors() {
-            Some(vectors) => shared::run(vectors, scene, task),
+            Some(vectors) => shared::run(vectors, scene, task, apart),
             None => Some(task),
         };
-        let Some(task) = left else { return };
-        // Lockstep can cast every scene that `CpuCaster` pairs with AVX-512.
-        #[cfg(target_arch = "x86_64")]
-        if let (Self::Avx512, Some(packets)) = (self, packet::Packets::new(scene)) {
-            return packets.run(task);
+        if let Some(task) = left {
+            apart(scene, task);
         }
-        single::run(scene, task);
+    }
+}
+
+/// Does a task with sixteen rays in lockstep. It can cast every scene that `CpuCaster` pairs with AVX-512.
+#[cfg(target_arch = "x86_64")]
+fn lockstep(scene: &Scene, task: Task) {
+    match packet::Packets::new(scene) {
+        Some(packets) => packets.run(task),
+        None => single::run(scene, task),
     }
 }
 

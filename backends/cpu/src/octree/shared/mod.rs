@@ -63,6 +63,7 @@
 //! the coefficients, and products of three such numbers are far from overflow. The size test is a compare, which both do.
 
 mod bounds;
+mod list;
 mod packet;
 mod picture;
 #[cfg(test)]
@@ -73,6 +74,7 @@ mod walk;
 
 use fearless_simd::prelude::*;
 
+use self::list::Apart;
 use self::picture::{Band, band, coarse_row};
 use super::scene::Scene;
 use super::tiles::Task;
@@ -109,40 +111,42 @@ mod fault {
     }
 }
 
-/// Does a task of a picture with these vectors. Gives others back, and all if the processor does not have the vectors.
-pub(super) fn run<'a>(vectors: Vectors, scene: &'a Scene, task: Task<'a>) -> Option<Task<'a>> {
-    vectors.run(Picture { scene, task }).unwrap_or_else(|picture| Some(picture.task))
+/// Does a task with these vectors, and with `apart` what they would slow down. Gives the task back if it is not for them, or
+/// if the processor does not have them.
+pub(super) fn run<'a>(vectors: Vectors, scene: &'a Scene, task: Task<'a>, apart: Apart) -> Option<Task<'a>> {
+    vectors.run(Packets { scene, task, apart }).unwrap_or_else(|packets| Some(packets.task))
 }
 
-struct Picture<'a> {
+struct Packets<'a> {
     scene: &'a Scene<'a>,
     task: Task<'a>,
+    apart: Apart,
 }
 
-impl<'a> Work for Picture<'a> {
-    /// A task that is none of a picture.
+impl<'a> Work for Packets<'a> {
+    /// A task that is not for them.
     type Output = Option<Task<'a>>;
 
-    /// Pictures are cast tile by tile, except with plain arrays: what tiles would gain there is not worth minutes of
-    /// compiling.
+    /// Plain arrays cast pictures without tiles, since what they would gain is not worth minutes of compiling, and give back fans
+    /// and lists, which they would cast slower than one ray at a time.
     fn run<S: Simd, const ARRAYS: bool>(self, simd: S) -> Option<Task<'a>> {
         if ARRAYS {
-            compiled::<_, false>(simd, self.scene, self.task)
+            compiled::<_, false>(simd, self.scene, self.task, self.apart)
         } else {
-            compiled::<_, true>(simd, self.scene, self.task)
+            compiled::<_, true>(simd, self.scene, self.task, self.apart)
         }
     }
 }
 
-/// With `TILES`, pictures are cast tile by tile.
+/// If vectors are not `FAST`, pictures are cast without tiles, and fans and lists are given back.
 #[inline(always)]
-fn compiled<'a, S: Simd, const TILES: bool>(simd: S, scene: &Scene, task: Task<'a>) -> Option<Task<'a>> {
+fn compiled<'a, S: Simd, const FAST: bool>(simd: S, scene: &Scene, task: Task<'a>, apart: Apart) -> Option<Task<'a>> {
     match task {
         Task::Band { view, coarse, first_row, hits } => {
             let rows = Band { view, coarse, first_row, hits };
             simd.vectorize(
                 #[inline(always)]
-                || band::<_, TILES>(simd, scene, rows),
+                || band::<_, FAST>(simd, scene, rows),
             );
             None
         }
@@ -150,6 +154,20 @@ fn compiled<'a, S: Simd, const TILES: bool>(simd: S, scene: &Scene, task: Task<'
             simd.vectorize(
                 #[inline(always)]
                 || coarse_row(simd, scene, view, row, starts),
+            );
+            None
+        }
+        Task::Fans { all, some, hits } if FAST => {
+            simd.vectorize(
+                #[inline(always)]
+                || list::fans(simd, scene, all, some, hits, apart),
+            );
+            None
+        }
+        Task::Rays { rays, contours, hits } if FAST => {
+            simd.vectorize(
+                #[inline(always)]
+                || list::list(simd, scene, rays, contours, hits, apart),
             );
             None
         }

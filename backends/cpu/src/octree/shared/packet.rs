@@ -28,11 +28,16 @@ const FINEST_SCALE: u32 = MAX_SCALE - 17;
 /// the product, which is at most `2 c`, and by less than 2^-24 `c (r + 1)` from rounding the difference. So `t` differ
 /// if 2^23 `h > r + 3`, and 2^23 `h` is 2^scale.
 pub(super) fn finest_scale(origin: [f32; 3]) -> Option<u32> {
-    let apart = |scale: u32| origin.iter().all(|x| (x - 1.5).abs() + 3.0 < (1u32 << scale) as f32);
-    (FINEST_SCALE..MAX_SCALE - 1).find(|scale| apart(*scale))
+    origin.iter().map(|x| finest_scale_at((x - 1.5).abs())).try_fold(FINEST_SCALE, |all, scale| Some(all.max(scale?)))
 }
 
-/// Sixteen rays from one point, in the space that is mirrored for each of them so that it runs against every axis.
+/// The same for one axis, on which the origin is this far from 1.5.
+#[inline(always)]
+pub(super) fn finest_scale_at(distance: f32) -> Option<u32> {
+    (FINEST_SCALE..MAX_SCALE - 1).find(|scale| distance + 3.0 < (1u32 << *scale) as f32)
+}
+
+/// Sixteen rays, in the space that is mirrored for each of them so that it runs against every axis.
 #[derive(Clone, Copy)]
 pub(super) struct Packet<S: Simd> {
     /// As given, but for components that are too close to zero.
@@ -42,19 +47,20 @@ pub(super) struct Packet<S: Simd> {
     pub(super) bias: [Floats<S>; 3],
     /// The rays whose axis is mirrored.
     pub(super) mirrored: [Lanes; 3],
+    /// Where rays start and end, if it is the same for all: see [`span`](Self::span).
     pub(super) t_min: f32,
     pub(super) t_max: f32,
     /// The children whose contours are clipped against: all or none.
     pub(super) contours: u8,
     /// At `t`, voxels whose edge is at most `t * size_per_t` end a ray.
-    pub(super) size_per_t: f32,
+    pub(super) size_per_t: Floats<S>,
     /// See [`finest_scale`].
     pub(super) finest_scale: u32,
 }
 
 impl<S: Simd> Packet<S> {
     #[inline(always)]
-    pub(super) fn new(simd: S, origin: [f32; 3], direction: [Floats<S>; 3], finest_scale: u32) -> Self {
+    pub(super) fn new(simd: S, origin: [Floats<S>; 3], direction: [Floats<S>; 3], finest_scale: u32) -> Self {
         let zero = Floats::splat(simd, 0.0);
         let mut packet = Self {
             direction,
@@ -64,7 +70,7 @@ impl<S: Simd> Packet<S> {
             t_min: 0.0,
             t_max: 1.0,
             contours: 0,
-            size_per_t: 0.0,
+            size_per_t: zero,
             finest_scale,
         };
         for axis in 0..3 {
@@ -78,6 +84,12 @@ impl<S: Simd> Packet<S> {
             packet.mirrored[axis] = bits(positive);
         }
         packet
+    }
+
+    /// Where the rays start and end.
+    #[inline(always)]
+    pub(super) fn span(&self, simd: S) -> [Floats<S>; 2] {
+        [Floats::splat(simd, self.t_min), Floats::splat(simd, self.t_max)]
     }
 
     /// The axes on which a ray is mirrored.
@@ -205,13 +217,15 @@ pub(super) struct Results<S: Simd> {
     pub(super) alive: Lanes,
     /// Rays that rounding may lead elsewhere: to be cast one by one.
     pub(super) again: Lanes,
+    /// Visits of voxels, and of rays to them.
     pub(super) iterations: u32,
+    pub(super) rays_met: u32,
 }
 
 impl<S: Simd> Results<S> {
     #[inline(always)]
     pub(super) fn new(simd: S, lanes: Lanes) -> Self {
-        Self { simd, found: Found::missed(), alive: lanes, again: 0, iterations: 0 }
+        Self { simd, found: Found::missed(), alive: lanes, again: 0, iterations: 0, rays_met: 0 }
     }
 
     /// Rays end in a voxel.

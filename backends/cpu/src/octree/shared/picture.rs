@@ -46,9 +46,9 @@ fn cast_lanes<S: Simd>(simd: S, directions: [Floats<S>; 3]) -> Lanes {
 /// The packet of a view's rays.
 #[inline(always)]
 fn packet<S: Simd>(simd: S, view: &View, directions: [Floats<S>; 3], finest_scale: u32) -> Packet<S> {
-    let mut packet = Packet::new(simd, view.origin, directions, finest_scale);
+    let mut packet = Packet::new(simd, view.origin.map(|x| Floats::splat(simd, x)), directions, finest_scale);
     (packet.t_min, packet.t_max) = (view.t_near, 1.0);
-    packet.size_per_t = view.pixel_size * view.max_voxel_pixels;
+    packet.size_per_t = Floats::splat(simd, view.pixel_size * view.max_voxel_pixels);
     packet.contours = if view.contours() { 0xff } else { 0 };
     packet
 }
@@ -94,7 +94,15 @@ pub(super) fn band<S: Simd, const TILES: bool>(simd: S, scene: &Scene, band: Ban
             } else {
                 for block in &mut tiles.blocks {
                     let lanes = block.results.alive;
-                    cast_alone(simd, scene, &block.packet, lanes, &mut stack, &mut block.results);
+                    cast_alone(
+                        simd,
+                        scene,
+                        &block.packet,
+                        block.packet.span(simd),
+                        lanes,
+                        &mut stack,
+                        &mut block.results,
+                    );
                 }
             }
             for (k, block) in tiles.blocks.iter_mut().enumerate() {
@@ -141,9 +149,10 @@ pub(super) fn coarse_row<S: Simd>(simd: S, scene: &Scene, view: &View, row: u32,
         let lanes = Lanes::from(first_lanes(starts.len())) & cast_lanes(simd, directions);
         let mut results = Results::new(simd, lanes);
         if let Some(finest_scale) = finest_scale {
-            let mut packet = Packet::new(simd, view.origin, directions, finest_scale);
-            (packet.t_min, packet.t_max, packet.size_per_t) = (rays[0].t_min, rays[0].t_max, rays[0].size_per_t);
-            cast_alone(simd, scene, &packet, lanes, &mut stack, &mut results);
+            let mut packet = Packet::new(simd, view.origin.map(|x| Floats::splat(simd, x)), directions, finest_scale);
+            (packet.t_min, packet.t_max) = (rays[0].t_min, rays[0].t_max);
+            packet.size_per_t = Floats::splat(simd, rays[0].size_per_t);
+            cast_alone(simd, scene, &packet, packet.span(simd), lanes, &mut stack, &mut results);
         } else {
             results.give_up(lanes);
         }

@@ -2,11 +2,12 @@
 
 use std::sync::Arc;
 
-use esvo_core::reference::{cast_coarse, cast_fine};
+use esvo_core::reference::{ReferenceCaster, cast_coarse, cast_fine};
 use esvo_core::testing::sample::{Sample, cameras, strange_views};
-use esvo_core::{CastOptions, Hit, View};
+use esvo_core::{CastOptions, Caster, Hit, Ray, Rays, View};
 use esvo_format::Octree;
 
+use super::super::single;
 use super::super::tiles::BAND_ROWS;
 use super::packet::finest_scale;
 use super::*;
@@ -20,14 +21,14 @@ fn picture(set: Vectors, octree: &Octree, view: &View) -> Vec<Hit> {
         for row in 0..rows {
             let mut starts = vec![0.0; columns as usize];
             let task = Task::CoarseRow { view, row, starts: &mut starts };
-            assert!(run(set, &scene, task).is_none(), "{set:?}");
+            assert!(run(set, &scene, task, single::run).is_none(), "{set:?}");
             coarse.extend(starts);
         }
     }
     let mut hits = vec![Hit::miss(0); view.pixels()];
     for (band, hits) in hits.chunks_mut(view.width as usize * BAND_ROWS).enumerate() {
         let task = Task::Band { view, coarse: &coarse, first_row: (band * BAND_ROWS) as u32, hits };
-        assert!(run(set, &scene, task).is_none(), "{set:?}");
+        assert!(run(set, &scene, task, single::run).is_none(), "{set:?}");
     }
     hits
 }
@@ -72,6 +73,52 @@ fn differences(set: Vectors, samples: &[Arc<Octree>]) -> (usize, Option<View>) {
     (count, first)
 }
 
+/// Lists of rays: those of pictures, which stay together, with and without a size at the origin, and mixed ones, which do not.
+fn lists(octree: &Octree) -> Vec<Vec<Ray>> {
+    let mut lists = Vec::new();
+    for max_voxel_pixels in [0.0, 2.0] {
+        let options = CastOptions { contours: true, beam: false, max_voxel_pixels };
+        let root = octree.objects()[0].root_slot as u32;
+        let view = |camera: usize, size| {
+            View::new(&cameras()[camera], octree.octree_to_mesh(0), root, size, &options).expect("is valid")
+        };
+        let mut views: Vec<View> = (0..cameras().len()).map(|camera| view(camera, (61, 37))).collect();
+        views.extend(strange_views(&view(0, (21, 11))));
+        lists.extend(views.iter().map(|view| -> Vec<Ray> {
+            (0..view.height).flat_map(|y| (0..view.width).map(move |x| view.ray(x, y))).collect()
+        }));
+    }
+    let mut mixed: Vec<Ray> = lists.iter().flatten().copied().step_by(7).collect();
+    // 7919 is prime, and no list is that long.
+    let len = mixed.len();
+    mixed = (0..len).map(|k| mixed[k * 7919 % len]).collect();
+    let sized = |ray: &Ray| Ray { size_at_origin: 0.01, ..*ray };
+    lists.push(mixed.iter().enumerate().map(|(k, ray)| if k % 3 == 0 { sized(ray) } else { *ray }).collect());
+    lists.push(mixed);
+    lists.extend([1, 3, 4, 17].map(|len| lists[0][..len].to_vec()));
+    lists
+}
+
+/// Rays of lists that are cast otherwise than the reference casts them.
+fn list_differences(set: Vectors, samples: &[Arc<Octree>]) -> usize {
+    let mut count = 0;
+    for octree in samples {
+        let root = octree.objects()[0].root_slot as u32;
+        let scene = Scene::new(octree, root);
+        let mut reference = ReferenceCaster::default();
+        reference.load(octree).expect("is sound");
+        for (rays, contours) in lists(octree).iter().flat_map(|rays| [(rays, true), (rays, false)]) {
+            let mut expected = Vec::new();
+            reference.cast_rays(&Rays { root, contours, rays }, &mut expected).expect("is loaded");
+            let mut found = vec![Hit::miss(0); rays.len()];
+            assert!(run(set, &scene, Task::Rays { rays, contours, hits: &mut found }, single::run).is_none());
+            let same = |(a, b): (&Hit, &Hit)| a.raw_t == b.raw_t && a.same_voxel(b);
+            count += found.iter().zip(&expected).filter(|pair| !same(*pair)).count();
+        }
+    }
+    count
+}
+
 fn samples() -> Vec<Arc<Octree>> {
     [Sample::plain(7, true), Sample::plain(8, false), Sample::scattered(6, true)]
         .map(|sample| sample.octree().expect("assembles"))
@@ -82,6 +129,34 @@ fn samples() -> Vec<Arc<Octree>> {
 fn packets_find_what_the_reference_finds() {
     for set in Vectors::available() {
         assert_eq!(differences(set, &samples()), (0, None), "{set:?}");
+    }
+}
+
+/// Sets whose lists are cast in packets: plain arrays cast them one ray at a time.
+fn sets_with_lists() -> impl Iterator<Item = Vectors> {
+    Vectors::available().filter(|set| *set != Vectors::Arrays)
+}
+
+#[test]
+fn packets_of_lists_find_what_the_reference_finds() {
+    for set in sets_with_lists() {
+        assert_eq!(list_differences(set, &samples()), 0, "{set:?}");
+    }
+}
+
+#[test]
+fn faults_of_packets_of_lists_are_found() {
+    for set in sets_with_lists() {
+        for (fault, what) in [
+            (fault::TIES, "a tie decided wrongly"),
+            (fault::NO_CHECK, "no check at push"),
+            (fault::WRONG_OCTANT, "a wrong octant"),
+        ] {
+            fault::FAULT.set(fault);
+            let count = list_differences(set, &samples());
+            fault::FAULT.set(0);
+            assert_ne!(count, 0, "{set:?}: {what}");
+        }
     }
 }
 

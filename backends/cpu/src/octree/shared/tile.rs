@@ -183,7 +183,7 @@ impl<S: Simd> Tiles<S> {
             blocks: 0,
             known: 0,
         };
-        let packet = Packet::new(simd, [0.0; 3], [zero; 3], 0);
+        let packet = Packet::new(simd, [zero; 3], [zero; 3], 0);
         Self {
             blocks: [Block::new(packet, Results::new(simd, 0)); BLOCKS],
             frames: [frame; FRAMES],
@@ -220,7 +220,7 @@ pub(super) fn cast<S: Simd>(
         for k in ones(members) {
             if bounds.doubt[k] > MOST_DOUBT {
                 let block = &mut tiles.blocks[k];
-                cast_alone(simd, scene, &block.packet, block.lanes, stack, &mut block.results);
+                cast_alone(simd, scene, &block.packet, block.packet.span(simd), block.lanes, stack, &mut block.results);
                 members &= !(1 << k);
             }
         }
@@ -240,13 +240,14 @@ fn octant<S: Simd>(
     stack: &mut Stack<S>,
 ) {
     let Tiles { blocks, frames, spans } = tiles;
-    let Packet { size_per_t, contours, finest_scale, t_max, .. } = blocks[0].packet;
+    let Packet { contours, finest_scale, t_max, .. } = blocks[0].packet;
+    let size_per_t = blocks[0].packet.size_per_t[0];
     // Blocks with rays that have hit nothing.
     let mut alive = 0;
     let mut starts = [0.0; BLOCKS];
     for k in ones(members) {
         let block = &mut blocks[k];
-        let entrance = enter(simd, &block.packet, block.lanes, &mut block.results);
+        let entrance = enter(&block.packet, block.packet.span(simd), block.lanes, &mut block.results);
         (block.lanes, block.start, block.end) = (entrance.lanes, entrance.start, entrance.t_max);
         alive |= u32::from(entrance.lanes != 0) << k;
         starts[k] = block.packet.t_min;

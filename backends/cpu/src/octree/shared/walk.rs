@@ -50,11 +50,16 @@ pub(super) struct Entrance<S: Simd> {
 
 /// Those of the rays that meet the root. Rays that rounding may lead elsewhere are given up.
 #[inline(always)]
-pub(super) fn enter<S: Simd>(simd: S, packet: &Packet<S>, lanes: Lanes, results: &mut Results<S>) -> Entrance<S> {
+pub(super) fn enter<S: Simd>(
+    packet: &Packet<S>,
+    span: [Floats<S>; 2],
+    lanes: Lanes,
+    results: &mut Results<S>,
+) -> Entrance<S> {
     let (upper, lower) = (packet.planes([2.0; 3]), packet.planes([1.0; 3]));
-    let start = upper[0].max(upper[1]).max(upper[2]).max(Floats::splat(simd, packet.t_min));
+    let start = upper[0].max(upper[1]).max(upper[2]).max(span[0]);
     let exit = lower[0].min(lower[1]).min(lower[2]);
-    let t_max = exit.min(Floats::splat(simd, packet.t_max));
+    let t_max = exit.min(span[1]);
     let lanes = lanes & bits(start.simd_le(t_max));
     let strange = lanes & !bits(start.simd_lt(exit));
     results.give_up(strange);
@@ -67,6 +72,7 @@ pub(super) fn cast_alone<S: Simd>(
     simd: S,
     scene: &Scene,
     packet: &Packet<S>,
+    span: [Floats<S>; 2],
     mut lanes: Lanes,
     stack: &mut Stack<S>,
     results: &mut Results<S>,
@@ -78,7 +84,7 @@ pub(super) fn cast_alone<S: Simd>(
                 let mirror = packet.octant_of(lanes.trailing_zeros());
                 let same = lanes & if fault::made(fault::WRONG_OCTANT) { ALL } else { packet.octant(mirror) };
                 lanes &= !same;
-                traverse(simd, &Tree::new(scene, mirror), packet, same, stack, results);
+                traverse(simd, &Tree::new(scene, mirror), packet, span, same, stack, results);
             }
         },
     );
@@ -106,11 +112,12 @@ fn traverse<S: Simd>(
     simd: S,
     tree: &Tree,
     packet: &Packet<S>,
+    span: [Floats<S>; 2],
     lanes: Lanes,
     stack: &mut Stack<S>,
     results: &mut Results<S>,
 ) {
-    let Entrance { lower, start, t_max, lanes } = enter(simd, packet, lanes, results);
+    let Entrance { lower, start, t_max, lanes } = enter(packet, span, lanes, results);
     let centre = packet.planes([1.5; 3]);
     let t = [lower[0], lower[1], lower[2], centre[0], centre[1], centre[2], start];
     stack.0[0] = Frame { node: tree.node(tree.root, [1.0; 3]), t, t_max, lanes };
@@ -141,6 +148,7 @@ fn walk<S: Simd>(
             continue;
         }
         results.iterations += 1;
+        results.rays_met += lanes.count_ones();
         count(What::Visits, 1);
         count_alive(scale, lanes.count_ones());
         let child = frame.node.next(tree.mirror);

@@ -1,0 +1,132 @@
+//! Lists of rays and fans, sixteen rays at a time while they stay together.
+//!
+//! A visit of a voxel costs a packet the same for one ray as for sixteen. Where few rays of a packet share a visit, they are
+//! faster apart. Whether they do is seen when a packet has been cast; what follows it in the list is expected to be alike.
+
+use esvo_core::{Fan, Fans, Hit, Ray};
+use fearless_simd::prelude::*;
+
+use super::super::counters::{What, count};
+use super::super::scene::Scene;
+use super::super::single;
+use super::super::tiles::{LANES, Task};
+use super::packet::{Floats, Packet, Results, finest_scale_at};
+use super::walk::{Stack, cast_alone};
+
+/// Rays that must share a visit in the mean, in halves of a ray, for packets to be faster than rays apart: with cubes and with
+/// contours. Measured with AVX2: results/amd-epyc-2-threads/casting-approaches.md.
+const LEAST_TOGETHER: [u32; 2] = [10, 5];
+
+/// Packets whose rays are cast apart after a packet of rays that do not stay together: the first time, and at most.
+/// Each time the number doubles.
+const APART: (u32, u32) = (7, 63);
+
+/// Rays of the shortest list that is cast as a packet.
+const LEAST_RAYS: usize = 4;
+
+/// Casts the rays of fans: those of a packet start at one point.
+#[inline(always)]
+pub(super) fn fans<S: Simd>(simd: S, scene: &Scene, all: &Fans, some: &[Fan], hits: &mut [Hit], apart: Apart) {
+    let mut packets = Packets::new(simd, scene, all.contours, apart);
+    for (fan, hits) in some.iter().zip(hits.chunks_exact_mut(all.directions.len())) {
+        for (directions, hits) in all.directions.chunks(LANES).zip(hits.chunks_mut(LANES)) {
+            let mut rays = [Fans::ray(fan, directions[0]); LANES];
+            for (ray, direction) in rays.iter_mut().zip(directions) {
+                *ray = Fans::ray(fan, *direction);
+            }
+            packets.cast(&rays[..directions.len()], hits);
+        }
+    }
+}
+
+/// Casts a list of rays.
+#[inline(always)]
+pub(super) fn list<S: Simd>(simd: S, scene: &Scene, rays: &[Ray], contours: bool, hits: &mut [Hit], apart: Apart) {
+    if rays.len() < LEAST_RAYS {
+        return apart(scene, Task::Rays { rays, contours, hits });
+    }
+    let mut packets = Packets::new(simd, scene, contours, apart);
+    for (rays, hits) in rays.chunks(LANES).zip(hits.chunks_mut(LANES)) {
+        packets.cast(rays, hits);
+    }
+}
+
+/// Casts rays that do not stay together.
+pub(super) type Apart = fn(&Scene, Task);
+
+/// Casts packets one after the other.
+struct Packets<'a, S: Simd> {
+    simd: S,
+    scene: &'a Scene<'a>,
+    contours: bool,
+    apart: Apart,
+    stack: Stack<S>,
+    /// Packets whose rays are cast apart before the next is tried.
+    wait: u32,
+    /// The same after the next packet of rays that do not stay together.
+    next_wait: u32,
+}
+
+impl<'a, S: Simd> Packets<'a, S> {
+    #[inline(always)]
+    fn new(simd: S, scene: &'a Scene<'a>, contours: bool, apart: Apart) -> Self {
+        Self { simd, scene, contours, apart, stack: Stack::new(simd), wait: 0, next_wait: APART.0 }
+    }
+
+    /// Casts at most sixteen rays.
+    #[inline(always)]
+    fn cast(&mut self, rays: &[Ray], hits: &mut [Hit]) {
+        let Self { simd, scene, contours, .. } = *self;
+        if self.wait > 0 {
+            self.wait -= 1;
+            return (self.apart)(scene, Task::Rays { rays, contours, hits });
+        }
+        let mut origin = [[0.0; LANES]; 3];
+        let mut direction = [[0.0; LANES]; 3];
+        let [mut t_min, mut t_max, mut size_per_t] = [[0.0; LANES]; 3];
+        let (mut lanes, mut again, mut finest_scale) = (0, 0, 0);
+        for (lane, ray) in rays.iter().enumerate().take(LANES) {
+            for axis in 0..3 {
+                origin[axis][lane] = ray.origin[axis];
+                direction[axis][lane] = ray.direction[axis];
+            }
+            (t_min[lane], t_max[lane], size_per_t[lane]) = (ray.t_min, ray.t_max, ray.size_per_t);
+            if ray.is_cast() {
+                // A packet has no sizes at the origin: few lists have.
+                match finest_scale_at((ray.origin - 1.5).abs().max_element()) {
+                    Some(scale) if ray.size_at_origin == 0.0 => {
+                        finest_scale = scale.max(finest_scale);
+                        lanes |= 1 << lane;
+                    }
+                    _ => again |= 1 << lane,
+                }
+            }
+        }
+        let vector = |numbers| Floats::simd_from(simd, numbers);
+        let mut results = Results::new(simd, lanes | again);
+        results.give_up(again);
+        if lanes != 0 {
+            let [x, y, z] = origin;
+            let origin = [vector(x), vector(y), vector(z)];
+            let [x, y, z] = direction;
+            let mut packet = Packet::new(simd, origin, [vector(x), vector(y), vector(z)], finest_scale);
+            packet.size_per_t = vector(size_per_t);
+            packet.contours = if contours { 0xff } else { 0 };
+            let span = [vector(t_min), vector(t_max)];
+            cast_alone(simd, scene, &packet, span, lanes, &mut self.stack, &mut results);
+        }
+        if 2 * results.rays_met < LEAST_TOGETHER[usize::from(contours)] * results.iterations {
+            self.wait = self.next_wait;
+            self.next_wait = (2 * self.next_wait + 1).min(APART.1);
+        } else {
+            self.next_wait = APART.0;
+        }
+        count(What::CastAgain, results.again.count_ones());
+        for (lane, (ray, hit)) in rays.iter().zip(hits).enumerate() {
+            *hit = match results.again >> lane & 1 {
+                0 => results.found.get(lane),
+                _ => single::cast_one(simd, scene, ray, contours),
+            };
+        }
+    }
+}
