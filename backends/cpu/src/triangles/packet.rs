@@ -62,11 +62,7 @@ impl Rows<'_> {
         for row in (0..rows).step_by(EDGE) {
             for column in (0..width).step_by(EDGE) {
                 let mut packet = Packet::new(simd, rays, placement.scale, column, first_row + row);
-                if packet.one_octant {
-                    packet.descend::<true>(bvh, corners, eye, &mut stack);
-                } else {
-                    packet.descend::<false>(bvh, corners, eye, &mut stack);
-                }
+                packet.descend(bvh, corners, eye, &mut stack);
                 let (t, triangle) = packet.found();
                 for y in row..(row + EDGE).min(rows) {
                     for x in column..(column + EDGE).min(width) {
@@ -155,19 +151,13 @@ impl<S: Simd> Packet<S> {
         (t, triangle)
     }
 
-    /// Finds the closest hits. With `ONE_OCTANT`, rays must be of [one octant](Self::one_octant).
+    /// Finds the closest hits.
     #[inline(always)]
-    fn descend<const ONE_OCTANT: bool>(
-        &mut self,
-        bvh: &Bvh,
-        corners: &[[Vec3A; 3]],
-        eye: [f32; 3],
-        stack: &mut [(u32, f32)],
-    ) {
+    fn descend(&mut self, bvh: &Bvh, corners: &[[Vec3A; 3]], eye: [f32; 3], stack: &mut [(u32, f32)]) {
         let mut waiting = 0;
         let mut farthest = 1.0f32;
         let mut at = 0;
-        if self.enter::<ONE_OCTANT>(&bvh.nodes[0], eye).rays.all_false() {
+        if self.enter(&bvh.nodes[0], eye).rays.all_false() {
             return;
         }
         loop {
@@ -179,10 +169,7 @@ impl<S: Simd> Packet<S> {
                 farthest = greatest(self.t);
             } else {
                 let (near, far) = (node.first, node.first + 1);
-                let (a, b) = (
-                    self.enter::<ONE_OCTANT>(&bvh.nodes[near as usize], eye),
-                    self.enter::<ONE_OCTANT>(&bvh.nodes[far as usize], eye),
-                );
+                let (a, b) = (self.enter(&bvh.nodes[near as usize], eye), self.enter(&bvh.nodes[far as usize], eye));
                 match (a.rays.any_true(), b.rays.any_true()) {
                     (true, true) => {
                         let (t_a, t_b) = (a.least(), b.least());
@@ -217,12 +204,12 @@ impl<S: Simd> Packet<S> {
 
     /// The rays that enter the box before their closest hit. The sides by which rays of one octant enter are known.
     #[inline(always)]
-    fn enter<const ONE_OCTANT: bool>(&self, node: &Node, eye: [f32; 3]) -> Entry<S> {
+    fn enter(&self, node: &Node, eye: [f32; 3]) -> Entry<S> {
         let mut enter = self.t_near;
         let mut leave = Floats::splat(self.simd, f32::INFINITY);
         for axis in 0..3 {
             let (lo, hi) = (node.lo[axis] - eye[axis], node.hi[axis] - eye[axis]);
-            let (a, b) = if ONE_OCTANT {
+            let (a, b) = if self.one_octant {
                 let (near, far) = if self.against[axis] { (hi, lo) } else { (lo, hi) };
                 (self.inverse[axis] * near, self.inverse[axis] * far)
             } else {
