@@ -19,6 +19,7 @@
 //! - [`build_bench`]: `esvo bench build`, time, memory, size and error of building, compared with the authors' builder.
 //! - [`format_bench`]: `esvo bench format`, storing, validating and reading files.
 //! - [`picture_bench`]: `esvo bench pictures`, octrees next to their triangles. Also the exact pictures of meshes.
+//! - [`needs_bench`]: `esvo bench needs`, what code for features that a scene does not need costs.
 //! - [`ray_bench`]: `esvo bench rays`, lists of rays on every engine next to a picture.
 //! - [`import_bench`]: `esvo bench import`, what happens to each mesh file of a folder.
 //!
@@ -39,6 +40,7 @@ pub mod format_bench;
 mod growth;
 pub mod import_bench;
 pub mod matrix_parts;
+pub mod needs_bench;
 pub mod output;
 pub mod paper_bench;
 pub mod picture_bench;

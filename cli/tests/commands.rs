@@ -153,6 +153,21 @@ fn bench_rays_writes_its_record() {
 }
 
 #[test]
+fn bench_needs_writes_its_record() {
+    let folder = Folder::new();
+    let small = "bench needs --scenes fairy --levels 4 --size 32x24 --views 1 --rounds 1 --backends cpu";
+    let text = folder.ok(&small.split(' ').chain(["--machine", "Test Machine"]).collect::<Vec<_>>());
+    for part in ["FAIRY", "only what is needed", "Milliseconds per view, scalar", "Written to "] {
+        assert!(text.contains(part), "{part} is not in:\n{text}");
+    }
+    let day = std::fs::read_dir(folder.path("results/test-machine")).unwrap().next().unwrap().unwrap();
+    assert!(day.file_name().to_string_lossy().ends_with("-needs"));
+    assert!(day.path().join("report.json").is_file() && day.path().join("tables.md").is_file());
+    folder.fails(&["bench", "needs", "--levels", "24"], 2, "1..=23");
+    folder.fails(&["bench", "needs", "--scenes", "teapot"], 1, "the scenes are");
+}
+
+#[test]
 fn bench_build_goes_on_where_it_can_and_says_what_is_left_out() {
     let folder = Folder::new();
     let scenes = "sibenik-d,sibenik";

@@ -29,7 +29,7 @@
 //! In `src/octree/`, `shared/` casts pictures in tiles and packets of rays that share a stack, with one source for all instruction
 //! sets and the proof that their hits are the reference's. `tiles.rs` cuts fans and lists of rays into packets of sixteen
 //! rays, `single.rs` casts the rays of a packet one after the other, and `packet.rs` casts them in lockstep with AVX-512, through
-//! the memory accesses of `gather.rs`. For a further instruction set, add a variant of [`InstructionSet`] in
+//! the memory accesses of `gather.rs`, where rays of lists do not stay together. [`LeaveOut`] says what is compiled out. For a further instruction set, add a variant of [`InstructionSet`] in
 //! `instructions.rs`, one of `Vectors` in `vectors.rs`, and a line in `tests/conformance.rs`. `src/triangles/packet.rs` casts
 //! triangles with the same vectors.
 
@@ -41,4 +41,4 @@ mod vectors;
 
 pub use machine::cpu_name;
 pub use octree::counters;
-pub use octree::{CpuCaster, InstructionSet};
+pub use octree::{CpuCaster, InstructionSet, LeaveOut};

@@ -27,7 +27,7 @@ mod table;
 
 pub use esvo_core::gpu::kernel::GpuOptions;
 pub use esvo_core::testing::compare::Allowed;
-pub use esvo_cpu::InstructionSet;
+pub use esvo_cpu::{InstructionSet, LeaveOut};
 pub use id::UnknownEngine;
 pub use open::{OpenError, OpenFailure};
 pub use options::OpenOptions;

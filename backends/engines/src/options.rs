@@ -1,7 +1,7 @@
 //! What an engine can be told when it is opened.
 
 use esvo_core::gpu::kernel::GpuOptions;
-use esvo_cpu::InstructionSet;
+use esvo_cpu::{InstructionSet, LeaveOut};
 
 /// Options for opening an engine. Each engine reads those that concern it and ignores the others.
 #[derive(Clone, Debug, Default)]
@@ -10,6 +10,8 @@ pub struct OpenOptions {
     pub threads: Option<usize>,
     /// Instructions of the CPU caster; `None`: the fastest that the processor has.
     pub instructions: Option<InstructionSet>,
+    /// What the CPU caster leaves out if nothing needs it; at first, all that can be.
+    pub leave_out: LeaveOut,
     /// Device and kernel of the GPU casters.
     pub gpu: GpuOptions,
 }

@@ -16,10 +16,12 @@ engines! {
 }
 
 fn cpu(options: &OpenOptions) -> Result<CpuCaster, CastError> {
-    match options.instructions {
-        None => CpuCaster::new(options.threads),
-        Some(instructions) => CpuCaster::with_instructions(options.threads, instructions),
-    }
+    let mut caster = match options.instructions {
+        None => CpuCaster::new(options.threads)?,
+        Some(instructions) => CpuCaster::with_instructions(options.threads, instructions)?,
+    };
+    caster.leave_out(options.leave_out);
+    Ok(caster)
 }
 
 /// Opens an engine.

@@ -25,6 +25,7 @@ use esvo_format::Octree;
 use rayon::prelude::*;
 
 pub use self::instructions::InstructionSet;
+pub use self::scene::LeaveOut;
 use self::scene::Scene;
 use self::tiles::{BAND_ROWS, Task};
 use crate::machine;
@@ -41,6 +42,7 @@ pub struct CpuCaster {
     /// What the caller asked for; `None`: the fastest that the processor has and the octree allows.
     wanted: Option<InstructionSet>,
     instructions: InstructionSet,
+    leave_out: LeaveOut,
     loaded: Option<(Arc<Octree>, Roots)>,
 }
 
@@ -73,9 +75,14 @@ impl CpuCaster {
             .map_err(|e| CastError::Device(format!("the system starts no threads to cast with: {e}")))?;
         let device = Device { name: machine::cpu_name(), kind: DeviceKind::Cpu, detail: String::new() };
         let instructions = wanted.unwrap_or_else(InstructionSet::best);
-        let mut caster = Self { device, pool, wanted, instructions, loaded: None };
+        let mut caster = Self { device, pool, wanted, instructions, leave_out: LeaveOut::ALL, loaded: None };
         caster.use_instructions(instructions);
         Ok(caster)
+    }
+
+    /// Sets what is left out where nothing needs it: at first, all that can be.
+    pub fn leave_out(&mut self, what: LeaveOut) {
+        self.leave_out = what;
     }
 
     /// Sets the instructions and what the device says about them.
@@ -94,7 +101,7 @@ impl CpuCaster {
         if !view.beam() {
             return Vec::new();
         }
-        let scene = Scene::new(octree, view.root);
+        let scene = Scene::new(octree, view.root, self.leave_out);
         let (columns, rows) = view.coarse_size();
         let mut values = vec![0.0; columns as usize * rows as usize];
         self.pool.install(|| {
@@ -106,7 +113,7 @@ impl CpuCaster {
     }
 
     fn fine(&self, octree: &Octree, view: &View, coarse: &[f32], hits: &mut Vec<Hit>) {
-        let scene = Scene::new(octree, view.root);
+        let scene = Scene::new(octree, view.root, self.leave_out);
         hits.resize(view.pixels(), Hit::miss(0));
         self.pool.install(|| {
             hits.par_chunks_mut(view.width as usize * BAND_ROWS).enumerate().for_each(|(band, hits)| {
@@ -177,7 +184,7 @@ impl Caster for CpuCaster {
 
     fn cast_rays_checked(&mut self, rays: Checked<Rays<'_>>, hits: &mut Vec<Hit>) -> Result<(), CastError> {
         let (octree, rays) = self.open(&rays)?;
-        let scene = Scene::new(octree, rays.root);
+        let scene = Scene::new(octree, rays.root, self.leave_out);
         hits.resize(rays.rays.len(), Hit::miss(0));
         let run = |(hits, some): (&mut [Hit], &[Ray])| {
             self.instructions.run(&scene, Task::Rays { rays: some, contours: rays.contours, hits });
@@ -196,7 +203,7 @@ impl Caster for CpuCaster {
 
     fn cast_fans_checked(&mut self, fans: Checked<Fans<'_>>, hits: &mut Vec<Hit>) -> Result<(), CastError> {
         let (octree, fans) = self.open(&fans)?;
-        let scene = Scene::new(octree, fans.root);
+        let scene = Scene::new(octree, fans.root, self.leave_out);
         hits.resize(fans.len(), Hit::miss(0));
         if fans.is_empty() {
             return Ok(());

@@ -25,15 +25,15 @@ pub(super) fn is_available() -> bool {
 
 /// Casts packets on a processor that [has](is_available) what that takes.
 pub(super) struct Packets<'a> {
-    root: u32,
+    scene: &'a Scene<'a>,
     image: Image<'a>,
 }
 
 impl<'a> Packets<'a> {
     /// `None` if the processor lacks an instruction, or gathers cannot reach all of the image.
-    pub(super) fn new(scene: &Scene<'a>) -> Option<Self> {
+    pub(super) fn new(scene: &'a Scene<'a>) -> Option<Self> {
         let image = is_available().then(|| Image::new(scene.words()))??;
-        Some(Self { root: scene.root(), image })
+        Some(Self { scene, image })
     }
 
     /// Does a task.
@@ -44,7 +44,7 @@ impl<'a> Packets<'a> {
 
     #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx512cd,avx512vpopcntdq,bmi1,bmi2,lzcnt,popcnt")]
     fn run_avx512(&self, task: Task) {
-        task.run(self);
+        task.run(self.scene, self);
     }
 }
 
@@ -134,7 +134,7 @@ fn cast<N: Number, const CONTOURS: bool, const LOD: bool>(packets: &Packets, pac
         mirror = _mm512_mask_or_epi32(mirror, positive, mirror, _mm512_set1_epi32(1 << axis));
     }
     let (size_at_origin, size_per_t) = (spread(&packet.size_at_origin), spread(&packet.size_per_t));
-    let root = _mm512_set1_epi32(packets.root as i32);
+    let root = _mm512_set1_epi32(packets.scene.root() as i32);
     let t_at = |axis: usize, x: __m512| _mm512_sub_ps(_mm512_mul_ps(x, coef[axis]), bias[axis]);
     let t_all = |x: f32| [0, 1, 2].map(|axis| t_at(axis, _mm512_set1_ps(x)));
     let [x, y, z] = t_all(2.0);

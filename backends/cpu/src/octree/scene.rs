@@ -1,21 +1,57 @@
 //! What of an octree the casters read.
 
+use esvo_core::{Ray, View};
 use esvo_format::Octree;
+
+/// What the CPU casters leave out of their code if neither the octree nor the rays need it. To see what each costs when it is
+/// there, keep it: hits do not change.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct LeaveOut {
+    /// Clipping by contours, for octrees without any. If the rays are to meet cubes, it is left out always.
+    pub contours: bool,
+    /// Following far pointers, for octrees without any. Packets leave nothing of it out.
+    pub far_pointers: bool,
+    /// The test whether a voxel is small, for rays that end at leaves only. Packets leave nothing of it out.
+    pub sizes: bool,
+}
+
+impl Default for LeaveOut {
+    fn default() -> Self {
+        Self::ALL
+    }
+}
+
+impl LeaveOut {
+    /// All that is not needed.
+    pub const ALL: Self = Self { contours: true, far_pointers: true, sizes: true };
+    /// Nothing, needed or not.
+    pub const NOTHING: Self = Self { contours: false, far_pointers: false, sizes: false };
+}
 
 /// The image of a sound octree, and the root at which rays start.
 pub(super) struct Scene<'a> {
     slots: &'a [u64],
     words: &'a [u32],
     root: u32,
+    /// What the code for this octree contains.
+    contours: bool,
     far_pointers: bool,
+    sizes: bool,
 }
 
 impl<'a> Scene<'a> {
     /// The octree must be [sound](Octree::sound), and `root` the root slot of one of its objects: both are known of what
     /// [`Roots::open`](esvo_core::Roots::open) returns.
-    pub(super) fn new(octree: &'a Octree, root: u32) -> Self {
-        let far_pointers = octree.needs().far_pointers;
-        Self { slots: octree.slots(), words: octree.words(), root, far_pointers }
+    pub(super) fn new(octree: &'a Octree, root: u32, leave_out: LeaveOut) -> Self {
+        let needs = octree.needs();
+        Self {
+            slots: octree.slots(),
+            words: octree.words(),
+            root,
+            contours: needs.contours || !leave_out.contours,
+            far_pointers: needs.far_pointers || !leave_out.far_pointers,
+            sizes: !leave_out.sizes,
+        }
     }
 
     /// The image in slots of 8 bytes.
@@ -30,15 +66,30 @@ impl<'a> Scene<'a> {
         self.words
     }
 
-    /// Whether some child pointer is far.
+    /// Slot of the root's descriptor.
+    #[inline(always)]
+    pub(super) fn root(&self) -> u32 {
+        self.root
+    }
+
+    /// Whether code that follows far pointers is used.
     #[inline(always)]
     pub(super) fn has_far_pointers(&self) -> bool {
         self.far_pointers
     }
 
-    /// Slot of the root's descriptor.
-    #[inline(always)]
-    pub(super) fn root(&self) -> u32 {
-        self.root
+    /// Whether code that clips by contours is used for rays of which this is asked.
+    pub(super) fn clips(&self, contours: bool) -> bool {
+        contours && self.contours
+    }
+
+    /// Whether code with a test for small voxels is used for a picture.
+    pub(super) fn view_has_sizes(&self, view: &View) -> bool {
+        view.max_voxel_pixels > 0.0 || self.sizes
+    }
+
+    /// The same for a list of rays.
+    pub(super) fn rays_have_sizes(&self, rays: &[Ray]) -> bool {
+        self.sizes || rays.iter().any(Ray::has_size)
     }
 }

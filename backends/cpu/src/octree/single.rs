@@ -34,17 +34,17 @@ pub(super) fn run(scene: &Scene, task: Task) {
     let level = Level::new();
     #[cfg(target_arch = "aarch64")]
     if let Some(simd) = level.as_neon() {
-        return task.run(&Single { simd, scene });
+        return task.run(scene, &Single { simd, scene });
     }
     #[cfg(target_arch = "x86_64")]
     if let Some(simd) = level.as_avx2() {
-        return task.run(&Single { simd, scene });
+        return task.run(scene, &Single { simd, scene });
     }
     #[cfg(target_arch = "x86_64")]
     if let Some(simd) = level.as_sse2() {
-        return task.run(&Single { simd, scene });
+        return task.run(scene, &Single { simd, scene });
     }
-    task.run(&Single { simd: Fallback::new(), scene });
+    task.run(scene, &Single { simd: Fallback::new(), scene });
 }
 
 /// Casts the lanes of a packet one after the other.
@@ -75,7 +75,11 @@ impl<S: Simd> CastPacket for Single<'_, S> {
 /// Casts a ray that a packet cannot cast.
 #[cold]
 pub(super) fn cast_one<S: Simd>(simd: S, scene: &Scene, ray: &Ray, contours: bool) -> Hit {
-    if contours { cast::<S, true, true>(simd, scene, ray) } else { cast::<S, false, true>(simd, scene, ray) }
+    if scene.clips(contours) {
+        cast::<S, true, true>(simd, scene, ray)
+    } else {
+        cast::<S, false, true>(simd, scene, ray)
+    }
 }
 
 /// Casts a ray. With `LOD`, it ends at small voxels.

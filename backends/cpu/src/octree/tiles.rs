@@ -2,6 +2,8 @@
 
 use esvo_core::{Fan, Fans, Hit, Ray, View};
 
+use super::scene::Scene;
+
 /// Rays of a packet.
 pub(super) const LANES: usize = 16;
 
@@ -115,18 +117,20 @@ pub(super) enum Task<'a> {
 impl Task<'_> {
     /// Does the work. Inlined, so that it is compiled for the instructions of the function that calls it.
     #[inline(always)]
-    pub(super) fn run(self, caster: &impl CastPacket) {
+    pub(super) fn run(self, scene: &Scene, caster: &impl CastPacket) {
         match self {
-            Self::Band { view, coarse, first_row, hits } => match (view.contours(), view.max_voxel_pixels > 0.0) {
-                (true, true) => band::<_, true, true>(caster, view, coarse, first_row, hits),
-                (true, false) => band::<_, true, false>(caster, view, coarse, first_row, hits),
-                (false, true) => band::<_, false, true>(caster, view, coarse, first_row, hits),
-                (false, false) => band::<_, false, false>(caster, view, coarse, first_row, hits),
-            },
+            Self::Band { view, coarse, first_row, hits } => {
+                match (scene.clips(view.contours()), scene.view_has_sizes(view)) {
+                    (true, true) => band::<_, true, true>(caster, view, coarse, first_row, hits),
+                    (true, false) => band::<_, true, false>(caster, view, coarse, first_row, hits),
+                    (false, true) => band::<_, false, true>(caster, view, coarse, first_row, hits),
+                    (false, false) => band::<_, false, false>(caster, view, coarse, first_row, hits),
+                }
+            }
             Self::CoarseRow { view, row, starts } => coarse_row(caster, view, row, starts),
-            Self::Fans { all, some, hits } if all.contours => fans::<_, true>(caster, all, some, hits),
+            Self::Fans { all, some, hits } if scene.clips(all.contours) => fans::<_, true>(caster, all, some, hits),
             Self::Fans { all, some, hits } => fans::<_, false>(caster, all, some, hits),
-            Self::Rays { rays, contours, hits } => match (contours, rays.iter().any(Ray::has_size)) {
+            Self::Rays { rays, contours, hits } => match (scene.clips(contours), scene.rays_have_sizes(rays)) {
                 (true, true) => list::<_, true, true>(caster, rays, hits),
                 (true, false) => list::<_, true, false>(caster, rays, hits),
                 (false, true) => list::<_, false, true>(caster, rays, hits),

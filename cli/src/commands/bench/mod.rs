@@ -3,6 +3,7 @@
 pub(crate) mod build;
 pub(crate) mod format;
 pub(crate) mod import;
+pub(crate) mod needs;
 pub(crate) mod pictures;
 pub(crate) mod rays;
 mod record;
@@ -15,6 +16,7 @@ use crate::fail::Failure;
 use build::BenchBuildArguments;
 use format::BenchFormatArguments;
 use import::BenchImportArguments;
+use needs::BenchNeedsArguments;
 use pictures::BenchPicturesArguments;
 use rays::BenchRaysArguments;
 use tables::TablesArguments;
@@ -48,6 +50,7 @@ pub(crate) enum BenchCommand {
     Pictures(BenchPicturesArguments),
     Import(BenchImportArguments),
     Rays(BenchRaysArguments),
+    Needs(BenchNeedsArguments),
 }
 
 pub(crate) fn run_bench(arguments: &BenchArguments) -> Result<(), Failure> {
@@ -58,5 +61,6 @@ pub(crate) fn run_bench(arguments: &BenchArguments) -> Result<(), Failure> {
         Some(BenchCommand::Pictures(arguments)) => pictures::run_bench_pictures(arguments),
         Some(BenchCommand::Import(arguments)) => import::run_bench_import(arguments),
         Some(BenchCommand::Rays(arguments)) => rays::run_bench_rays(arguments),
+        Some(BenchCommand::Needs(arguments)) => needs::run_bench_needs(arguments),
     }
 }

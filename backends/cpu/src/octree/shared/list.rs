@@ -1,6 +1,6 @@
 //! Lists of rays and fans, sixteen rays at a time while they stay together.
 //!
-//! A visit of a voxel costs a packet the same for one ray as for sixteen. Where few rays of a packet share a visit, they are
+//! A visit of a voxel costs a packet the same for one ray as for sixteen. Where few rays of a packet go on together, they are
 //! faster apart. Whether they do is seen when a packet has been cast; what follows it in the list is expected to be alike.
 
 use esvo_core::{Fan, Fans, Hit, Ray};
@@ -13,7 +13,7 @@ use super::super::tiles::{LANES, Task};
 use super::packet::{Floats, Packet, Results, finest_scale_at};
 use super::walk::{Stack, cast_alone};
 
-/// Rays that must share a visit in the mean, in halves of a ray, for packets to be faster than rays apart: with cubes and with
+/// Rays that must enter a node together in the mean, in halves of a ray, for packets to be faster than rays apart: with cubes and with
 /// contours. Measured with AVX2: results/amd-epyc-2-threads/casting-approaches.md.
 const LEAST_TOGETHER: [u32; 2] = [10, 5];
 
@@ -83,18 +83,19 @@ impl<'a, S: Simd> Packets<'a, S> {
         }
         let mut origin = [[0.0; LANES]; 3];
         let mut direction = [[0.0; LANES]; 3];
-        let [mut t_min, mut t_max, mut size_per_t] = [[0.0; LANES]; 3];
+        let [mut t_min, mut t_max] = [[0.0; LANES]; 2];
+        let size_per_t = rays.first().map_or(0.0, |ray| ray.size_per_t);
         let (mut lanes, mut again, mut finest_scale) = (0, 0, 0);
         for (lane, ray) in rays.iter().enumerate().take(LANES) {
             for axis in 0..3 {
                 origin[axis][lane] = ray.origin[axis];
                 direction[axis][lane] = ray.direction[axis];
             }
-            (t_min[lane], t_max[lane], size_per_t[lane]) = (ray.t_min, ray.t_max, ray.size_per_t);
+            (t_min[lane], t_max[lane]) = (ray.t_min, ray.t_max);
             if ray.is_cast() {
-                // A packet has no sizes at the origin: few lists have.
+                // All rays of a packet have the same size, at the origin none: few lists have others.
                 match finest_scale_at((ray.origin - 1.5).abs().max_element()) {
-                    Some(scale) if ray.size_at_origin == 0.0 => {
+                    Some(scale) if ray.size_at_origin == 0.0 && ray.size_per_t == size_per_t => {
                         finest_scale = scale.max(finest_scale);
                         lanes |= 1 << lane;
                     }
@@ -110,12 +111,12 @@ impl<'a, S: Simd> Packets<'a, S> {
             let origin = [vector(x), vector(y), vector(z)];
             let [x, y, z] = direction;
             let mut packet = Packet::new(simd, origin, [vector(x), vector(y), vector(z)], finest_scale);
-            packet.size_per_t = vector(size_per_t);
-            packet.contours = if contours { 0xff } else { 0 };
+            packet.size_per_t = size_per_t;
+            packet.contours = if scene.clips(contours) { 0xff } else { 0 };
             let span = [vector(t_min), vector(t_max)];
             cast_alone(simd, scene, &packet, span, lanes, &mut self.stack, &mut results);
         }
-        if 2 * results.rays_met < LEAST_TOGETHER[usize::from(contours)] * results.iterations {
+        if 2 * results.rays_pushed < LEAST_TOGETHER[usize::from(scene.clips(contours))] * results.pushes {
             self.wait = self.next_wait;
             self.next_wait = (2 * self.next_wait + 1).min(APART.1);
         } else {

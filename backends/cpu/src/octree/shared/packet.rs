@@ -53,7 +53,7 @@ pub(super) struct Packet<S: Simd> {
     /// The children whose contours are clipped against: all or none.
     pub(super) contours: u8,
     /// At `t`, voxels whose edge is at most `t * size_per_t` end a ray.
-    pub(super) size_per_t: Floats<S>,
+    pub(super) size_per_t: f32,
     /// See [`finest_scale`].
     pub(super) finest_scale: u32,
 }
@@ -70,7 +70,7 @@ impl<S: Simd> Packet<S> {
             t_min: 0.0,
             t_max: 1.0,
             contours: 0,
-            size_per_t: zero,
+            size_per_t: 0.0,
             finest_scale,
         };
         for axis in 0..3 {
@@ -217,15 +217,17 @@ pub(super) struct Results<S: Simd> {
     pub(super) alive: Lanes,
     /// Rays that rounding may lead elsewhere: to be cast one by one.
     pub(super) again: Lanes,
-    /// Visits of voxels, and of rays to them.
+    /// Visits of voxels.
     pub(super) iterations: u32,
-    pub(super) rays_met: u32,
+    /// Pushes, and the rays that went on.
+    pub(super) pushes: u32,
+    pub(super) rays_pushed: u32,
 }
 
 impl<S: Simd> Results<S> {
     #[inline(always)]
     pub(super) fn new(simd: S, lanes: Lanes) -> Self {
-        Self { simd, found: Found::missed(), alive: lanes, again: 0, iterations: 0, rays_met: 0 }
+        Self { simd, found: Found::missed(), alive: lanes, again: 0, iterations: 0, pushes: 0, rays_pushed: 0 }
     }
 
     /// Rays end in a voxel.

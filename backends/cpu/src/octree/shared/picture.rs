@@ -45,11 +45,11 @@ fn cast_lanes<S: Simd>(simd: S, directions: [Floats<S>; 3]) -> Lanes {
 
 /// The packet of a view's rays.
 #[inline(always)]
-fn packet<S: Simd>(simd: S, view: &View, directions: [Floats<S>; 3], finest_scale: u32) -> Packet<S> {
+fn packet<S: Simd>(simd: S, scene: &Scene, view: &View, directions: [Floats<S>; 3], finest_scale: u32) -> Packet<S> {
     let mut packet = Packet::new(simd, view.origin.map(|x| Floats::splat(simd, x)), directions, finest_scale);
     (packet.t_min, packet.t_max) = (view.t_near, 1.0);
-    packet.size_per_t = Floats::splat(simd, view.pixel_size * view.max_voxel_pixels);
-    packet.contours = if view.contours() { 0xff } else { 0 };
+    packet.size_per_t = view.pixel_size * view.max_voxel_pixels;
+    packet.contours = if scene.clips(view.contours()) { 0xff } else { 0 };
     packet
 }
 
@@ -80,7 +80,7 @@ pub(super) fn band<S: Simd, const TILES: bool>(simd: S, scene: &Scene, band: Ban
                 let directions = directions(simd, view, x, y);
                 let cast = cast_lanes(simd, directions);
                 finite &= cast == ALL;
-                let mut packet = packet(simd, view, directions, finest_scale.unwrap_or(0));
+                let mut packet = packet(simd, scene, view, directions, finest_scale.unwrap_or(0));
                 if view.beam() && lanes != 0 {
                     packet.t_min = view.beam_start(coarse, left as u32, first_row + top as u32);
                 }
@@ -150,8 +150,7 @@ pub(super) fn coarse_row<S: Simd>(simd: S, scene: &Scene, view: &View, row: u32,
         let mut results = Results::new(simd, lanes);
         if let Some(finest_scale) = finest_scale {
             let mut packet = Packet::new(simd, view.origin.map(|x| Floats::splat(simd, x)), directions, finest_scale);
-            (packet.t_min, packet.t_max) = (rays[0].t_min, rays[0].t_max);
-            packet.size_per_t = Floats::splat(simd, rays[0].size_per_t);
+            (packet.t_min, packet.t_max, packet.size_per_t) = (rays[0].t_min, rays[0].t_max, rays[0].size_per_t);
             cast_alone(simd, scene, &packet, packet.span(simd), lanes, &mut stack, &mut results);
         } else {
             results.give_up(lanes);

@@ -7,6 +7,7 @@ use esvo_core::testing::sample::{Sample, cameras, strange_views};
 use esvo_core::{CastOptions, Caster, Hit, Ray, Rays, View};
 use esvo_format::Octree;
 
+use super::super::scene::LeaveOut;
 use super::super::single;
 use super::super::tiles::BAND_ROWS;
 use super::packet::finest_scale;
@@ -14,7 +15,7 @@ use super::*;
 
 /// Casts a picture.
 fn picture(set: Vectors, octree: &Octree, view: &View) -> Vec<Hit> {
-    let scene = Scene::new(octree, view.root);
+    let scene = Scene::new(octree, view.root, LeaveOut::ALL);
     let mut coarse = Vec::new();
     if view.beam() {
         let (columns, rows) = view.coarse_size();
@@ -104,7 +105,7 @@ fn list_differences(set: Vectors, samples: &[Arc<Octree>]) -> usize {
     let mut count = 0;
     for octree in samples {
         let root = octree.objects()[0].root_slot as u32;
-        let scene = Scene::new(octree, root);
+        let scene = Scene::new(octree, root, LeaveOut::ALL);
         let mut reference = ReferenceCaster::default();
         reference.load(octree).expect("is sound");
         for (rays, contours) in lists(octree).iter().flat_map(|rays| [(rays, true), (rays, false)]) {

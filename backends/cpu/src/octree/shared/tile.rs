@@ -240,8 +240,7 @@ fn octant<S: Simd>(
     stack: &mut Stack<S>,
 ) {
     let Tiles { blocks, frames, spans } = tiles;
-    let Packet { contours, finest_scale, t_max, .. } = blocks[0].packet;
-    let size_per_t = blocks[0].packet.size_per_t[0];
+    let Packet { size_per_t, contours, finest_scale, t_max, .. } = blocks[0].packet;
     // Blocks with rays that have hit nothing.
     let mut alive = 0;
     let mut starts = [0.0; BLOCKS];

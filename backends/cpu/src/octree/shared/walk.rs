@@ -148,7 +148,6 @@ fn walk<S: Simd>(
             continue;
         }
         results.iterations += 1;
-        results.rays_met += lanes.count_ones();
         count(What::Visits, 1);
         count_alive(scale, lanes.count_ones());
         let child = frame.node.next(tree.mirror);
@@ -213,6 +212,8 @@ fn walk<S: Simd>(
         let mut node = tree.node(frame.node.slot_of(&child), pos);
         node.todo &= halves;
         count(What::Pushes, 1);
+        results.pushes += 1;
+        results.rays_pushed += live.count_ones();
         place.down();
         let t = [corner[0], corner[1], corner[2], planes[0], planes[1], planes[2], t_min];
         stack.0[place.depth % FRAMES] = Frame { node, t, t_max, lanes: live };

@@ -1,0 +1,154 @@
+//! The measurement: all variants cast every view, are compared with the reference, and are timed round by round.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use esvo_builder::BuildSettings;
+use esvo_core::reference::ReferenceCaster;
+use esvo_core::testing::compare::Comparison;
+use esvo_core::{CastError, CastOptions, Caster, Object, View};
+use esvo_engines::{EngineId, InstructionSet, OpenOptions};
+use esvo_format::Octree;
+
+use super::{Case, Cell, EngineRow, Needed, NeedsBenchOptions, NeedsReport, SCHEMA, Variant};
+use crate::paper_bench::check::Agreement;
+use crate::scene::{self, Scene};
+use crate::system::machine::Machine;
+use crate::{BenchError, Progress};
+
+/// Builds the octrees, casts, compares, measures.
+///
+/// # Errors
+/// A scene or options that cannot be used, and a caster that fails.
+pub fn run_needs_bench(options: &NeedsBenchOptions, progress: &Progress) -> Result<NeedsReport, BenchError> {
+    let start = Instant::now();
+    let manifest = scene::manifest(None)?;
+    let sets = sets();
+    let mut report = NeedsReport {
+        schema: SCHEMA,
+        machine: Machine::detect(),
+        size: options.size,
+        credits: Vec::new(),
+        engines: Vec::new(),
+        cases: Vec::new(),
+        seconds: 0.0,
+    };
+    for name in &options.scenes {
+        let failed = |what: String| BenchError::scene(name, what);
+        if options.rounds == 0 || options.views == 0 {
+            return Err(failed("expected at least one round and one view".into()));
+        }
+        progress.say(format!("{name}: reading the mesh"));
+        let scene = Scene::load(scene::entry(&manifest, name)?, options.scenes_dir.as_deref(), options.views)?;
+        for &levels in &options.levels {
+            for contours in [false, true] {
+                progress.say(format!("{name}: building {levels} levels"));
+                let settings = BuildSettings { levels, contours, ..scene.settings };
+                let built = esvo_builder::build(&scene.mesh, &settings, &|_| ()).map_err(|e| failed(e.to_string()))?;
+                let octree = Arc::new(built.octree);
+                for sizes in [false, true] {
+                    progress.say(format!("{name}: casting {levels} levels"));
+                    let cast =
+                        CastOptions { contours: true, beam: false, max_voxel_pixels: if sizes { 1.0 } else { 0.0 } };
+                    let case = views(&scene, &octree, options, &cast)
+                        .and_then(|views| measure(&octree, &views, &sets, options, sizes, &mut report.engines))
+                        .map_err(|e| failed(e.to_string()))?;
+                    report.cases.push(Case { scene: scene.name.clone(), levels, ..case });
+                }
+            }
+        }
+        report.credits.push([scene.name, scene.credit, scene.identity]);
+    }
+    report.seconds = start.elapsed().as_secs_f64();
+    Ok(report)
+}
+
+/// The instruction sets: one ray at a time, and the fastest.
+fn sets() -> Vec<InstructionSet> {
+    let mut sets = vec![InstructionSet::Scalar, InstructionSet::best()];
+    sets.dedup();
+    sets
+}
+
+fn views(
+    scene: &Scene,
+    octree: &Octree,
+    options: &NeedsBenchOptions,
+    cast: &CastOptions,
+) -> Result<Vec<View>, CastError> {
+    let object = Object::of(octree, 0);
+    let [width, height] = options.size;
+    let view = |camera| View::new(camera, *object.octree_to_mesh(), object.root(), (width, height), cast);
+    scene.views.iter().map(|named| view(&named.camera)).collect()
+}
+
+/// Measures a case; its scene and levels are left to the caller. Fills in the engines if they are not known yet.
+fn measure(
+    octree: &Arc<Octree>,
+    views: &[View],
+    sets: &[InstructionSet],
+    options: &NeedsBenchOptions,
+    sizes: bool,
+    engines: &mut Vec<EngineRow>,
+) -> Result<Case, CastError> {
+    let needs = octree.needs();
+    let needed = Needed { contours: needs.contours, far_pointers: needs.far_pointers, sizes };
+    let expected = expected(octree, views)?;
+    let mut running = Vec::new();
+    for (engine, set) in sets.iter().enumerate() {
+        let other = |v: &Variant| v.is_left_out_by(*set) && (*v == Variant::Everything || v.differs(needed));
+        for variant in Variant::ALL.into_iter().filter(other) {
+            let mut caster = EngineId::Cpu
+                .open(&OpenOptions {
+                    threads: options.threads,
+                    instructions: Some(*set),
+                    leave_out: variant.leave_out(),
+                    ..OpenOptions::default()
+                })
+                .map_err(|e| CastError::Device(e.to_string()))?;
+            caster.load(octree)?;
+            if engines.len() == engine {
+                engines.push(EngineRow { name: set.name().into(), device: caster.device().clone() });
+            }
+            let agreement =
+                Agreement::new(Comparison::of(&cast(&mut *caster, views)?, &expected), EngineId::Cpu.allowed());
+            running.push((caster, Cell { engine, variant, agreement, seconds: Vec::new() }));
+        }
+    }
+    for _ in 0..options.rounds {
+        for (caster, cell) in &mut running {
+            let mut seconds = 0.0;
+            for view in views {
+                seconds += caster.time(view)?.total.as_secs_f64();
+            }
+            cell.seconds.push(seconds);
+        }
+    }
+    let mut file = Vec::new();
+    octree.write_to(&mut file).map_err(|e| CastError::Device(format!("the octree cannot be written: {e}")))?;
+    Ok(Case {
+        scene: String::new(),
+        levels: 0,
+        file_bytes: file.len() as u64,
+        image_bytes: size_of_val(octree.slots()) as u64,
+        needs: needed,
+        rays: views.iter().map(|view| view.pixels() as u64).sum(),
+        cells: running.into_iter().map(|(_, cell)| cell).collect(),
+    })
+}
+
+fn expected(octree: &Arc<Octree>, views: &[View]) -> Result<Vec<esvo_core::Hit>, CastError> {
+    let mut reference = ReferenceCaster::default();
+    reference.load(octree)?;
+    cast(&mut reference, views)
+}
+
+/// The hits of all views.
+fn cast(caster: &mut dyn Caster, views: &[View]) -> Result<Vec<esvo_core::Hit>, CastError> {
+    let (mut all, mut hits) = (Vec::new(), Vec::new());
+    for view in views {
+        caster.cast(view, &mut hits)?;
+        all.append(&mut hits);
+    }
+    Ok(all)
+}

@@ -1,0 +1,202 @@
+//! `esvo bench needs`: what it costs to keep code for features that a scene does not need.
+//!
+//! An octree without contours is cast by code with and without clipping by contours, one without far pointers with and without
+//! code that follows them, and rays that end at leaves with and without the test whether a voxel is small.
+
+mod measure;
+mod output;
+mod tables;
+
+use std::path::PathBuf;
+
+use esvo_core::Device;
+use esvo_engines::{InstructionSet, LeaveOut};
+use serde::{Deserialize, Serialize};
+
+use crate::output::to_json;
+use crate::paper_bench::check::Agreement;
+use crate::system::machine::Machine;
+use crate::timing::Spread;
+
+pub use measure::run_needs_bench;
+pub use output::write_needs_record;
+pub use tables::{to_markdown, to_text};
+
+/// Version of the record.
+pub const SCHEMA: u32 = 1;
+
+/// What [`run_needs_bench`] measures.
+#[derive(Clone, Debug)]
+pub struct NeedsBenchOptions {
+    /// Names of the scenes.
+    pub scenes: Vec<String>,
+    /// Levels of their octrees. Small octrees have no far pointers.
+    pub levels: Vec<u32>,
+    /// Size of the pictures.
+    pub size: [u32; 2],
+    /// Viewpoints of each scene.
+    pub views: usize,
+    /// Rounds.
+    pub rounds: usize,
+    /// Threads of the caster; `None`: one per core.
+    pub threads: Option<usize>,
+    /// The folder that is searched first for real meshes.
+    pub scenes_dir: Option<PathBuf>,
+}
+
+impl Default for NeedsBenchOptions {
+    /// SIBENIK and CONFERENCE at 7 and 10 levels, four views of 512x384, five rounds.
+    fn default() -> Self {
+        Self {
+            scenes: vec!["sibenik".into(), "conference".into()],
+            levels: vec![7, 10],
+            size: [512, 384],
+            views: 4,
+            rounds: 5,
+            threads: None,
+            scenes_dir: None,
+        }
+    }
+}
+
+/// The record of a run.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+pub struct NeedsReport {
+    /// [`SCHEMA`].
+    pub schema: u32,
+    /// The machine and the software.
+    pub machine: Machine,
+    /// Size of the pictures.
+    pub size: [u32; 2],
+    /// Scene, credit and identity of the meshes, as in [`Scene`](crate::scene::Scene).
+    pub credits: Vec<[String; 3]>,
+    /// The instruction sets of the CPU engine.
+    pub engines: Vec<EngineRow>,
+    /// What was cast.
+    pub cases: Vec<Case>,
+    /// Seconds of the whole run.
+    pub seconds: f64,
+}
+
+impl NeedsReport {
+    /// The record as indented JSON, with every sample as it was taken.
+    pub fn to_json(&self) -> String {
+        to_json(self)
+    }
+
+    /// Whether all hits are the reference's.
+    pub fn passed(&self) -> bool {
+        self.cases.iter().flat_map(|case| &case.cells).all(|cell| cell.agreement.passed())
+    }
+}
+
+/// One instruction set.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+pub struct EngineRow {
+    /// Its name, as in [`InstructionSet::name`](esvo_engines::InstructionSet::name).
+    pub name: String,
+    /// The processor and the instructions.
+    pub device: Device,
+}
+
+/// An octree, and where rays end in it.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+pub struct Case {
+    /// The scene, as in [`Scene::name`](crate::scene::Scene::name).
+    pub scene: String,
+    /// Levels of the octree.
+    pub levels: u32,
+    /// Size of its file in bytes.
+    pub file_bytes: u64,
+    /// Bytes that casters read: descriptors, far pointers and contours.
+    pub image_bytes: u64,
+    /// What octree and rays need.
+    pub needs: Needed,
+    /// Rays of a round.
+    pub rays: u64,
+    /// For each engine, in their order: each of [`Variant::ALL`] for which it has code of its own.
+    pub cells: Vec<Cell>,
+}
+
+/// What octree and rays need of the code.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, Deserialize)]
+pub struct Needed {
+    /// The octree has contours.
+    pub contours: bool,
+    /// The octree has far pointers.
+    pub far_pointers: bool,
+    /// Rays end at voxels of one pixel, and not at leaves only.
+    pub sizes: bool,
+}
+
+/// What is left out, if it is not needed.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Variant {
+    /// Nothing: the code contains all.
+    Everything,
+    /// Clipping by contours.
+    Contours,
+    /// Following far pointers.
+    FarPointers,
+    /// The test for small voxels.
+    Sizes,
+    /// All three.
+    All,
+}
+
+impl Variant {
+    /// All of them.
+    pub const ALL: [Self; 5] = [Self::Everything, Self::Contours, Self::FarPointers, Self::Sizes, Self::All];
+
+    /// Its name in tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Everything => "everything is in",
+            Self::Contours => "no contours",
+            Self::FarPointers => "no far pointers",
+            Self::Sizes => "no test of sizes",
+            Self::All => "only what is needed",
+        }
+    }
+
+    /// What the caster is told.
+    pub fn leave_out(self) -> LeaveOut {
+        LeaveOut {
+            contours: matches!(self, Self::Contours | Self::All),
+            far_pointers: matches!(self, Self::FarPointers | Self::All),
+            sizes: matches!(self, Self::Sizes | Self::All),
+        }
+    }
+
+    /// Whether it leaves out something that is not needed.
+    fn differs(self, needed: Needed) -> bool {
+        let left = self.leave_out();
+        left.contours && !needed.contours || left.far_pointers && !needed.far_pointers || left.sizes && !needed.sizes
+    }
+
+    /// Whether this instruction set has other code for it. Packets leave out contours only: see [`LeaveOut`].
+    fn is_left_out_by(self, set: InstructionSet) -> bool {
+        set == InstructionSet::Scalar || matches!(self, Self::Everything | Self::Contours)
+    }
+}
+
+/// One engine, one case and one variant.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+pub struct Cell {
+    /// Index of the engine.
+    pub engine: usize,
+    /// What was left out.
+    pub variant: Variant,
+    /// The comparison with the reference caster.
+    pub agreement: Agreement,
+    /// Seconds of all views, in the order of the rounds.
+    pub seconds: Vec<f64>,
+}
+
+impl Cell {
+    /// Milliseconds for all views: median and quartiles over the rounds.
+    pub fn milliseconds(&self) -> Option<Spread> {
+        Spread::of(&self.seconds.iter().map(|seconds| seconds * 1e3).collect::<Vec<_>>())
+    }
+}

@@ -1,0 +1,80 @@
+//! `esvo bench needs`.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use esvo_bench::Progress;
+use esvo_bench::needs_bench::{NeedsBenchOptions, run_needs_bench, to_text, write_needs_record};
+use esvo_bench::output::check_writable;
+
+use crate::commands::bench::record::RecordArguments;
+use crate::fail::Failure;
+use crate::values::parse_size;
+
+/// Measure what code costs that a scene does not need.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Builds octrees with and without contours, small enough to have no far pointers and larger; casts
+pictures of them by code that contains everything, and by code that leaves out, one by one and
+together, what neither the octree nor the rays need: clipping by contours, following far pointers,
+the test whether a voxel is small; compares the hits with the reference caster's. Prints tables and
+writes report.json and tables.md to results/<machine>/<date>-needs/. Exit code 1 if hits are wrong.
+
+Examples:
+  esvo bench needs  SIBENIK and CONFERENCE at 7 and 10 levels, in a minute on two cores
+  esvo bench needs --scenes fairy --levels 6,8,11 --rounds 9")]
+pub(crate) struct BenchNeedsArguments {
+    /// The scenes
+    #[arg(long, value_name = "NAMES", value_delimiter = ',', default_value = "sibenik,conference")]
+    pub(crate) scenes: Vec<String>,
+    /// Levels of their octrees
+    #[arg(long, value_name = "N", value_delimiter = ',', default_value = "7,10", value_parser = clap::value_parser!(u32).range(1..=23))]
+    pub(crate) levels: Vec<u32>,
+    /// Size of the pictures
+    #[arg(long, value_name = "WxH", default_value = "512x384", value_parser = parse_size)]
+    pub(crate) size: [u32; 2],
+    /// Viewpoints of each scene, at most
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    pub(crate) views: u16,
+    /// Rounds
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    pub(crate) rounds: u16,
+    /// The engines that are measured
+    #[arg(long, value_enum, value_delimiter = ',', default_value = "cpu")]
+    pub(crate) backends: Vec<Backend>,
+    /// Threads of the CPU caster
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
+    pub(crate) threads: Option<u16>,
+    /// Folder that is searched first for real meshes; then $ESVO_SCENES, then ../shared/scenes
+    #[arg(long, value_name = "FOLDER")]
+    pub(crate) scenes_dir: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) record: RecordArguments,
+}
+
+/// Engines that can be told what to leave out.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(crate) enum Backend {
+    /// The CPU caster, one ray at a time and with its fastest instructions
+    Cpu,
+}
+
+pub(crate) fn run_bench_needs(arguments: &BenchNeedsArguments) -> Result<(), Failure> {
+    check_writable(&arguments.record.out)?;
+    let options = NeedsBenchOptions {
+        scenes: arguments.scenes.clone(),
+        levels: arguments.levels.clone(),
+        size: arguments.size,
+        views: arguments.views.into(),
+        rounds: arguments.rounds.into(),
+        threads: arguments.threads.map(Into::into),
+        scenes_dir: arguments.scenes_dir.clone(),
+    };
+    let progress = Progress::terminal();
+    let report = run_needs_bench(&options, &progress);
+    progress.finish();
+    let report = report?;
+    let folder = write_needs_record(&report, &arguments.record.out, arguments.record.machine.as_deref())?;
+    arguments.record.print(&folder, || report.to_json(), || to_text(&report))?;
+    if report.passed() { Ok(()) } else { Err("hits are not the reference's".to_string().into()) }
+}
