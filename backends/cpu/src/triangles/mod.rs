@@ -122,12 +122,16 @@ impl TriangleScene {
     ///
     /// Not watertight at corners; `t` is off by a few units in the last place of `f32`.
     pub fn cast(&self, rays: &CameraRays, hits: &mut Vec<TriangleHit>) {
+        self.cast_with(Vectors::best(), rays, hits);
+    }
+
+    /// The same with these vectors, which the processor must have.
+    fn cast_with(&self, vectors: Vectors, rays: &CameraRays, hits: &mut Vec<TriangleHit>) {
         hits.clear();
         hits.resize(rays.pixels(), TriangleHit::MISS);
         if self.fast.nodes.is_empty() {
             return;
         }
-        let vectors = Vectors::best();
         hits.par_chunks_mut(packet::EDGE * rays.width as usize).enumerate().for_each(|(strip, hits)| {
             let (bvh, corners, placement) = (&self.fast, &self.fast_corners[..], &self.placement);
             let first_row = strip * packet::EDGE;

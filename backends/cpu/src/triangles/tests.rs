@@ -246,6 +246,24 @@ fn the_fast_caster_agrees_but_for_a_few_rays() {
 }
 
 #[test]
+fn all_vectors_find_the_same() {
+    let scene = TriangleScene::new(mixed(&mut Random(7), 900)).unwrap();
+    for size in [(93, 61), (5, 3)] {
+        let rays = CameraRays::new(&camera(), size).unwrap();
+        let mut expected = Vec::new();
+        scene.cast_with(Vectors::Arrays, &rays, &mut expected);
+        assert!(expected.iter().any(|hit| !hit.is_miss()));
+        for vectors in Vectors::available() {
+            let mut hits = Vec::new();
+            scene.cast_with(vectors, &rays, &mut hits);
+            let same =
+                |(a, b): (&TriangleHit, &TriangleHit)| a.t.to_bits() == b.t.to_bits() && a.triangle == b.triangle;
+            assert!(hits.len() == expected.len() && hits.iter().zip(&expected).all(same), "{vectors:?}");
+        }
+    }
+}
+
+#[test]
 fn depth_of_a_plane_is_its_distance() {
     let plane = |z: f64| {
         vec![[[-9.0, -9.0, z], [9.0, -9.0, z], [9.0, 9.0, z]], [[-9.0, -9.0, z], [9.0, 9.0, z], [-9.0, 9.0, z]]]
