@@ -26,12 +26,12 @@
 //! | count visits, pushes and bytes | [`counters`], with the feature `counters` |
 //! | name the processor | [`cpu_name`] |
 //!
-//! In `src/octree/`, `shared/` casts pictures in tiles and packets of rays that share a stack, with one source for all instruction
-//! sets and the proof that their hits are the reference's. `tiles.rs` cuts fans and lists of rays into packets of sixteen
-//! rays, `single.rs` casts the rays of a packet one after the other, and `packet.rs` casts them in lockstep with AVX-512, through
-//! the memory accesses of `gather.rs`, where rays of lists do not stay together. [`LeaveOut`] says what is compiled out. For a further instruction set, add a variant of [`InstructionSet`] in
-//! `instructions.rs`, one of `Vectors` in `vectors.rs`, and a line in `tests/conformance.rs`. `src/triangles/packet.rs` casts
-//! triangles with the same vectors.
+//! In `src/octree/`, `shared/` casts pictures, fans and lists in packets of rays that share a stack, pictures in tiles, with one
+//! source for all instruction sets and the proof that their hits are the reference's. Rays that do not stay together are cast one by
+//! one (`single.rs`), with AVX-512 in lockstep (`packet.rs`, through the memory accesses of `gather.rs`); `tiles.rs` cuts work
+//! into sixteens for both. [`LeaveOut`] says what is compiled out. `src/triangles/packet.rs` casts triangles with the same
+//! vectors. For a further instruction set, add a variant of [`InstructionSet`] in `octree/instructions.rs`, one of `Vectors` in
+//! `vectors.rs`, and a line in `tests/conformance.rs`.
 
 pub mod triangles;
 

@@ -1,10 +1,9 @@
 //! The octree caster on all cores.
 //!
-//! `shared` casts pictures in tiles of 16 x 16 pixels and packets of sixteen rays that share a stack: one source for all
-//! vectors of `fearless_simd`.
-//! `tiles` cuts fans and lists of rays, and the pictures of [`InstructionSet::Scalar`], into packets of sixteen rays;
-//! `single` casts the rays of a packet one by one, and `packet` in lockstep with AVX-512. A further instruction set is a
-//! variant of [`InstructionSet`] and a line in `shared`.
+//! `shared` casts pictures in tiles of 16 x 16 pixels, and pictures, fans and lists in packets of sixteen rays that share a stack:
+//! one source for all vectors of `fearless_simd`.
+//! `single` casts rays one by one: those of [`InstructionSet::Scalar`], and those of fans and lists that do not stay together,
+//! which `packet` casts in lockstep with AVX-512. `tiles` cuts work into sixteens for both.
 
 pub mod counters;
 #[cfg(target_arch = "x86_64")]
