@@ -14,6 +14,7 @@ const PAGES: [&str; 19] = [
     "esvo-bench-build",
     "esvo-bench-format",
     "esvo-bench-import",
+    "esvo-bench-needs",
     "esvo-bench-pictures",
     "esvo-bench-rays",
     "esvo-build",
