@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 use common::Folder;
 
 /// All commands, by the names of their pages.
-const PAGES: [&str; 19] = [
+const PAGES: [&str; 20] = [
     "esvo",
     "esvo-ambient",
     "esvo-bench",
