@@ -14,7 +14,10 @@ impl Progress {
     /// Progress on standard error, if that is a terminal.
     pub fn terminal() -> Self {
         let bar = ProgressBar::new(100).with_style(style("{spinner} [{elapsed}] {msg}"));
-        bar.enable_steady_tick(Duration::from_millis(200));
+        // The thread that turns the spinner is needed on a terminal only, and indicatif panics if the system refuses it.
+        if !bar.is_hidden() && std::thread::Builder::new().spawn(|| ()).is_ok() {
+            bar.enable_steady_tick(Duration::from_millis(200));
+        }
         Self { bar }
     }
 
