@@ -2,7 +2,7 @@
 //! that the processor has are found when it runs.
 
 use fearless_simd::prelude::*;
-use fearless_simd::{Fallback, Level};
+use fearless_simd::{Fallback, Level, f32x16};
 
 /// Vectors that casters are compiled for.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -81,4 +81,20 @@ impl Vectors {
         }
         Err(work)
     }
+}
+
+/// The least of the lanes.
+#[inline(always)]
+pub(crate) fn least<S: Simd>(lanes: f32x16<S>) -> f32 {
+    let simd = lanes.token();
+    let (a, b) = simd.split_f32x16(lanes);
+    let (a, b) = simd.split_f32x8(a.min(b));
+    let x = a.min(b);
+    x[0].min(x[1]).min(x[2].min(x[3]))
+}
+
+/// The greatest of the lanes.
+#[inline(always)]
+pub(crate) fn greatest<S: Simd>(lanes: f32x16<S>) -> f32 {
+    -least(-lanes)
 }

@@ -18,15 +18,15 @@ use crate::vectors::Vectors;
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 #[non_exhaustive]
 pub enum InstructionSet {
-    /// Packets of sixteen rays in plain arrays, on every processor.
+    /// Packets of sixteen rays in plain arrays, on every processor, for pictures; other rays one at a time.
     Arrays,
     /// One ray at a time, on every processor; with AVX2 and BMI where the processor has them.
     Scalar,
-    /// Packets of sixteen rays, four to a vector.
+    /// Packets of sixteen rays, four to a vector; pictures in tiles.
     Neon,
-    /// Packets of sixteen rays, eight to a vector.
+    /// Packets of sixteen rays, eight to a vector; pictures in tiles.
     Avx2,
-    /// Packets of sixteen rays in one vector; rays that do not stay together in lockstep.
+    /// Packets of sixteen rays in one vector; pictures in tiles; rays that do not stay together in lockstep.
     Avx512,
 }
 

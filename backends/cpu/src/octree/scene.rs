@@ -93,3 +93,27 @@ impl<'a> Scene<'a> {
         self.sizes || rays.iter().any(Ray::has_size)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use esvo_core::testing::sample::Sample;
+    use glam::Vec3;
+
+    use super::*;
+
+    #[test]
+    fn only_what_is_not_needed_is_left_out() {
+        let rays = |size_per_t| [Ray { size_per_t, ..Ray::new(Vec3::ZERO, Vec3::X) }];
+        for contours in [false, true] {
+            let octree = Sample::plain(5, contours).octree().expect("assembles");
+            let root = octree.objects()[0].root_slot as u32;
+            let (all, nothing) =
+                (Scene::new(&octree, root, LeaveOut::ALL), Scene::new(&octree, root, LeaveOut::NOTHING));
+            assert_eq!((all.clips(true), all.clips(false)), (contours, false));
+            assert_eq!((nothing.clips(true), nothing.clips(false)), (true, false));
+            assert!(!octree.needs().far_pointers && !all.has_far_pointers() && nothing.has_far_pointers());
+            assert!(!all.rays_have_sizes(&rays(0.0)) && all.rays_have_sizes(&rays(0.1)));
+            assert!(nothing.rays_have_sizes(&rays(0.0)));
+        }
+    }
+}

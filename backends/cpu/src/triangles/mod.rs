@@ -13,9 +13,8 @@
 //! | exact | 2.2 | 2.5 |
 //! | `obvhs` 0.4, BVH2, its own traversal, single rays | 6.6 | 7.7 |
 //!
-//! The fast caster was another then, whose loops over arrays the compiler turned into vectors. On an EPYC with AVX2, over the
-//! viewpoints of the manifest, it cast 7.4 and 10.5 million rays per second of SIBENIK and CONFERENCE; the present one, with the
-//! vectors of `fearless_simd`, casts 18 and 25 with the same hits.
+//! The fast caster was another then, whose loops over arrays the compiler turned into vectors. The rates of the present one are
+//! in results/amd-epyc-2-threads/embree.md.
 //!
 //! Two threads gave 1.8 times the rays when nothing else used the second core. Of 3.1 million rays per scene, 2 and 0 hit with
 //! one of fast and exact and miss with the other; `t` differs by more than 10^-4 for 4 and 18.

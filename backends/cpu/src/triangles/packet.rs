@@ -8,8 +8,7 @@
 //! two children to choose from cost the least of all lanes. In a leaf, `t` is computed only if a ray is inside a triangle. Where the
 //! rays run the same way on each axis, as in nearly all packets, the sides by which they enter and leave boxes are known.
 //!
-//! With AVX2, in million rays per second on SIBENIK and CONFERENCE, the best of some rounds on a busy machine: 7.5 and 10.5
-//! for loops over arrays, 19.8 and 26.5 for vectors and masks, 21.4 and 28.4 with the sides known.
+//! results/amd-epyc-2-threads/casting-approaches.md says what each of these gained.
 
 use esvo_core::exact::{CameraRays, TriangleHit};
 use fearless_simd::prelude::*;
@@ -17,7 +16,7 @@ use fearless_simd::{f32x16, mask32x16, u32x16};
 use glam::{DVec3, Vec3A};
 
 use super::bvh::{Bvh, Node, Placement};
-use crate::vectors::Work;
+use crate::vectors::{Work, greatest, least};
 
 /// Edge of a packet in pixels.
 pub(super) const EDGE: usize = 4;
@@ -256,19 +255,3 @@ impl<S: Simd> Packet<S> {
 /// Columns and rows of the pixels of a packet.
 const COLUMNS: [f32; LANES] = [0., 1., 2., 3., 0., 1., 2., 3., 0., 1., 2., 3., 0., 1., 2., 3.];
 const ROWS: [f32; LANES] = [0., 0., 0., 0., 1., 1., 1., 1., 2., 2., 2., 2., 3., 3., 3., 3.];
-
-/// The least of the lanes.
-#[inline(always)]
-fn least<S: Simd>(lanes: Floats<S>) -> f32 {
-    let simd = lanes.token();
-    let (a, b) = simd.split_f32x16(lanes);
-    let (a, b) = simd.split_f32x8(a.min(b));
-    let x = a.min(b);
-    x[0].min(x[1]).min(x[2].min(x[3]))
-}
-
-/// The greatest of the lanes.
-#[inline(always)]
-fn greatest<S: Simd>(lanes: Floats<S>) -> f32 {
-    -least(-lanes)
-}

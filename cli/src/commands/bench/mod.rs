@@ -1,6 +1,7 @@
 //! `esvo bench`.
 
 pub(crate) mod build;
+mod casting;
 pub(crate) mod format;
 pub(crate) mod import;
 pub(crate) mod needs;

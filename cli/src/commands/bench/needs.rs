@@ -1,13 +1,11 @@
 //! `esvo bench needs`.
 
-use std::path::PathBuf;
-
 use clap::{Args, ValueEnum};
 use esvo_bench::Progress;
 use esvo_bench::needs_bench::{NeedsBenchOptions, run_needs_bench, to_text, write_needs_record};
 use esvo_bench::output::check_writable;
 
-use crate::commands::bench::record::RecordArguments;
+use crate::commands::bench::casting::CastingArguments;
 use crate::fail::Failure;
 use crate::values::parse_size;
 
@@ -42,14 +40,8 @@ pub(crate) struct BenchNeedsArguments {
     /// The engines that are measured
     #[arg(long, value_enum, value_delimiter = ',', default_value = "cpu")]
     pub(crate) backends: Vec<Backend>,
-    /// Threads of the CPU caster
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
-    pub(crate) threads: Option<u16>,
-    /// Folder that is searched first for real meshes; then $ESVO_SCENES, then ../shared/scenes
-    #[arg(long, value_name = "FOLDER")]
-    pub(crate) scenes_dir: Option<PathBuf>,
     #[command(flatten)]
-    pub(crate) record: RecordArguments,
+    pub(crate) casting: CastingArguments,
 }
 
 /// Engines that can be told what to leave out.
@@ -60,21 +52,22 @@ pub(crate) enum Backend {
 }
 
 pub(crate) fn run_bench_needs(arguments: &BenchNeedsArguments) -> Result<(), Failure> {
-    check_writable(&arguments.record.out)?;
+    check_writable(&arguments.casting.record.out)?;
     let options = NeedsBenchOptions {
         scenes: arguments.scenes.clone(),
         levels: arguments.levels.clone(),
         size: arguments.size,
         views: arguments.views.into(),
         rounds: arguments.rounds.into(),
-        threads: arguments.threads.map(Into::into),
-        scenes_dir: arguments.scenes_dir.clone(),
+        threads: arguments.casting.threads(),
+        scenes_dir: arguments.casting.scenes_dir.clone(),
     };
     let progress = Progress::terminal();
     let report = run_needs_bench(&options, &progress);
     progress.finish();
     let report = report?;
-    let folder = write_needs_record(&report, &arguments.record.out, arguments.record.machine.as_deref())?;
-    arguments.record.print(&folder, || report.to_json(), || to_text(&report))?;
+    let folder =
+        write_needs_record(&report, &arguments.casting.record.out, arguments.casting.record.machine.as_deref())?;
+    arguments.casting.record.print(&folder, || report.to_json(), || to_text(&report))?;
     if report.passed() { Ok(()) } else { Err("hits are not the reference's".to_string().into()) }
 }

@@ -1,14 +1,12 @@
 //! `esvo bench rays`.
 
-use std::path::PathBuf;
-
 use clap::Args;
 use esvo_bench::Progress;
 use esvo_bench::output::check_writable;
 use esvo_bench::ray_bench::{RayBenchOptions, run_ray_bench, to_text, write_ray_record};
 use esvo_engines::EngineId;
 
-use crate::commands::bench::record::RecordArguments;
+use crate::commands::bench::casting::CastingArguments;
 use crate::fail::Failure;
 use crate::values::{engine, parse_size};
 
@@ -43,26 +41,20 @@ pub(crate) struct BenchRaysArguments {
     /// Measure only these engines
     #[arg(long, value_parser = engine(), value_delimiter = ',')]
     pub(crate) backends: Vec<EngineId>,
-    /// Threads of the CPU caster
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
-    pub(crate) threads: Option<u16>,
-    /// Folder that is searched first for real meshes; then $ESVO_SCENES, then ../shared/scenes
-    #[arg(long, value_name = "FOLDER")]
-    pub(crate) scenes_dir: Option<PathBuf>,
     #[command(flatten)]
-    pub(crate) record: RecordArguments,
+    pub(crate) casting: CastingArguments,
 }
 
 pub(crate) fn run_bench_rays(arguments: &BenchRaysArguments) -> Result<(), Failure> {
-    check_writable(&arguments.record.out)?;
+    check_writable(&arguments.casting.record.out)?;
     let mut options = RayBenchOptions {
         scene: arguments.scene.clone(),
         levels: arguments.levels,
         size: arguments.size,
         rays: arguments.rays as usize,
         seconds: arguments.seconds,
-        threads: arguments.threads.map(Into::into),
-        scenes_dir: arguments.scenes_dir.clone(),
+        threads: arguments.casting.threads(),
+        scenes_dir: arguments.casting.scenes_dir.clone(),
         ..RayBenchOptions::default()
     };
     if !arguments.backends.is_empty() {
@@ -72,7 +64,7 @@ pub(crate) fn run_bench_rays(arguments: &BenchRaysArguments) -> Result<(), Failu
     let report = run_ray_bench(&options, &progress);
     progress.finish();
     let report = report?;
-    let folder = write_ray_record(&report, &arguments.record.out, arguments.record.machine.as_deref())?;
-    arguments.record.print(&folder, || report.to_json(), || to_text(&report))?;
+    let folder = write_ray_record(&report, &arguments.casting.record.out, arguments.casting.record.machine.as_deref())?;
+    arguments.casting.record.print(&folder, || report.to_json(), || to_text(&report))?;
     if report.passed() { Ok(()) } else { Err("the hits of an engine are not the reference's".to_string().into()) }
 }

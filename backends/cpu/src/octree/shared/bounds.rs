@@ -7,6 +7,7 @@ use fearless_simd::prelude::*;
 use super::super::tiles::{BLOCK, LANES};
 use super::fault;
 use super::packet::{Contour, Floats, Packet, axes};
+use crate::vectors::greatest;
 
 /// Packets of a tile: its blocks of pixels, row by row.
 pub(super) const BLOCKS: usize = 16;
@@ -47,7 +48,7 @@ impl<S: Simd> Bounds<S> {
         );
         let span = packet.t_min.abs().max(packet.t_max.abs());
         let most = coef[0][0].min(coef[1][0]).min(coef[2][0]);
-        let nearest = -least(-(coef[0][1].max(coef[1][1]).max(coef[2][1])));
+        let nearest = greatest(coef[0][1].max(coef[1][1]).max(coef[2][1]));
         Self {
             mirror,
             coef,
@@ -161,14 +162,4 @@ impl<S: Simd> Area<S> {
         };
         Self { directions, x, y, base: view.base, dx: view.dx, dy: view.dy, reach: axes(reach) }
     }
-}
-
-/// The least of the numbers.
-#[inline(always)]
-fn least<S: Simd>(x: Floats<S>) -> f32 {
-    let simd = x.token();
-    let (a, b) = simd.split_f32x16(x);
-    let (a, b) = simd.split_f32x8(a.min(b));
-    let x = a.min(b);
-    x[0].min(x[1]).min(x[2].min(x[3]))
 }

@@ -13,12 +13,12 @@ use super::super::tiles::{LANES, Task};
 use super::packet::{Floats, Packet, Results, finest_scale_at};
 use super::walk::{Stack, cast_alone};
 
-/// Rays that must enter a node together in the mean, in halves of a ray, for packets to be faster than rays apart: with cubes and with
-/// contours. Measured with AVX2: results/amd-epyc-2-threads/casting-approaches.md.
+/// Rays that must enter a node together in the mean, in halves of a ray, for packets to be faster than rays apart: with cubes
+/// and with contours. Measured with AVX2: results/amd-epyc-2-threads/casting-approaches.md.
 const LEAST_TOGETHER: [u32; 2] = [10, 5];
 
 /// Packets whose rays are cast apart after a packet of rays that do not stay together: the first time, and at most.
-/// Each time the number doubles.
+/// Between them, twice as many and one more each time.
 const APART: (u32, u32) = (7, 63);
 
 /// Rays of the shortest list that is cast as a packet.

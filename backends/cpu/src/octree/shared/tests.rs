@@ -96,6 +96,12 @@ fn lists(octree: &Octree) -> Vec<Vec<Ray>> {
     let sized = |ray: &Ray| Ray { size_at_origin: 0.01, ..*ray };
     lists.push(mixed.iter().enumerate().map(|(k, ray)| if k % 3 == 0 { sized(ray) } else { *ray }).collect());
     lists.push(mixed);
+    // Rays that stay together, each with an origin and a span of its own.
+    let own = |(k, ray): (usize, &Ray)| {
+        let shift = (k % 7) as f32 * 1e-3;
+        Ray { origin: ray.origin + shift, t_min: shift * 90.0, t_max: 1.0 - shift * 110.0, ..*ray }
+    };
+    lists.push(lists[0].iter().enumerate().map(own).collect());
     lists.extend([1, 3, 4, 17].map(|len| lists[0][..len].to_vec()));
     lists
 }
