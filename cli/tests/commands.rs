@@ -150,6 +150,7 @@ fn bench_rays_writes_its_record() {
     assert!(day.path().join("report.json").is_file() && day.path().join("tables.md").is_file());
     folder.fails(&["bench", "rays", "--rays", "0"], 2, "1..=100000000");
     folder.fails(&["bench", "rays", "--scene", "teapot"], 1, "the scenes are");
+    folder.fails(&["bench", "rays", "--scenes-dir", "absent"], 1, "--scenes-dir absent: is not a folder");
 }
 
 #[test]
@@ -165,6 +166,7 @@ fn bench_needs_writes_its_record() {
     assert!(day.path().join("report.json").is_file() && day.path().join("tables.md").is_file());
     folder.fails(&["bench", "needs", "--levels", "24"], 2, "1..=23");
     folder.fails(&["bench", "needs", "--scenes", "teapot"], 1, "the scenes are");
+    folder.fails(&["bench", "needs", "--scenes-dir", "box.obj"], 1, "--scenes-dir box.obj: is not a folder");
 }
 
 #[test]

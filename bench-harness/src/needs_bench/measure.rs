@@ -16,6 +16,9 @@ use crate::scene::{self, Scene};
 use crate::system::machine::Machine;
 use crate::{BenchError, Progress};
 
+/// Most voxels of the deepest level, so that octrees of cubes fit in memory.
+const MOST_VOXELS: f64 = 1e9;
+
 /// Builds the octrees, casts, compares, measures.
 ///
 /// # Errors
@@ -41,6 +44,13 @@ pub fn run_needs_bench(options: &NeedsBenchOptions, progress: &Progress) -> Resu
         progress.say(format!("{name}: reading the mesh"));
         let scene = Scene::load(scene::entry(&manifest, name)?, options.scenes_dir.as_deref(), options.views)?;
         for &levels in &options.levels {
+            let voxels = esvo_builder::expected_leaves(&scene.mesh, levels);
+            if voxels > MOST_VOXELS {
+                let billions = voxels / 1e9;
+                return Err(failed(format!(
+                    "{levels} levels of cubes may have {billions:.1} billion voxels; expected levels with less than a billion"
+                )));
+            }
             for contours in [false, true] {
                 progress.say(format!("{name}: building {levels} levels"));
                 let settings = BuildSettings { levels, contours, ..scene.settings };

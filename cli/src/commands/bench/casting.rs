@@ -3,8 +3,11 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use esvo_bench::output::check_writable;
 
 use crate::commands::bench::record::RecordArguments;
+use crate::commands::bench::selection::check_scenes_dir;
+use crate::fail::Failure;
 
 #[derive(Debug, Args)]
 pub(crate) struct CastingArguments {
@@ -19,6 +22,12 @@ pub(crate) struct CastingArguments {
 }
 
 impl CastingArguments {
+    /// Rejects folders that cannot be used.
+    pub(crate) fn check(&self) -> Result<(), Failure> {
+        check_scenes_dir(self.scenes_dir.as_deref())?;
+        Ok(check_writable(&self.record.out)?)
+    }
+
     /// Threads of the CPU caster; `None`: one per core.
     pub(crate) fn threads(&self) -> Option<usize> {
         self.threads.map(Into::into)

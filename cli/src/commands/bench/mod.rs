@@ -32,7 +32,7 @@ prints the tables and writes report.json, tables.md and pictures to results/<mac
 Exit code 1 if the answers of an engine are wrong.
 
 Examples:
-  esvo bench                                    within three minutes on two cores
+  esvo bench                                    about three minutes on two cores
   esvo bench --full --memory 16                 the paper's whole matrix
   esvo bench --scenes sibenik --levels 9,10,11 --backends cpu")]
 pub(crate) struct BenchArguments {

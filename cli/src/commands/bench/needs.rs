@@ -3,7 +3,6 @@
 use clap::{Args, ValueEnum};
 use esvo_bench::Progress;
 use esvo_bench::needs_bench::{NeedsBenchOptions, run_needs_bench, to_text, write_needs_record};
-use esvo_bench::output::check_writable;
 
 use crate::commands::bench::casting::CastingArguments;
 use crate::fail::Failure;
@@ -52,7 +51,7 @@ pub(crate) enum Backend {
 }
 
 pub(crate) fn run_bench_needs(arguments: &BenchNeedsArguments) -> Result<(), Failure> {
-    check_writable(&arguments.casting.record.out)?;
+    arguments.casting.check()?;
     let options = NeedsBenchOptions {
         scenes: arguments.scenes.clone(),
         levels: arguments.levels.clone(),

@@ -8,6 +8,7 @@ use esvo_bench::picture_bench::{PictureBenchOptions, run_picture_bench, write_pi
 use esvo_bench::system::machine::Machine;
 use esvo_bench::{BenchError, Progress};
 
+use crate::commands::bench::selection::check_scenes_dir;
 use crate::fail::{Failure, print};
 use crate::values::parse_size;
 
@@ -43,6 +44,7 @@ pub(crate) fn run_bench_pictures(arguments: &BenchPicturesArguments) -> Result<(
     if arguments.size.iter().any(|&n| n > 8192) {
         return Err("--size: must be at most 8192x8192, as four rays are cast for each pixel".into());
     }
+    check_scenes_dir(arguments.scenes_dir.as_deref())?;
     check_writable(&arguments.out)?;
     let machine = Machine::detect();
     let options = PictureBenchOptions {

@@ -2,7 +2,6 @@
 
 use clap::Args;
 use esvo_bench::Progress;
-use esvo_bench::output::check_writable;
 use esvo_bench::ray_bench::{RayBenchOptions, run_ray_bench, to_text, write_ray_record};
 use esvo_engines::EngineId;
 
@@ -46,7 +45,7 @@ pub(crate) struct BenchRaysArguments {
 }
 
 pub(crate) fn run_bench_rays(arguments: &BenchRaysArguments) -> Result<(), Failure> {
-    check_writable(&arguments.casting.record.out)?;
+    arguments.casting.check()?;
     let mut options = RayBenchOptions {
         scene: arguments.scene.clone(),
         levels: arguments.levels,

@@ -1,6 +1,6 @@
 //! Options that `esvo bench` and `esvo bench build` share: the matrix, and changes to it.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 use esvo_bench::matrix_parts::SceneLevels;
@@ -37,13 +37,18 @@ pub(crate) struct Selection {
     pub(crate) json: bool,
 }
 
+/// Rejects --scenes-dir unless it is a directory.
+pub(crate) fn check_scenes_dir(folder: Option<&Path>) -> Result<(), Failure> {
+    match folder.filter(|folder| !folder.is_dir()) {
+        Some(folder) => Err(format!("--scenes-dir {}: is not a folder", folder.display()).into()),
+        None => Ok(()),
+    }
+}
+
 impl Selection {
     /// Rejects --scenes-dir unless it is a directory.
     pub(crate) fn check(&self) -> Result<(), Failure> {
-        match self.scenes_dir.as_ref().filter(|f| !f.is_dir()) {
-            Some(folder) => Err(format!("--scenes-dir {}: is not a folder", folder.display()).into()),
-            None => Ok(()),
-        }
+        check_scenes_dir(self.scenes_dir.as_deref())
     }
 
     /// Names of the scenes to measure; empty: those of the matrix, which has these scenes.
