@@ -10,6 +10,8 @@ pub(crate) enum Vectors {
     /// Plain arrays, on every processor.
     Arrays,
     Neon,
+    /// On every x86-64 processor.
+    Sse2,
     Avx2,
     Avx512,
 }
@@ -18,16 +20,17 @@ pub(crate) enum Vectors {
 pub(crate) trait Work {
     type Output;
 
-    /// Does the work, in a closure that is passed to [`Simd::vectorize`]. `ARRAYS`: the vectors are plain arrays.
+    /// Does the work, in a closure that is passed to [`Simd::vectorize`]. `TILES` and `LISTS`: whether code for tiles of
+    /// pictures and for lists of rays is worth compiling, see `octree::shared`.
     ///
     /// The closure, and all functions and closures in it that compute with vectors, need `#[inline(always)]`: what is not
     /// inlined is compiled without the instructions of the vectors.
-    fn run<S: Simd, const ARRAYS: bool>(self, simd: S) -> Self::Output;
+    fn run<S: Simd, const TILES: bool, const LISTS: bool>(self, simd: S) -> Self::Output;
 }
 
 impl Vectors {
     /// All of them, the fastest last.
-    pub(crate) const ALL: [Self; 4] = [Self::Arrays, Self::Neon, Self::Avx2, Self::Avx512];
+    pub(crate) const ALL: [Self; 5] = [Self::Arrays, Self::Neon, Self::Sse2, Self::Avx2, Self::Avx512];
 
     /// Those that the processor has, the fastest last.
     pub(crate) fn available() -> impl Iterator<Item = Self> {
@@ -46,6 +49,8 @@ impl Vectors {
             #[cfg(target_arch = "aarch64")]
             Self::Neon => Level::new().as_neon().is_some(),
             #[cfg(target_arch = "x86_64")]
+            Self::Sse2 => Level::new().as_sse2().is_some(),
+            #[cfg(target_arch = "x86_64")]
             Self::Avx2 => Level::new().as_avx2().is_some(),
             #[cfg(target_arch = "x86_64")]
             Self::Avx512 => Level::new().as_avx512().is_some(),
@@ -58,23 +63,29 @@ impl Vectors {
         #[cfg(any(target_arch = "aarch64", target_arch = "x86_64"))]
         let level = Level::new();
         match self {
-            Self::Arrays => return Ok(work.run::<_, true>(Fallback::new())),
+            Self::Arrays => return Ok(work.run::<_, false, false>(Fallback::new())),
             #[cfg(target_arch = "aarch64")]
             Self::Neon => {
                 if let Some(simd) = level.as_neon() {
-                    return Ok(work.run::<_, false>(simd));
+                    return Ok(work.run::<_, true, true>(simd));
+                }
+            }
+            #[cfg(target_arch = "x86_64")]
+            Self::Sse2 => {
+                if let Some(simd) = level.as_sse2() {
+                    return Ok(work.run::<_, true, false>(simd));
                 }
             }
             #[cfg(target_arch = "x86_64")]
             Self::Avx2 => {
                 if let Some(simd) = level.as_avx2() {
-                    return Ok(work.run::<_, false>(simd));
+                    return Ok(work.run::<_, true, true>(simd));
                 }
             }
             #[cfg(target_arch = "x86_64")]
             Self::Avx512 => {
                 if let Some(simd) = level.as_avx512() {
-                    return Ok(work.run::<_, false>(simd));
+                    return Ok(work.run::<_, true, true>(simd));
                 }
             }
             _ => {}

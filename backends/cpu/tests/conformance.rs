@@ -5,6 +5,7 @@ use esvo_cpu::{CpuCaster, InstructionSet};
 
 /// Environment variables that are set where the processor must have an instruction set: without it the tests then fail.
 const REQUIRE_NEON: &str = "ESVO_REQUIRE_NEON";
+const REQUIRE_SSE2: &str = "ESVO_REQUIRE_SSE2";
 const REQUIRE_AVX2: &str = "ESVO_REQUIRE_AVX2";
 const REQUIRE_AVX512: &str = "ESVO_REQUIRE_AVX512";
 
@@ -15,19 +16,22 @@ fn open(instructions: InstructionSet) -> Opened {
 const SCALAR: Subject = Subject::native(|| open(InstructionSet::Scalar));
 const ARRAYS: Subject = Subject::native(|| open(InstructionSet::Arrays));
 const NEON: Subject = Subject::native(|| open(InstructionSet::Neon)).required_by(REQUIRE_NEON);
+const SSE2: Subject = Subject::native(|| open(InstructionSet::Sse2)).required_by(REQUIRE_SSE2);
 const AVX2: Subject = Subject::native(|| open(InstructionSet::Avx2)).required_by(REQUIRE_AVX2);
 const AVX512: Subject = Subject::native(|| open(InstructionSet::Avx512)).required_by(REQUIRE_AVX512);
 
 esvo_core::conformance_suite!(scalar, super::SCALAR);
 esvo_core::conformance_suite!(arrays, super::ARRAYS);
 esvo_core::conformance_suite!(neon, super::NEON);
+esvo_core::conformance_suite!(sse2, super::SSE2);
 esvo_core::conformance_suite!(avx2, super::AVX2);
 esvo_core::conformance_suite!(avx512, super::AVX512);
 
 /// Says on standard error which instruction sets this machine tests and which it does not.
 #[test]
 fn instruction_sets_tested_here() -> Result<(), Fault> {
-    let subjects = [("arrays", ARRAYS), ("scalar", SCALAR), ("NEON", NEON), ("AVX2", AVX2), ("AVX-512", AVX512)];
+    let subjects =
+        [("arrays", ARRAYS), ("scalar", SCALAR), ("NEON", NEON), ("SSE2", SSE2), ("AVX2", AVX2), ("AVX-512", AVX512)];
     assert_eq!(subjects.map(|(name, _)| name), InstructionSet::ALL.map(InstructionSet::name), "one is not tested");
     tell_what_is_tested(&subjects)
 }

@@ -4,35 +4,35 @@ use std::fmt;
 
 use super::scene::Scene;
 use super::tiles::Task;
-#[cfg(target_arch = "x86_64")]
-use super::{gather, packet};
 use super::{shared, single};
 use crate::vectors::Vectors;
 
 /// Instructions that an octree caster is compiled for.
 ///
-/// All but `Scalar` cast pictures in packets of sixteen rays that go through the tree together, and all but `Scalar` and
-/// `Arrays` lists of rays and fans, too, while their rays stay together. The [`iterations`](esvo_core::Hit::iterations) of
-/// such hits are those of the packet; all else equals the reference's hits. Other rays are cast one at a time, with AVX-512 in
-/// lockstep.
+/// All but `Scalar` cast pictures in packets of sixteen rays that go through the tree together. NEON, AVX2 and AVX-512 cast lists
+/// of rays and fans in packets, too, while their rays stay together, and in lockstep where they do not; the others cast them one
+/// ray at a time. The [`iterations`](esvo_core::Hit::iterations) of a packet's hits are those of the packet; all else equals
+/// the reference's hits.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 #[non_exhaustive]
 pub enum InstructionSet {
-    /// Packets of sixteen rays in plain arrays, on every processor, for pictures; other rays one at a time.
+    /// Packets of sixteen rays in plain arrays, on every processor.
     Arrays,
     /// One ray at a time, on every processor; with AVX2 and BMI where the processor has them.
     Scalar,
     /// Packets of sixteen rays, four to a vector; pictures in tiles.
     Neon,
+    /// Packets of sixteen rays, four to a vector, on every x86-64 processor; pictures in tiles.
+    Sse2,
     /// Packets of sixteen rays, eight to a vector; pictures in tiles.
     Avx2,
-    /// Packets of sixteen rays in one vector; pictures in tiles; rays that do not stay together in lockstep.
+    /// Packets of sixteen rays in one vector; pictures in tiles.
     Avx512,
 }
 
 impl InstructionSet {
     /// All of them, the fastest last.
-    pub const ALL: [Self; 5] = [Self::Arrays, Self::Scalar, Self::Neon, Self::Avx2, Self::Avx512];
+    pub const ALL: [Self; 6] = [Self::Arrays, Self::Scalar, Self::Neon, Self::Sse2, Self::Avx2, Self::Avx512];
 
     /// Those that this processor has, the fastest last.
     pub fn available() -> impl Iterator<Item = Self> {
@@ -46,19 +46,16 @@ impl InstructionSet {
 
     /// Whether this processor has it.
     pub fn is_available(self) -> bool {
-        match self {
-            #[cfg(target_arch = "x86_64")]
-            Self::Avx512 => packet::is_available() && Vectors::Avx512.are_available(),
-            _ => self.vectors().is_none_or(Vectors::are_available),
-        }
+        self.vectors().is_none_or(Vectors::are_available)
     }
 
-    /// Its name: `arrays`, `scalar`, `NEON`, `AVX2`, `AVX-512`.
+    /// Its name: `arrays`, `scalar`, `NEON`, `SSE2`, `AVX2`, `AVX-512`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Scalar => "scalar",
             Self::Arrays => "arrays",
             Self::Neon => "NEON",
+            Self::Sse2 => "SSE2",
             Self::Avx2 => "AVX2",
             Self::Avx512 => "AVX-512",
         }
@@ -70,17 +67,9 @@ impl InstructionSet {
             Self::Scalar => single::detail(),
             Self::Arrays => "arrays of 16",
             Self::Neon => "NEON, 4 lanes",
+            Self::Sse2 => "SSE2, 4 lanes",
             Self::Avx2 => "AVX2, 8 lanes",
             Self::Avx512 => "AVX-512, 16 lanes",
-        }
-    }
-
-    /// 32-bit words of the largest image that its code can address.
-    pub(super) fn max_words(self) -> usize {
-        match self {
-            #[cfg(target_arch = "x86_64")]
-            Self::Avx512 => gather::Image::MAX_WORDS,
-            _ => usize::MAX,
         }
     }
 
@@ -90,6 +79,7 @@ impl InstructionSet {
             Self::Scalar => None,
             Self::Arrays => Some(Vectors::Arrays),
             Self::Neon => Some(Vectors::Neon),
+            Self::Sse2 => Some(Vectors::Sse2),
             Self::Avx2 => Some(Vectors::Avx2),
             Self::Avx512 => Some(Vectors::Avx512),
         }
@@ -97,27 +87,13 @@ impl InstructionSet {
 
     /// Does a task.
     pub(super) fn run(self, scene: &Scene, task: Task) {
-        let apart = match self {
-            #[cfg(target_arch = "x86_64")]
-            Self::Avx512 => lockstep,
-            _ => single::run,
-        };
         let left = match self.vectors() {
-            Some(vectors) => shared::run(vectors, scene, task, apart),
+            Some(vectors) => shared::run(vectors, scene, task),
             None => Some(task),
         };
         if let Some(task) = left {
-            apart(scene, task);
+            single::run(scene, task);
         }
-    }
-}
-
-/// Does a task with sixteen rays in lockstep. It can cast every scene that `CpuCaster` pairs with AVX-512.
-#[cfg(target_arch = "x86_64")]
-fn lockstep(scene: &Scene, task: Task) {
-    match packet::Packets::new(scene) {
-        Some(packets) => packets.run(task),
-        None => single::run(scene, task),
     }
 }
 

@@ -2,15 +2,12 @@
 //!
 //! `shared` casts pictures in tiles of 16 x 16 pixels, and pictures, fans and lists in packets of sixteen rays that share a stack:
 //! one source for all vectors of `fearless_simd`.
-//! `single` casts rays one by one: those of [`InstructionSet::Scalar`], and those of fans and lists that do not stay together,
-//! which `packet` casts in lockstep with AVX-512. `tiles` cuts work into sixteens for both.
+//! `lockstep` casts rays of fans and lists that do not stay together, on the same vectors. `single` casts rays one by one: those of
+//! [`InstructionSet::Scalar`], and fans and lists where vectors are too short for packets. `tiles` is what they are asked to do.
 
 pub mod counters;
-#[cfg(target_arch = "x86_64")]
-mod gather;
 mod instructions;
-#[cfg(target_arch = "x86_64")]
-mod packet;
+mod lockstep;
 mod scene;
 mod shared;
 mod single;
@@ -38,56 +35,41 @@ const RAYS_PER_TASK: usize = 4096;
 pub struct CpuCaster {
     device: Device,
     pool: rayon::ThreadPool,
-    /// What the caller asked for; `None`: the fastest that the processor has and the octree allows.
-    wanted: Option<InstructionSet>,
     instructions: InstructionSet,
     leave_out: LeaveOut,
     loaded: Option<(Arc<Octree>, Roots)>,
 }
 
 impl CpuCaster {
-    /// A caster on this many threads, or on one per core, with the fastest instructions that the processor has. An octree
-    /// that they cannot address (over 8 GiB with AVX-512) is cast with others; [`Caster::device`] says which.
+    /// A caster on this many threads, or on one per core, with the fastest instructions that the processor has;
+    /// [`Caster::device`] says which.
     ///
     /// # Errors
     /// [`CastError::Device`]: the system refuses the threads.
     pub fn new(threads: Option<usize>) -> Result<Self, CastError> {
-        Self::open_with(threads, None)
+        Self::with_instructions(threads, InstructionSet::best())
     }
 
     /// The same with these instructions and no others.
     ///
     /// # Errors
-    /// [`CastError::Device`]: the processor does not have them, or the system refuses the threads. Loading an octree that
-    /// they cannot address is an error too.
+    /// [`CastError::Device`]: the processor does not have them, or the system refuses the threads.
     pub fn with_instructions(threads: Option<usize>, instructions: InstructionSet) -> Result<Self, CastError> {
         if !instructions.is_available() {
             return Err(CastError::Device(format!("this processor has no {instructions}")));
         }
-        Self::open_with(threads, Some(instructions))
-    }
-
-    fn open_with(threads: Option<usize>, wanted: Option<InstructionSet>) -> Result<Self, CastError> {
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(threads.unwrap_or(0))
             .build()
             .map_err(|e| CastError::Device(format!("the system starts no threads to cast with: {e}")))?;
-        let device = Device { name: machine::cpu_name(), kind: DeviceKind::Cpu, detail: String::new() };
-        let instructions = wanted.unwrap_or_else(InstructionSet::best);
-        let mut caster = Self { device, pool, wanted, instructions, leave_out: LeaveOut::ALL, loaded: None };
-        caster.use_instructions(instructions);
-        Ok(caster)
+        let detail = format!("{}, {} threads", instructions.detail(), pool.current_num_threads());
+        let device = Device { name: machine::cpu_name(), kind: DeviceKind::Cpu, detail };
+        Ok(Self { device, pool, instructions, leave_out: LeaveOut::ALL, loaded: None })
     }
 
     /// Sets what is left out where nothing needs it: at first, all that can be.
     pub fn leave_out(&mut self, what: LeaveOut) {
         self.leave_out = what;
-    }
-
-    /// Sets the instructions and what the device says about them.
-    fn use_instructions(&mut self, instructions: InstructionSet) {
-        self.instructions = instructions;
-        self.device.detail = format!("{}, {} threads", instructions.detail(), self.pool.current_num_threads());
     }
 
     /// The octree, and what was checked against it.
@@ -123,20 +105,6 @@ impl CpuCaster {
     }
 }
 
-/// The instructions for an image of this many words: those that are wanted, or the fastest that can address it.
-fn instructions_for(words: usize, wanted: Option<InstructionSet>) -> Result<InstructionSet, CastError> {
-    let fits = |set: &InstructionSet| words <= set.max_words();
-    match wanted {
-        None => Ok(InstructionSet::available().filter(fits).last().unwrap_or(InstructionSet::Scalar)),
-        Some(set) if fits(&set) => Ok(set),
-        Some(set) => Err(CastError::Device(format!(
-            "the octree takes {} bytes, more than the {} that {set} can address: cast it with other instructions",
-            words as u64 * 4,
-            set.max_words() as u64 * 4
-        ))),
-    }
-}
-
 impl Caster for CpuCaster {
     fn name(&self) -> &'static str {
         "cpu"
@@ -156,8 +124,6 @@ impl Caster for CpuCaster {
 
     fn load_checked(&mut self, octree: &Arc<Octree>, roots: Roots) -> Result<(), CastError> {
         roots.belong_to(octree)?;
-        let instructions = instructions_for(octree.words().len(), self.wanted)?;
-        self.use_instructions(instructions);
         self.loaded = Some((octree.clone(), roots));
         Ok(())
     }
@@ -213,27 +179,5 @@ impl Caster for CpuCaster {
             tasks.for_each(|(hits, some)| self.instructions.run(&scene, Task::Fans { all: fans, some, hits }));
         });
         Ok(())
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn images_that_gathers_cannot_reach_are_cast_otherwise_or_refused() {
-        let large = i32::MAX as usize + 1;
-        for set in InstructionSet::ALL {
-            assert_eq!(instructions_for(1 << 20, Some(set)).expect("fits"), set);
-        }
-        assert_eq!(instructions_for(1 << 20, None).expect("fits"), InstructionSet::best());
-        let other = InstructionSet::available().filter(|set| *set != InstructionSet::Avx512).last();
-        assert_eq!(Some(instructions_for(large, None).expect("is cast with others")), other);
-        assert_eq!(instructions_for(large, Some(InstructionSet::Scalar)).expect("fits"), InstructionSet::Scalar);
-        #[cfg(target_arch = "x86_64")]
-        {
-            let error = instructions_for(large, Some(InstructionSet::Avx512)).expect_err("is too large").to_string();
-            assert!(error.contains("8589934592 bytes") && error.contains("AVX-512"), "{error}");
-        }
     }
 }

@@ -18,7 +18,7 @@ use fearless_simd::{Fallback, Level, f32x4, i32x4, mask32x4, u32x4};
 
 use super::counters::{What, count};
 use super::scene::Scene;
-use super::tiles::{CastPacket, Found, LANES, Number, Packet, Task};
+use super::tiles::{CastRay, Task};
 
 /// What [`run`] does tasks with.
 pub(super) fn detail() -> &'static str {
@@ -47,28 +47,15 @@ pub(super) fn run(scene: &Scene, task: Task) {
     task.run(scene, &Single { simd: Fallback::new(), scene });
 }
 
-/// Casts the lanes of a packet one after the other.
 struct Single<'a, S> {
     simd: S,
     scene: &'a Scene<'a>,
 }
 
-impl<S: Simd> CastPacket for Single<'_, S> {
+impl<S: Simd> CastRay for Single<'_, S> {
     #[inline(always)]
-    fn cast<N: Number, const CONTOURS: bool, const LOD: bool>(&self, packet: &Packet<N>) -> Found {
-        let mut found = Found::new();
-        for lane in (0..LANES).filter(|lane| packet.active >> lane & 1 != 0) {
-            let ray = Ray {
-                origin: packet.origin.each_ref().map(|number| number.lanes().get(lane)).into(),
-                direction: packet.direction.map(|lanes| lanes[lane]).into(),
-                t_min: packet.t_min.lanes().get(lane),
-                t_max: packet.t_max.lanes().get(lane),
-                size_at_origin: packet.size_at_origin.lanes().get(lane),
-                size_per_t: packet.size_per_t.lanes().get(lane),
-            };
-            found.set(lane, cast::<S, CONTOURS, LOD>(self.simd, self.scene, &ray));
-        }
-        found
+    fn cast<const CONTOURS: bool, const LOD: bool>(&self, ray: &Ray) -> Hit {
+        cast::<S, CONTOURS, LOD>(self.simd, self.scene, ray)
     }
 }
 

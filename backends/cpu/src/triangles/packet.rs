@@ -42,7 +42,7 @@ impl Work for Rows<'_> {
     type Output = ();
 
     /// Casts the rows.
-    fn run<S: Simd, const ARRAYS: bool>(self, simd: S) {
+    fn run<S: Simd, const TILES: bool, const LISTS: bool>(self, simd: S) {
         simd.vectorize(
             #[inline(always)]
             || self.cast(simd),

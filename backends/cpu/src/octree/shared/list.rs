@@ -1,15 +1,16 @@
 //! Lists of rays and fans, sixteen rays at a time while they stay together.
 //!
 //! A visit of a voxel costs a packet the same for one ray as for sixteen. Where few rays of a packet go on together, they are
-//! faster apart. Whether they do is seen when a packet has been cast; what follows it in the list is expected to be alike.
+//! faster in lockstep, each with a stack of its own. Whether they do is seen when a packet has been cast; what follows it in the
+//! list is expected to be alike.
 
 use esvo_core::{Fan, Fans, Hit, Ray};
 use fearless_simd::prelude::*;
 
 use super::super::counters::{What, count};
 use super::super::scene::Scene;
-use super::super::single;
 use super::super::tiles::{LANES, Task};
+use super::super::{lockstep, single};
 use super::packet::{Floats, Packet, Results, finest_scale_at};
 use super::walk::{Stack, cast_alone};
 
@@ -19,68 +20,72 @@ const LEAST_TOGETHER: [u32; 2] = [10, 5];
 
 /// Packets whose rays are cast apart after a packet of rays that do not stay together: the first time, and at most.
 /// Between them, twice as many and one more each time.
-const APART: (u32, u32) = (7, 63);
+const APART: (usize, usize) = (7, 63);
 
 /// Rays of the shortest list that is cast as a packet.
 const LEAST_RAYS: usize = 4;
 
-/// Casts the rays of fans: those of a packet start at one point.
+/// Casts the rays of fans, one fan after the other.
 #[inline(always)]
-pub(super) fn fans<S: Simd>(simd: S, scene: &Scene, all: &Fans, some: &[Fan], hits: &mut [Hit], apart: Apart) {
-    let mut packets = Packets::new(simd, scene, all.contours, apart);
+pub(super) fn fans<S: Simd>(simd: S, scene: &Scene, all: &Fans, some: &[Fan], hits: &mut [Hit]) {
+    let mut packets = Packets::new(simd, scene, all.contours);
+    let mut rays = Vec::with_capacity(all.directions.len());
     for (fan, hits) in some.iter().zip(hits.chunks_exact_mut(all.directions.len())) {
-        for (directions, hits) in all.directions.chunks(LANES).zip(hits.chunks_mut(LANES)) {
-            let mut rays = [Fans::ray(fan, directions[0]); LANES];
-            for (ray, direction) in rays.iter_mut().zip(directions) {
-                *ray = Fans::ray(fan, *direction);
-            }
-            packets.cast(&rays[..directions.len()], hits);
-        }
+        rays.clear();
+        rays.extend(all.directions.iter().map(|direction| Fans::ray(fan, *direction)));
+        packets.cast_all(&rays, hits);
     }
 }
 
 /// Casts a list of rays.
 #[inline(always)]
-pub(super) fn list<S: Simd>(simd: S, scene: &Scene, rays: &[Ray], contours: bool, hits: &mut [Hit], apart: Apart) {
+pub(super) fn list<S: Simd>(simd: S, scene: &Scene, rays: &[Ray], contours: bool, hits: &mut [Hit]) {
     if rays.len() < LEAST_RAYS {
-        return apart(scene, Task::Rays { rays, contours, hits });
+        return single::run(scene, Task::Rays { rays, contours, hits });
     }
-    let mut packets = Packets::new(simd, scene, contours, apart);
-    for (rays, hits) in rays.chunks(LANES).zip(hits.chunks_mut(LANES)) {
-        packets.cast(rays, hits);
-    }
+    Packets::new(simd, scene, contours).cast_all(rays, hits);
 }
-
-/// Casts rays that do not stay together.
-pub(super) type Apart = fn(&Scene, Task);
 
 /// Casts packets one after the other.
 struct Packets<'a, S: Simd> {
     simd: S,
     scene: &'a Scene<'a>,
     contours: bool,
-    apart: Apart,
     stack: Stack<S>,
     /// Packets whose rays are cast apart before the next is tried.
-    wait: u32,
+    wait: usize,
     /// The same after the next packet of rays that do not stay together.
-    next_wait: u32,
+    next_wait: usize,
 }
 
 impl<'a, S: Simd> Packets<'a, S> {
     #[inline(always)]
-    fn new(simd: S, scene: &'a Scene<'a>, contours: bool, apart: Apart) -> Self {
-        Self { simd, scene, contours, apart, stack: Stack::new(simd), wait: 0, next_wait: APART.0 }
+    fn new(simd: S, scene: &'a Scene<'a>, contours: bool) -> Self {
+        Self { simd, scene, contours, stack: Stack::new(simd), wait: 0, next_wait: APART.0 }
     }
 
-    /// Casts at most sixteen rays.
+    /// Casts rays.
+    #[inline(always)]
+    fn cast_all(&mut self, mut rays: &[Ray], mut hits: &mut [Hit]) {
+        while !rays.is_empty() {
+            let together = self.wait == 0;
+            let packets = if together { 1 } else { self.wait.min(rays.len().div_ceil(LANES)) };
+            let (some, other_rays) = rays.split_at(rays.len().min(packets * LANES));
+            let (found, other_hits) = hits.split_at_mut(some.len());
+            (rays, hits) = (other_rays, other_hits);
+            if together {
+                self.cast(some, found);
+            } else {
+                self.wait -= packets;
+                lockstep::cast(self.simd, self.scene, some, self.contours, found);
+            }
+        }
+    }
+
+    /// Casts at most sixteen rays together.
     #[inline(always)]
     fn cast(&mut self, rays: &[Ray], hits: &mut [Hit]) {
         let Self { simd, scene, contours, .. } = *self;
-        if self.wait > 0 {
-            self.wait -= 1;
-            return (self.apart)(scene, Task::Rays { rays, contours, hits });
-        }
         let mut origin = [[0.0; LANES]; 3];
         let mut direction = [[0.0; LANES]; 3];
         let [mut t_min, mut t_max] = [[0.0; LANES]; 2];

@@ -74,14 +74,13 @@ mod walk;
 
 use fearless_simd::prelude::*;
 
-use self::list::Apart;
 use self::picture::{Band, band, coarse_row};
 use super::scene::Scene;
 use super::tiles::Task;
 use crate::vectors::{Vectors, Work};
 
 /// Mistakes that tests make to see that they are found.
-mod fault {
+pub(super) mod fault {
     /// Children that a ray only touches are visited.
     pub(super) const TIES: u8 = 1;
     /// Rays that rounding may lead elsewhere are not looked for at a push.
@@ -94,6 +93,8 @@ mod fault {
     pub(super) const NARROW: u8 = 5;
     /// No ray is in doubt where its block leaves the tile.
     pub(super) const NO_DOUBT: u8 = 6;
+    /// A ray in lockstep ends where the one before it in its lane did.
+    pub(in super::super) const OLD_SPAN: u8 = 7;
 
     #[cfg(test)]
     thread_local! {
@@ -103,7 +104,7 @@ mod fault {
 
     /// Whether this mistake is to be made. Never, but in tests.
     #[inline(always)]
-    pub(super) fn made(_fault: u8) -> bool {
+    pub(in super::super) fn made(_fault: u8) -> bool {
         #[cfg(test)]
         return FAULT.get() == _fault;
         #[cfg(not(test))]
@@ -111,66 +112,55 @@ mod fault {
     }
 }
 
-/// Does a task with these vectors, and with `apart` what they would slow down. Gives the task back if it is not for them, or
-/// if the processor does not have them.
-pub(super) fn run<'a>(vectors: Vectors, scene: &'a Scene, task: Task<'a>, apart: Apart) -> Option<Task<'a>> {
-    vectors.run(Packets { scene, task, apart }).unwrap_or_else(|packets| Some(packets.task))
+/// Does a task with these vectors. Gives it back if it is not for them, or if the processor does not have them.
+pub(super) fn run<'a>(vectors: Vectors, scene: &'a Scene, task: Task<'a>) -> Option<Task<'a>> {
+    vectors.run(Packets { scene, task }).unwrap_or_else(|packets| Some(packets.task))
 }
 
 struct Packets<'a> {
     scene: &'a Scene<'a>,
     task: Task<'a>,
-    apart: Apart,
 }
 
 impl<'a> Work for Packets<'a> {
     /// A task that is not for them.
     type Output = Option<Task<'a>>;
 
-    /// Plain arrays cast pictures without tiles, since what they would gain is not worth minutes of compiling, and give back fans
-    /// and lists, which they would cast slower than one ray at a time.
-    fn run<S: Simd, const ARRAYS: bool>(self, simd: S) -> Option<Task<'a>> {
-        if ARRAYS {
-            compiled::<_, false>(simd, self.scene, self.task, self.apart)
-        } else {
-            compiled::<_, true>(simd, self.scene, self.task, self.apart)
+    /// Plain arrays cast pictures without tiles, since what they would gain is not worth minutes of compiling. They and SSE2 give
+    /// back fans and lists, which they would cast slower than one ray at a time.
+    fn run<S: Simd, const TILES: bool, const LISTS: bool>(self, simd: S) -> Option<Task<'a>> {
+        let Self { scene, task } = self;
+        match task {
+            Task::Band { view, coarse, first_row, hits } => {
+                let rows = Band { view, coarse, first_row, hits };
+                simd.vectorize(
+                    #[inline(always)]
+                    || band::<_, TILES>(simd, scene, rows),
+                );
+                None
+            }
+            Task::CoarseRow { view, row, starts } => {
+                simd.vectorize(
+                    #[inline(always)]
+                    || coarse_row(simd, scene, view, row, starts),
+                );
+                None
+            }
+            Task::Fans { all, some, hits } if LISTS => {
+                simd.vectorize(
+                    #[inline(always)]
+                    || list::fans(simd, scene, all, some, hits),
+                );
+                None
+            }
+            Task::Rays { rays, contours, hits } if LISTS => {
+                simd.vectorize(
+                    #[inline(always)]
+                    || list::list(simd, scene, rays, contours, hits),
+                );
+                None
+            }
+            other => Some(other),
         }
-    }
-}
-
-/// If vectors are not `FAST`, pictures are cast without tiles, and fans and lists are given back.
-#[inline(always)]
-fn compiled<'a, S: Simd, const FAST: bool>(simd: S, scene: &Scene, task: Task<'a>, apart: Apart) -> Option<Task<'a>> {
-    match task {
-        Task::Band { view, coarse, first_row, hits } => {
-            let rows = Band { view, coarse, first_row, hits };
-            simd.vectorize(
-                #[inline(always)]
-                || band::<_, FAST>(simd, scene, rows),
-            );
-            None
-        }
-        Task::CoarseRow { view, row, starts } => {
-            simd.vectorize(
-                #[inline(always)]
-                || coarse_row(simd, scene, view, row, starts),
-            );
-            None
-        }
-        Task::Fans { all, some, hits } if FAST => {
-            simd.vectorize(
-                #[inline(always)]
-                || list::fans(simd, scene, all, some, hits, apart),
-            );
-            None
-        }
-        Task::Rays { rays, contours, hits } if FAST => {
-            simd.vectorize(
-                #[inline(always)]
-                || list::list(simd, scene, rays, contours, hits, apart),
-            );
-            None
-        }
-        other => Some(other),
     }
 }

@@ -7,8 +7,8 @@ use esvo_core::testing::sample::{Sample, cameras, strange_views};
 use esvo_core::{CastOptions, Caster, Hit, Ray, Rays, View};
 use esvo_format::Octree;
 
+use super::super::lockstep;
 use super::super::scene::LeaveOut;
-use super::super::single;
 use super::super::tiles::BAND_ROWS;
 use super::packet::finest_scale;
 use super::*;
@@ -22,14 +22,14 @@ fn picture(set: Vectors, octree: &Octree, view: &View) -> Vec<Hit> {
         for row in 0..rows {
             let mut starts = vec![0.0; columns as usize];
             let task = Task::CoarseRow { view, row, starts: &mut starts };
-            assert!(run(set, &scene, task, single::run).is_none(), "{set:?}");
+            assert!(run(set, &scene, task).is_none(), "{set:?}");
             coarse.extend(starts);
         }
     }
     let mut hits = vec![Hit::miss(0); view.pixels()];
     for (band, hits) in hits.chunks_mut(view.width as usize * BAND_ROWS).enumerate() {
         let task = Task::Band { view, coarse: &coarse, first_row: (band * BAND_ROWS) as u32, hits };
-        assert!(run(set, &scene, task, single::run).is_none(), "{set:?}");
+        assert!(run(set, &scene, task).is_none(), "{set:?}");
     }
     hits
 }
@@ -108,6 +108,13 @@ fn lists(octree: &Octree) -> Vec<Vec<Ray>> {
 
 /// Rays of lists that are cast otherwise than the reference casts them.
 fn list_differences(set: Vectors, samples: &[Arc<Octree>]) -> usize {
+    differences_of(samples, false, |scene, rays, contours, hits| {
+        assert!(run(set, scene, Task::Rays { rays, contours, hits }).is_none(), "{set:?}");
+    })
+}
+
+/// The same for those that `cast` casts, with or without their iterations.
+fn differences_of(samples: &[Arc<Octree>], iterations: bool, cast: impl Fn(&Scene, &[Ray], bool, &mut [Hit])) -> usize {
     let mut count = 0;
     for octree in samples {
         let root = octree.objects()[0].root_slot as u32;
@@ -118,8 +125,10 @@ fn list_differences(set: Vectors, samples: &[Arc<Octree>]) -> usize {
             let mut expected = Vec::new();
             reference.cast_rays(&Rays { root, contours, rays }, &mut expected).expect("is loaded");
             let mut found = vec![Hit::miss(0); rays.len()];
-            assert!(run(set, &scene, Task::Rays { rays, contours, hits: &mut found }, single::run).is_none());
-            let same = |(a, b): (&Hit, &Hit)| a.raw_t == b.raw_t && a.same_voxel(b);
+            cast(&scene, rays, contours, &mut found);
+            let same = |(a, b): (&Hit, &Hit)| {
+                a.raw_t == b.raw_t && a.same_voxel(b) && (!iterations || a.iterations == b.iterations)
+            };
             count += found.iter().zip(&expected).filter(|pair| !same(*pair)).count();
         }
     }
@@ -139,9 +148,43 @@ fn packets_find_what_the_reference_finds() {
     }
 }
 
-/// Sets whose lists are cast in packets: plain arrays cast them one ray at a time.
+/// Sets whose lists are cast in packets: the others cast them one ray at a time.
 fn sets_with_lists() -> impl Iterator<Item = Vectors> {
-    Vectors::available().filter(|set| *set != Vectors::Arrays)
+    Vectors::available().filter(|set| ![Vectors::Arrays, Vectors::Sse2].contains(set))
+}
+
+/// Casts a list in lockstep.
+struct Lockstep<'a> {
+    scene: &'a Scene<'a>,
+    rays: &'a [Ray],
+    contours: bool,
+    hits: &'a mut [Hit],
+}
+
+impl Work for Lockstep<'_> {
+    type Output = ();
+
+    fn run<S: Simd, const TILES: bool, const LISTS: bool>(self, simd: S) {
+        if LISTS {
+            lockstep::cast(simd, self.scene, self.rays, self.contours, self.hits);
+        }
+    }
+}
+
+#[test]
+fn lockstep_finds_what_the_reference_finds() {
+    for set in sets_with_lists() {
+        let differences = |samples: &[Arc<Octree>]| {
+            differences_of(samples, true, |scene, rays, contours, hits| {
+                assert!(set.run(Lockstep { scene, rays, contours, hits }).is_ok());
+            })
+        };
+        assert_eq!(differences(&samples()), 0, "{set:?}");
+        fault::FAULT.set(fault::OLD_SPAN);
+        let count = differences(&samples());
+        fault::FAULT.set(0);
+        assert_ne!(count, 0, "{set:?}: a ray with the end of the one before");
+    }
 }
 
 #[test]
