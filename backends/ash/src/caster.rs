@@ -6,12 +6,15 @@ use std::time::{Duration, Instant};
 
 use ash::vk;
 use ash::vk::{BufferUsageFlags as Usage, DescriptorType};
+use esvo_core::filter::kernel::Band;
+use esvo_core::filter::{Frame, Radius};
 use esvo_core::gpu::kernel::{self, Bands, GpuOptions, Pass, Placement, Variant, WORKGROUP};
 use esvo_core::gpu::resident::{Resident, SlotMap};
-use esvo_core::{CastError, Caster, Checked, Device, FrameTime, Hit, Ray, Rays, Roots, View};
+use esvo_core::{CastError, Caster, Checked, Device, Filtered, FrameTime, Hit, Ray, Rays, Roots, View};
 use esvo_format::Octree;
 
 use crate::buffers::{Buffer, upload};
+use crate::filter::Filter;
 use crate::gpu::{Gpu, TIMESTAMPS};
 use crate::pipeline::{BufferSet, Pipeline};
 use crate::rays::RayBuffers;
@@ -25,6 +28,8 @@ pub struct AshCaster {
     frame: Option<FrameBuffers>,
     /// Made for the longest list of rays so far.
     rays: Option<RayBuffers>,
+    /// Made for the largest picture so far.
+    filter: Option<Filter>,
     loaded: Option<Loaded>,
     options: GpuOptions,
     gpu: Arc<Gpu>,
@@ -57,7 +62,14 @@ impl AshCaster {
     /// # Errors
     /// [`CastError::Device`]: there is no Vulkan library, no device, or none of the wanted name.
     pub fn new(options: &GpuOptions) -> Result<Self, CastError> {
-        Ok(Self { frame: None, rays: None, loaded: None, options: options.clone(), gpu: Arc::new(Gpu::open(options)?) })
+        Ok(Self {
+            frame: None,
+            rays: None,
+            filter: None,
+            loaded: None,
+            options: options.clone(),
+            gpu: Arc::new(Gpu::open(options)?),
+        })
     }
 
     /// Compiles the kernels of a frame and makes its buffers. Returns the bands.
@@ -227,6 +239,22 @@ impl Caster for AshCaster {
         }
         self.loaded.as_ref().ok_or(CastError::NotLoaded)?.map.restore(hits);
         Ok(())
+    }
+
+    fn filter(&mut self, frame: &Frame, radius: Radius) -> Result<Filtered, CastError> {
+        let limits = &self.gpu.adapter.limits;
+        let max_bytes = u64::from(limits.max_storage_buffer_range).min(self.gpu.adapter.max_allocation);
+        let max_groups = limits.max_compute_work_group_count[0].min(limits.max_compute_work_group_count[1]);
+        let bands = Band::all(frame, max_bytes, max_groups)?;
+        let most = |rows: fn(&Band) -> u32| {
+            4 * u64::from(frame.width()) * u64::from(bands.iter().map(rows).max().unwrap_or(0))
+        };
+        let (input, output) = (most(|band| band.input_rows), most(|band| band.rows));
+        let filter = match self.filter.take().filter(|filter| filter.fits(input, output)) {
+            Some(filter) => filter,
+            None => Filter::new(&self.gpu, input, output)?,
+        };
+        self.filter.insert(filter).run(&self.gpu, &bands, frame, radius)
     }
 
     fn time_checked(&mut self, view: Checked<View>) -> Result<FrameTime, CastError> {

@@ -36,6 +36,7 @@
 
 mod buffers;
 mod caster;
+mod filter;
 mod gpu;
 mod instance;
 mod pipeline;

@@ -14,6 +14,23 @@ use crate::pipeline::{BufferSet, Pipeline};
 /// Fewest rays that buffers are made for.
 const SMALLEST: usize = 1 << 10;
 
+/// Something that uses buffers: its stage, and how it writes and reads.
+pub(crate) type User = (vk::PipelineStageFlags, vk::AccessFlags, vk::AccessFlags);
+
+pub(crate) const TRANSFER: User =
+    (vk::PipelineStageFlags::TRANSFER, vk::AccessFlags::TRANSFER_WRITE, vk::AccessFlags::TRANSFER_READ);
+pub(crate) const SHADER: User =
+    (vk::PipelineStageFlags::COMPUTE_SHADER, vk::AccessFlags::SHADER_WRITE, vk::AccessFlags::SHADER_READ);
+pub(crate) const HOST: User = (vk::PipelineStageFlags::HOST, vk::AccessFlags::HOST_WRITE, vk::AccessFlags::HOST_READ);
+
+/// Makes what one user has written visible to the next.
+pub(crate) fn wait(device: &ash::Device, commands: vk::CommandBuffer, before: User, after: User) {
+    let barrier = [vk::MemoryBarrier::default().src_access_mask(before.1).dst_access_mask(after.2)];
+    let none = vk::DependencyFlags::empty();
+    // SAFETY: the command buffer is being recorded; the barrier names no objects.
+    unsafe { device.cmd_pipeline_barrier(commands, before.0, after.0, none, &barrier, &[], &[]) };
+}
+
 /// Buffers for the rays of one dispatch.
 pub(crate) struct RayBuffers {
     set: BufferSet,
@@ -76,27 +93,16 @@ impl RayBuffers {
         self.rays[0].contents()[..from.len()].copy_from_slice(from);
         let ray_copy = [vk::BufferCopy { src_offset: 0, dst_offset: 0, size: from.len() as u64 }];
         let hit_copy = [vk::BufferCopy { src_offset: 0, dst_offset: 0, size: to.len() as u64 }];
-        let (transfer, shader, host) = (
-            (vk::PipelineStageFlags::TRANSFER, vk::AccessFlags::TRANSFER_WRITE, vk::AccessFlags::TRANSFER_READ),
-            (vk::PipelineStageFlags::COMPUTE_SHADER, vk::AccessFlags::SHADER_WRITE, vk::AccessFlags::SHADER_READ),
-            (vk::PipelineStageFlags::HOST, vk::AccessFlags::HOST_WRITE, vk::AccessFlags::HOST_READ),
-        );
         let this = &*self;
         gpu.run(|device, commands| {
-            let wait = |before: (_, vk::AccessFlags, _), after: (_, _, vk::AccessFlags)| {
-                let barrier = [vk::MemoryBarrier::default().src_access_mask(before.1).dst_access_mask(after.2)];
-                let none = vk::DependencyFlags::empty();
-                // SAFETY: the command buffer is being recorded; the barrier names no objects.
-                unsafe { device.cmd_pipeline_barrier(commands, before.0, after.0, none, &barrier, &[], &[]) };
-            };
             // SAFETY: the rays fit both buffers, which outlive the submission.
             unsafe { device.cmd_copy_buffer(commands, this.rays[0].handle, this.rays[1].handle, &ray_copy) };
-            wait(transfer, shader);
+            wait(device, commands, TRANSFER, SHADER);
             pipeline.dispatch(commands, &[&this.set, octree], (kernel::ray_workgroups(count, WORKGROUP), 1));
-            wait(shader, transfer);
+            wait(device, commands, SHADER, TRANSFER);
             // SAFETY: the hits fit both buffers, which outlive the submission.
             unsafe { device.cmd_copy_buffer(commands, this.hits[0].handle, this.hits[1].handle, &hit_copy) };
-            wait(transfer, host);
+            wait(device, commands, TRANSFER, HOST);
         })?;
         to.copy_from_slice(&self.hits[1].contents()[..to.len()]);
         Ok(())

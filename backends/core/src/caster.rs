@@ -2,12 +2,13 @@
 
 use std::fmt;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use esvo_format::Octree;
 use serde::{Deserialize, Serialize};
 
-use crate::{CastError, Checked, Fans, Hit, Rays, Roots, View};
+use crate::filter::{self, Frame, Radius};
+use crate::{CastError, Checked, Fans, Hit, Picture, Rays, Roots, View};
 
 /// Casts rays against one octree.
 ///
@@ -85,6 +86,17 @@ pub trait Caster: Send {
         self.cast_fans_checked(fans, hits)
     }
 
+    /// Filters a picture where voxels are larger than a pixel (paper section 4.3). Needs no octree. Without a method of its
+    /// own, an engine filters on one thread.
+    ///
+    /// # Errors
+    /// What the device said; a picture that is larger than it takes.
+    fn filter(&mut self, frame: &Frame, radius: Radius) -> Result<Filtered, CastError> {
+        let start = Instant::now();
+        let picture = filter::filter(frame, radius);
+        Ok(Filtered { picture, time: start.elapsed() })
+    }
+
     /// For engines: the roots that came with the octree that is loaded; `None` without one.
     fn roots(&self) -> Option<&Roots>;
 
@@ -131,6 +143,15 @@ pub struct FrameTime {
     pub total: Duration,
     /// The coarse pass alone; zero without one.
     pub coarse: Duration,
+}
+
+/// A picture that was filtered.
+#[derive(Clone, PartialEq, Debug)]
+pub struct Filtered {
+    /// The picture.
+    pub picture: Picture,
+    /// How long the pass took, without copies: on a GPU by its own timestamps, on a CPU by a monotonic clock.
+    pub time: Duration,
 }
 
 /// What a caster runs on.

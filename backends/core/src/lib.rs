@@ -60,6 +60,7 @@
 //! | read a hit | [`Hit`]; its position, normal, colour and voxel in mesh space: [`HitPoint`] |
 //! | go on from a hit | [`HitPoint::next_ray`]; to a light: [`HitPoint::shadow_ray`] |
 //! | make a picture | [`shading`], [`Picture`]; files: [`picture`] with the feature `png` |
+//! | filter a picture where voxels are larger than a pixel | [`filter`], [`Caster::filter`] |
 //! | compute ambient occlusion | [`ambient`] |
 //! | know what a correct hit is | [`mod@reference`]: the paper's Figure 8 |
 //! | write an engine | the methods of [`Caster`] that end in `_checked`, [`Checked`], [`Roots`] |
@@ -96,6 +97,7 @@ mod checked;
 mod error;
 pub mod exact;
 mod fan;
+pub mod filter;
 mod frame;
 pub mod gpu;
 mod hit;
@@ -109,7 +111,7 @@ mod shape;
 pub mod testing;
 
 pub use camera::Camera;
-pub use caster::{Caster, Device, DeviceKind, FrameTime};
+pub use caster::{Caster, Device, DeviceKind, Filtered, FrameTime};
 pub use checked::{Checked, Roots};
 pub use error::CastError;
 pub use fan::{Fan, Fans};

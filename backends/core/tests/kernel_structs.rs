@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::mem::offset_of;
 
+use esvo_core::filter::kernel::{FILTER_WGSL, Params};
 use esvo_core::gpu::kernel::CAST_WGSL;
 use esvo_core::{Hit, Ray, View};
 
@@ -44,32 +45,40 @@ fn kernel_layout(kernel: &str, name: &str) -> Layout {
 }
 
 /// WGSL rounds the size of a struct up, where Rust has a field for that.
-fn without_padding(mut layout: Layout) -> Layout {
-    assert_eq!(layout.members.remove("padding"), Some((84, 12)));
+fn without_padding(at: usize, mut layout: Layout) -> Layout {
+    assert_eq!(layout.members.remove("padding"), Some((at, 12)));
     layout
 }
 
 fn rust_view() -> Layout {
-    without_padding(rust_layout!(View {
-        origin,
-        t_near,
-        base,
-        pixel_size,
-        dx,
-        max_voxel_pixels,
-        dy,
-        t_per_depth,
-        width,
-        height,
-        root,
-        flags,
-        first_row,
-        padding
-    }))
+    without_padding(
+        84,
+        rust_layout!(View {
+            origin,
+            t_near,
+            base,
+            pixel_size,
+            dx,
+            max_voxel_pixels,
+            dy,
+            t_per_depth,
+            width,
+            height,
+            root,
+            flags,
+            first_row,
+            padding
+        }),
+    )
 }
 
 fn rust_hit() -> Layout {
     rust_layout!(Hit { raw_t, slot, voxel, iterations })
+}
+
+fn rust_params() -> Layout {
+    let layout = rust_layout!(Params { width, rows, margin, input_rows, adapted, padding, samples, radii });
+    without_padding(20, layout)
 }
 
 fn rust_ray() -> Layout {
@@ -81,6 +90,7 @@ fn the_kernel_s_structs_are_those_of_rust() {
     assert_eq!(kernel_layout(CAST_WGSL, "View"), rust_view());
     assert_eq!(kernel_layout(CAST_WGSL, "Hit"), rust_hit());
     assert_eq!(kernel_layout(CAST_WGSL, "RayRecord"), rust_ray());
+    assert_eq!(kernel_layout(FILTER_WGSL, "Params"), rust_params());
 }
 
 /// The negative control: members that are swapped, renamed, missing or of another size are noticed.

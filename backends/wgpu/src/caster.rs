@@ -4,12 +4,14 @@ use std::collections::{HashMap, VecDeque};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use esvo_core::filter::{Frame, Radius};
 use esvo_core::gpu::kernel::{self, Bands, GpuOptions, Pass, Placement, Variant, WORKGROUP};
 use esvo_core::gpu::resident::{Resident, SlotMap};
-use esvo_core::{CastError, Caster, Checked, Device, FrameTime, Hit, Ray, Rays, Roots, View};
+use esvo_core::{CastError, Caster, Checked, Device, Filtered, FrameTime, Hit, Ray, Rays, Roots, View};
 use esvo_device::{Gpu, Timestamps, Usage, storage, uniform};
 use esvo_format::Octree;
 
+use crate::filter::Filter;
 use crate::rays::{self, Batch, PendingHits, RayBuffers};
 
 /// Casts by the WGSL kernel through wgpu.
@@ -21,6 +23,8 @@ pub struct WgpuCaster {
     frame: Option<FrameBuffers>,
     /// Buffers for rays that nothing uses at the moment.
     spare: Vec<RayBuffers>,
+    /// Compiled when a picture is filtered for the first time.
+    filter: Option<Filter>,
 }
 
 /// An octree on the device.
@@ -68,7 +72,7 @@ impl WgpuCaster {
     }
 
     fn on(gpu: Gpu, options: GpuOptions) -> Self {
-        Self { gpu, options, loaded: None, frame: None, spare: Vec::new() }
+        Self { gpu, options, loaded: None, frame: None, spare: Vec::new(), filter: None }
     }
 
     /// Casts rays as [`cast_rays`](Caster::cast_rays) does, but does not wait for the hits. [`poll`](Self::poll) returns them.
@@ -237,6 +241,14 @@ impl Caster for WgpuCaster {
         }
         self.loaded.as_ref().ok_or(CastError::NotLoaded)?.map.restore(hits);
         Ok(())
+    }
+
+    fn filter(&mut self, frame: &Frame, radius: Radius) -> Result<Filtered, CastError> {
+        let filter = match self.filter.take() {
+            Some(filter) => filter,
+            None => Filter::new(&self.gpu)?,
+        };
+        self.filter.insert(filter).run(&self.gpu, frame, radius)
     }
 
     fn time_checked(&mut self, view: Checked<View>) -> Result<FrameTime, CastError> {

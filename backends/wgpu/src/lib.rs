@@ -18,6 +18,7 @@
 //! - `esvo_core::gpu`: the kernel, its variants, and how an octree is split over bindings.
 
 mod caster;
+mod filter;
 mod rays;
 
 pub use caster::WgpuCaster;

@@ -16,7 +16,10 @@ mod tiles;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use esvo_core::{CastError, Caster, Checked, Device, DeviceKind, Fans, FrameTime, Hit, Ray, Rays, Roots, View};
+use esvo_core::filter::{Frame, Radius, filter_rows};
+use esvo_core::{
+    CastError, Caster, Checked, Device, DeviceKind, Fans, Filtered, FrameTime, Hit, Picture, Ray, Rays, Roots, View,
+};
 use esvo_format::Octree;
 use rayon::prelude::*;
 
@@ -164,6 +167,19 @@ impl Caster for CpuCaster {
             self.pool.install(|| tasks.for_each(run));
         }
         Ok(())
+    }
+
+    fn filter(&mut self, frame: &Frame, radius: Radius) -> Result<Filtered, CastError> {
+        let row_bytes = 3 * frame.width() as usize;
+        let start = Instant::now();
+        let mut rgb8 = vec![0; row_bytes * frame.height() as usize];
+        self.pool.install(|| {
+            rgb8.par_chunks_mut(row_bytes * BAND_ROWS).enumerate().for_each(|(band, rows)| {
+                filter_rows(frame, radius, (band * BAND_ROWS) as u32, rows);
+            });
+        });
+        let time = start.elapsed();
+        Ok(Filtered { picture: Picture { width: frame.width(), height: frame.height(), rgb8 }, time })
     }
 
     fn cast_fans_checked(&mut self, fans: Checked<Fans<'_>>, hits: &mut Vec<Hit>) -> Result<(), CastError> {

@@ -22,6 +22,7 @@
 
 mod broken;
 mod checks;
+mod filter;
 mod kernel;
 mod rays;
 
@@ -30,6 +31,7 @@ use std::fmt::Debug;
 use esvo_format::FormatError;
 
 pub use checks::*;
+pub use filter::*;
 pub use kernel::*;
 pub use rays::*;
 
@@ -190,6 +192,8 @@ macro_rules! conformance_suite {
             times_are_plausible
             broken_casters_are_caught
             broken_casters_of_rays_are_caught
+            filters_agree
+            broken_filters_are_caught
         }
     };
     (@table () $($check:ident)*) => {

@@ -7,10 +7,11 @@ use esvo_format::Octree;
 use super::checks::broken_casters_are_caught_by;
 use super::rays::broken_casters_of_rays_are_caught_by;
 use super::*;
+use crate::filter::{Frame, Radius};
 use crate::reference::ReferenceCaster;
 use crate::testing::compare::Comparison;
 use crate::testing::{rays, sample};
-use crate::{Checked, Device, Fans, FrameTime, Hit, Ray, Rays, Roots, View};
+use crate::{Checked, Device, Fans, Filtered, FrameTime, Hit, Ray, Rays, Roots, View};
 
 /// The reference with one fault.
 struct Faulty {
@@ -41,6 +42,8 @@ enum Mistake {
     KnowsOneObject,
     /// Hits nothing but gives good reasons.
     Blind,
+    /// Gives frames back as they are.
+    FiltersNothing,
 }
 
 impl Caster for Faulty {
@@ -98,6 +101,15 @@ impl Caster for Faulty {
         Ok(())
     }
 
+    fn filter(&mut self, frame: &Frame, radius: Radius) -> Result<Filtered, CastError> {
+        let mut filtered = self.caster.filter(frame, radius)?;
+        if self.fault == Mistake::FiltersNothing {
+            let rgb = |pixel: &u32| pixel.to_le_bytes().into_iter().take(3);
+            filtered.picture.rgb8 = frame.pixels().iter().flat_map(rgb).collect();
+        }
+        Ok(filtered)
+    }
+
     fn time_checked(&mut self, view: Checked<View>) -> Result<FrameTime, CastError> {
         let time = self.caster.time_checked(view)?;
         let factor = if self.fault == Mistake::Exaggerates { 1000 } else { 1 };
@@ -135,7 +147,7 @@ const REFERENCE: Subject = Subject::native(|| Ok(Box::new(ReferenceCaster::defau
 conformance_suite!(reference, super::REFERENCE);
 
 /// For every check, a caster that fails it.
-const FAILING: [(&str, Subject); 20] = [
+const FAILING: [(&str, Subject); 22] = [
     ("cubes_agree", Subject::native(|| open(Mistake::Forgets))),
     ("contours_agree", Subject::native(|| open(Mistake::Forgets))),
     ("blocks_and_far_pointers_agree", Subject::native(|| open(Mistake::Forgets))),
@@ -156,6 +168,8 @@ const FAILING: [(&str, Subject); 20] = [
     ("times_are_plausible", Subject::native(|| open(Mistake::Exaggerates))),
     ("broken_casters_are_caught", Subject::native(|| Err(CastError::NotLoaded))),
     ("broken_casters_of_rays_are_caught", Subject::native(|| Err(CastError::NotLoaded))),
+    ("filters_agree", Subject::native(|| open(Mistake::FiltersNothing))),
+    ("broken_filters_are_caught", Subject::native(|| Err(CastError::NotLoaded))),
 ];
 
 #[test]
@@ -165,7 +179,7 @@ fn every_check_fails_for_some_caster() {
         match (*name, check(faulty)) {
             (_, Err(Fault::Wrong(what))) => println!("{name}: {what}"),
             // No caster fails these, but comparisons that are blind: see the next test.
-            (name, Err(Fault::Cast(CastError::NotLoaded))) if name.starts_with("broken_casters") => {}
+            (name, Err(Fault::Cast(CastError::NotLoaded))) if name.starts_with("broken_") => {}
             (_, other) => panic!("{name} of a faulty caster: {other:?}"),
         }
     }
