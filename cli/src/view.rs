@@ -63,10 +63,22 @@ impl ViewArguments {
     /// The camera and the view of the first object of an octree.
     pub(crate) fn view(&self, octree: &Octree, beam: bool) -> Result<(Camera, View), Failure> {
         let camera = camera(self, octree)?;
-        let options = CastOptions { contours: !self.no_contours, beam, max_voxel_pixels: self.max_voxel_pixels };
-        let root = octree.objects()[0].root_slot as u32;
-        let view = View::new(&camera, octree.octree_to_mesh(0), root, self.size.into(), &options)?;
+        let view = self.view_of(&camera, octree, 0, beam)?;
         Ok((camera, view))
+    }
+
+    /// The camera and the view of each object of an octree.
+    pub(crate) fn views(&self, octree: &Octree, beam: bool) -> Result<(Camera, Vec<View>), Failure> {
+        let camera = camera(self, octree)?;
+        let objects = 0..octree.objects().len();
+        let views = objects.map(|object| self.view_of(&camera, octree, object, beam)).collect::<Result<_, _>>()?;
+        Ok((camera, views))
+    }
+
+    fn view_of(&self, camera: &Camera, octree: &Octree, object: usize, beam: bool) -> Result<View, Failure> {
+        let options = CastOptions { contours: !self.no_contours, beam, max_voxel_pixels: self.max_voxel_pixels };
+        let root = octree.objects()[object].root_slot as u32;
+        Ok(View::new(camera, octree.octree_to_mesh(object), root, self.size.into(), &options)?)
     }
 }
 

@@ -10,7 +10,8 @@ use glam::{DMat4, DVec3};
 use crate::attributes::own_normal;
 pub use crate::attributes::{PLAIN_COLOR, voxel_ambient, voxel_color, voxel_normal};
 use crate::exact::{CameraRays, TriangleHit};
-use crate::{Hit, Picture, View};
+use crate::filter::{code_at, code_of};
+use crate::{Hit, Nearest, Picture, View};
 
 /// A surface at a point.
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -81,18 +82,32 @@ pub fn octree_to_mesh(octree: &Octree, view: &View) -> DMat4 {
 /// # Panics
 /// `hits` are not those of this octree and view.
 pub fn shade(octree: &Octree, view: &View, hits: &[Hit]) -> Picture {
-    let to_mesh = octree_to_mesh(octree, view);
-    let rays = CameraRays::of_view(view, to_mesh);
-    let light = Light::new(&rays);
-    Picture::from_fn((view.width, view.height), |x, y| {
-        let hit = &hits[y as usize * view.width as usize + x as usize];
+    shade_all(octree, std::slice::from_ref(view), hits, |_| 0)
+}
+
+/// The objects of an octree, shaded as by [`shade`]: the nearest hits over these views.
+///
+/// # Panics
+/// `nearest` are not the hits of this octree and of these views.
+pub fn shade_nearest(octree: &Octree, views: &[View], nearest: &Nearest) -> Picture {
+    shade_all(octree, views, &nearest.hits, |pixel| nearest.views[pixel] as usize)
+}
+
+/// `view_of`: the number of the view of a pixel's hit.
+fn shade_all(octree: &Octree, views: &[View], hits: &[Hit], view_of: impl Fn(usize) -> usize) -> Picture {
+    let cameras: Vec<_> = views.iter().map(|view| (view, octree_to_mesh(octree, view))).collect();
+    let rays: Vec<_> = cameras.iter().map(|(view, to_mesh)| CameraRays::of_view(view, *to_mesh)).collect();
+    let light = Light::new(&rays[0]);
+    Picture::from_fn((views[0].width, views[0].height), |x, y| {
+        let pixel = y as usize * views[0].width as usize + x as usize;
+        let hit = &hits[pixel];
         if hit.is_miss() {
             return light.sky(y);
         }
+        let (view, to_mesh) = &cameras[view_of(pixel)];
         let ray = view.ray(x, y);
-        let surface =
-            Surface { normal: own_normal(octree, &to_mesh, &ray, hit), color: voxel_color(octree, &ray, hit) };
-        light.lit(&surface, voxel_ambient(octree, hit), rays.ray(x, y).direction)
+        let surface = Surface { normal: own_normal(octree, to_mesh, &ray, hit), color: voxel_color(octree, &ray, hit) };
+        light.lit(&surface, voxel_ambient(octree, hit), rays[view_of(pixel)].ray(x, y).direction)
     })
 }
 
@@ -129,15 +144,52 @@ pub fn iteration_map(view: &View, hits: &[Hit], most: u32) -> Picture {
 /// Normals that face the viewer, in mesh space: components from -1 to 1 become red, green and blue. Misses are black.
 ///
 /// # Panics
-/// `hits` are not those of this octree and view.
-pub fn normal_map(octree: &Octree, view: &View, hits: &[Hit]) -> Picture {
-    let to_mesh = octree_to_mesh(octree, view);
-    Picture::from_fn((view.width, view.height), |x, y| {
-        let hit = &hits[y as usize * view.width as usize + x as usize];
+/// `nearest` are not the hits of this octree and of these views.
+pub fn normal_map(octree: &Octree, views: &[View], nearest: &Nearest) -> Picture {
+    let cameras: Vec<_> = views.iter().map(|view| (view, octree_to_mesh(octree, view))).collect();
+    Picture::from_fn((views[0].width, views[0].height), |x, y| {
+        let pixel = y as usize * views[0].width as usize + x as usize;
+        let hit = &nearest.hits[pixel];
         if hit.is_miss() {
             return [0.0; 3];
         }
-        voxel_normal(octree, &to_mesh, &view.ray(x, y), hit).as_vec3().to_array().map(|c| c * 0.5 + 0.5)
+        let (view, to_mesh) = &cameras[nearest.views[pixel] as usize];
+        voxel_normal(octree, to_mesh, &view.ray(x, y), hit).as_vec3().to_array().map(|c| c * 0.5 + 0.5)
+    })
+}
+
+/// Levels of the hit voxels as [heat], from level 1 (black) to `deepest` (white); misses are black.
+///
+/// # Panics
+/// There are fewer hits than pixels.
+pub fn level_map(view: &View, hits: &[Hit], deepest: u32) -> Picture {
+    Picture::from_fn((view.width, view.height), |x, y| {
+        let hit = &hits[y as usize * view.width as usize + x as usize];
+        let level = if hit.is_miss() { 0 } else { hit.level() };
+        heat(level as f32 / deepest.max(1) as f32)
+    })
+}
+
+/// Sizes of the hit voxels in pixels as [heat] of their logarithm, from one pixel or less (black) to 64 (white); misses are black.
+///
+/// # Panics
+/// `nearest` are not the hits of these views.
+pub fn size_map(views: &[View], nearest: &Nearest) -> Picture {
+    Picture::from_fn((views[0].width, views[0].height), |x, y| {
+        let pixel = y as usize * views[0].width as usize + x as usize;
+        let code = code_at(&views[nearest.views[pixel] as usize], &nearest.hits[pixel]);
+        heat(f32::from(code) / code_of(64.0) as f32)
+    })
+}
+
+/// Stored ambient occlusion: the share of the light from all directions that reaches the surface, black to white. Misses are black.
+///
+/// # Panics
+/// `hits` are not those of this octree and view.
+pub fn ambient_map(octree: &Octree, view: &View, hits: &[Hit]) -> Picture {
+    Picture::from_fn((view.width, view.height), |x, y| {
+        let hit = &hits[y as usize * view.width as usize + x as usize];
+        if hit.is_miss() { [0.0; 3] } else { [voxel_ambient(octree, hit); 3] }
     })
 }
 

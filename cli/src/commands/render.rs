@@ -2,12 +2,14 @@
 
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 use clap::{Args, ValueEnum};
 use esvo_bench::Progress;
 use esvo_core::camera::viewpoint;
+use esvo_core::filter::{Frame, Radius, code_at};
 use esvo_core::picture::write_png;
-use esvo_core::{Hit, shading};
+use esvo_core::{Hit, Nearest, shading};
 use esvo_engines::{EngineId, InstructionSet, OpenOptions};
 use glam::DVec3;
 
@@ -17,14 +19,17 @@ use crate::memory::check_memory;
 use crate::values::engine;
 use crate::view::ViewArguments;
 
-/// Iterations that `--view-mode iterations` shows as white: about the number that grazing rays take at 12 levels.
-const MOST_ITERATIONS: u32 = 100;
+/// Iterations that `--view-mode iterations` shows as white, as in the paper's Figure 9.
+const MOST_ITERATIONS: u32 = 64;
 
 /// Render a picture of an octree.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Without a camera, the picture shows the whole object from outside. Cameras are in the units of the
 mesh.
+
+Where voxels are larger than a pixel, the picture is blurred by the paper's post-process filter
+(section 4.3); --filter off shows the voxels.
 
 Examples:
   esvo render sibenik.esvo -o nave.png --scene sibenik --view 2
@@ -47,6 +52,12 @@ pub(crate) struct RenderArguments {
     /// What to show
     #[arg(long, value_enum, default_value_t = ViewMode::Shaded)]
     pub(crate) view_mode: ViewMode,
+    /// Blur the picture where voxels are larger than a pixel
+    #[arg(long, value_enum, default_value_t = Filter::Adapted)]
+    pub(crate) filter: Filter,
+    /// Print how long casting, shading and filtering took
+    #[arg(long)]
+    pub(crate) times: bool,
     /// Do not compare the checksums of the blocks: for a file that was verified before, e.g. by `esvo validate`. Only what
     /// the picture needs is then read from an uncompressed file
     #[arg(long)]
@@ -58,12 +69,39 @@ pub(crate) struct RenderArguments {
 pub(crate) enum ViewMode {
     /// Colours and normals of the voxels, lit by a lamp at the camera
     Shaded,
-    /// Iterations of each ray: black, violet, red, yellow; white from 100
+    /// Iterations of each ray: black, violet, red, yellow; white from 64
     Iterations,
     /// Normals of the voxels as colours
     Normals,
     /// Near is white, far is black
     Depth,
+    /// Levels of the voxels: black, violet, red, yellow; white is the deepest
+    Levels,
+    /// Sizes of the voxels: black is one pixel or less, white 64 pixels
+    VoxelSize,
+    /// Stored ambient occlusion
+    Ambient,
+}
+
+/// How far a pixel is blurred.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Filter {
+    /// As far as its voxel, but no farther than its neighbours: the paper's filter
+    Adapted,
+    /// As far as its voxel: seams show where levels change, as on the left of the paper's Figure 10
+    Own,
+    /// Not at all
+    Off,
+}
+
+impl Filter {
+    fn radius(self) -> Option<Radius> {
+        match self {
+            Self::Adapted => Some(Radius::Adapted),
+            Self::Own => Some(Radius::Own),
+            Self::Off => None,
+        }
+    }
 }
 
 pub(crate) fn run_render(arguments: &RenderArguments) -> Result<(), Failure> {
@@ -72,38 +110,52 @@ pub(crate) fn run_render(arguments: &RenderArguments) -> Result<(), Failure> {
     check_not_input(&arguments.output, &arguments.file)?;
     arguments.rays.check()?;
     let octree = Arc::new(open(&arguments.file, !arguments.no_verify)?);
-    let (camera, view) = arguments.rays.view(&octree, arguments.beam)?;
+    let (camera, views) = arguments.rays.views(&octree, arguments.beam)?;
+    let view = views[0];
     let progress = Progress::terminal();
     progress.say("rendering");
     // Packets of rays have one number of iterations.
     let instructions = (arguments.view_mode == ViewMode::Iterations).then_some(InstructionSet::Scalar);
     let mut caster = arguments.backend.open(&OpenOptions { instructions, ..OpenOptions::default() })?;
     caster.load(&octree).map_err(|e| name_file(&arguments.file, e))?;
-    // Hits, the picture and its encoded form.
-    let bytes = view.pixels().saturating_mul(size_of::<Hit>() + 3 * 2);
+    // Nearest hits, those of an object, whose they are; the picture, with its radii, filtered, and its encoded form.
+    let bytes = view.pixels().saturating_mul(2 * size_of::<Hit>() + 4 + 3 * 3 + 4);
     check_memory(bytes, &format!("--size {}x{}", view.width, view.height))?;
-    let mut hits = Vec::with_capacity(view.pixels());
-    caster.cast(&view, &mut hits)?;
-    let picture = match arguments.view_mode {
-        ViewMode::Shaded => shading::shade(&octree, &view, &hits),
-        ViewMode::Iterations => shading::iteration_map(&view, &hits, MOST_ITERATIONS),
-        ViewMode::Normals => shading::normal_map(&octree, &view, &hits),
-        ViewMode::Depth => shading::depth_map(&view, &hits),
+    let start = Instant::now();
+    let nearest = Nearest::cast(&mut *caster, &views)?;
+    let casting = start.elapsed();
+    let hits = &nearest.hits;
+    let start = Instant::now();
+    let mut picture = match arguments.view_mode {
+        ViewMode::Shaded => shading::shade_nearest(&octree, &views, &nearest),
+        ViewMode::Iterations => shading::iteration_map(&view, hits, MOST_ITERATIONS),
+        ViewMode::Normals => shading::normal_map(&octree, &views, &nearest),
+        ViewMode::Depth => shading::depth_map(&view, hits),
+        ViewMode::Levels => shading::level_map(&view, hits, octree.needs().levels),
+        ViewMode::VoxelSize => shading::size_map(&views, &nearest),
+        ViewMode::Ambient => shading::ambient_map(&octree, &view, hits),
     };
+    let shading = start.elapsed();
+    let mut filtering = Duration::ZERO;
+    let radius = arguments.filter.radius().filter(|_| arguments.view_mode == ViewMode::Shaded);
+    if let Some(radius) = radius {
+        let codes = nearest.views.iter().zip(hits).map(|(view, hit)| code_at(&views[*view as usize], hit));
+        let frame = Frame::from_codes(&picture, codes)?;
+        // Where no voxel is larger than a pixel, nothing changes.
+        if frame.is_filtered() {
+            let filtered = caster.filter(&frame, radius)?;
+            (picture, filtering) = (filtered.picture, filtered.time);
+        }
+    }
     write_png(&arguments.output, &picture).map_err(|e| format!("{}: {e}", arguments.output.display()))?;
     progress.finish();
     let hit = hits.iter().filter(|h| !h.is_miss()).count();
-    if octree.objects().len() > 1 {
-        let others = octree.objects().len() - 1;
-        complain("warning", &format!("only object 0 is drawn; {} has {others} more", arguments.file.display()));
-    }
     if hit == 0 {
-        let (low, high) = viewpoint::bounds(&octree);
-        let place = [low, high].map(|p| octree.octree_to_mesh(0).transform_point3(p));
+        let (low, high) = viewpoint::bounds_in_mesh(&octree);
         let what = format!(
             "no ray hits anything: the object lies between {:.4} and {:.4}; the camera is at {:.4} and looks along {:.4}",
-            place[0],
-            place[1],
+            low,
+            high,
             DVec3::from(camera.eye),
             DVec3::from(camera.forward)
         );
@@ -117,5 +169,11 @@ pub(crate) fn run_render(arguments: &RenderArguments) -> Result<(), Failure> {
         100.0 * hit as f64 / hits.len() as f64,
         caster.name(),
         caster.device().name
-    ))
+    ))?;
+    if arguments.times {
+        let ms = |time: Duration| time.as_secs_f64() * 1e3;
+        let (casting, shading, filtering) = (ms(casting), ms(shading), ms(filtering));
+        print(&format!("casting {casting:.1} ms, shading {shading:.1} ms, filter {filtering:.1} ms\n"))?;
+    }
+    Ok(())
 }

@@ -8,18 +8,29 @@ use crate::Camera;
 /// Levels that are visited to find out which part of the root cube is filled.
 const LEVELS: u32 = 6;
 
-/// Corners of the smallest box of cubes of level 6 around everything in object 0, in octree space (root cube `[0, 1]³`).
+/// Corners of the smallest box of cubes of level 6 around everything in an object, in octree space (root cube `[0, 1]³`).
 ///
 /// The octree must be [sound](Octree::sound).
-pub fn bounds(octree: &Octree) -> (DVec3, DVec3) {
+pub fn bounds(octree: &Octree, object: usize) -> (DVec3, DVec3) {
     let (mut low, mut high) = (DVec3::ONE, DVec3::ZERO);
-    coarse_cubes(octree, |from, to| (low, high) = (low.min(from), high.max(to)));
+    coarse_cubes(octree, object, |from, to| (low, high) = (low.min(from), high.max(to)));
     (low, high)
 }
 
-/// Visits the voxels of object 0 at level 6 and the leaves of lower levels, by lower and upper corner in octree space.
-fn coarse_cubes(octree: &Octree, mut visit: impl FnMut(DVec3, DVec3)) {
-    let mut stack = vec![(octree.objects()[0].root_slot as u32, DVec3::ZERO, 0)];
+/// The same around everything in all objects, in mesh space.
+pub fn bounds_in_mesh(octree: &Octree) -> (DVec3, DVec3) {
+    let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    for object in 0..octree.objects().len() {
+        let to_mesh = octree.octree_to_mesh(object);
+        let (from, to) = bounds(octree, object);
+        corners(&to_mesh, from, to).for_each(|corner| (low, high) = (low.min(corner), high.max(corner)));
+    }
+    (low, high)
+}
+
+/// Visits the voxels of an object at level 6 and the leaves of lower levels, by lower and upper corner in octree space.
+fn coarse_cubes(octree: &Octree, object: usize, mut visit: impl FnMut(DVec3, DVec3)) {
+    let mut stack = vec![(octree.objects()[object].root_slot as u32, DVec3::ZERO, 0)];
     while let Some((slot, corner, level)) = stack.pop() {
         let descriptor = octree.descriptor(slot);
         let edge = 0.5 / f64::from(1u32 << level);
@@ -34,13 +45,18 @@ fn coarse_cubes(octree: &Octree, mut visit: impl FnMut(DVec3, DVec3)) {
     }
 }
 
-/// A camera in mesh units that sees all of object 0 from outside: from the front, the right and above, as large as fits
+/// A camera in mesh units that sees all objects from outside: from the front, the right and above, as large as fits
 /// into a picture whose width divided by its height is `aspect`. The field of view is that of the shorter side.
 ///
 /// The octree must be [sound](Octree::sound).
 pub fn overview(octree: &Octree, up: [f64; 3], fov_degrees: f64, aspect: f64) -> Camera {
-    let to_mesh = octree.octree_to_mesh(0);
-    let centre = to_mesh.transform_point3(DVec3::splat(0.5));
+    let centre = match octree.objects().len() {
+        1 => octree.octree_to_mesh(0).transform_point3(DVec3::splat(0.5)),
+        _ => {
+            let (low, high) = bounds_in_mesh(octree);
+            (low + high) / 2.0
+        }
+    };
     let up = DVec3::from(up).try_normalize().unwrap_or(DVec3::Y);
     let front = if up == DVec3::Y { DVec3::Z } else { up.any_orthonormal_vector() };
     let outward = (front + up.cross(front) * 0.6 + up * 0.5).normalize();
@@ -53,8 +69,8 @@ pub fn overview(octree: &Octree, up: [f64; 3], fov_degrees: f64, aspect: f64) ->
     // front and to the back.
     let mut beyond = [[f64::NEG_INFINITY; 2]; 2];
     let (mut front_most, mut behind_most) = (f64::NEG_INFINITY, f64::NEG_INFINITY);
-    coarse_cubes(octree, |low, high| {
-        for corner in corners(&to_mesh, low, high) {
+    let mut visit = |to_mesh: &DMat4, low, high| {
+        for corner in corners(to_mesh, low, high) {
             let p = corner - centre;
             let ahead = p.dot(outward);
             (front_most, behind_most) = (front_most.max(ahead), behind_most.max(-ahead));
@@ -63,7 +79,11 @@ pub fn overview(octree: &Octree, up: [f64; 3], fov_degrees: f64, aspect: f64) ->
                 beyond[axis] = [beyond[axis][0].max(toward + aside), beyond[axis][1].max(toward - aside)];
             }
         }
-    });
+    };
+    for object in 0..octree.objects().len() {
+        let to_mesh = octree.octree_to_mesh(object);
+        coarse_cubes(octree, object, |low, high| visit(&to_mesh, low, high));
+    }
     // The eye moves back until the object fits, and aside until the object is in the middle.
     let [back_x, back_y] = std::array::from_fn(|axis| (beyond[axis][0] + beyond[axis][1]) / (2.0 * tangents[axis]));
     let [aside_x, aside_y] = beyond.map(|[one, other]| (one - other) / 2.0);
@@ -78,11 +98,14 @@ pub fn overview(octree: &Octree, up: [f64; 3], fov_degrees: f64, aspect: f64) ->
     }
 }
 
-/// Near and far plane, in mesh units, for a camera at `eye`: the far plane lies beyond the object, the near plane at a
+/// Near and far plane, in mesh units, for a camera at `eye`: the far plane lies beyond all objects, the near plane at a
 /// ten-thousandth of that distance.
 pub fn planes(octree: &Octree, eye: [f64; 3]) -> (f64, f64) {
-    let to_mesh = octree.octree_to_mesh(0);
-    let reach = corners(&to_mesh, DVec3::ZERO, DVec3::ONE).map(|c| c.distance(eye.into())).fold(0.0, f64::max) * 1.01;
+    let reach_of = |object| {
+        let to_mesh = octree.octree_to_mesh(object);
+        corners(&to_mesh, DVec3::ZERO, DVec3::ONE).map(|c| c.distance(eye.into())).fold(0.0, f64::max)
+    };
+    let reach = (0..octree.objects().len()).map(reach_of).fold(0.0, f64::max) * 1.01;
     (reach * 1e-4, reach)
 }
 
@@ -113,7 +136,8 @@ mod tests {
 
     #[test]
     fn bounds_are_tight() {
-        assert_eq!(bounds(&octree()), (DVec3::splat(0.5), DVec3::ONE));
+        assert_eq!(bounds(&octree(), 0), (DVec3::splat(0.5), DVec3::ONE));
+        assert_eq!(bounds_in_mesh(&octree()), (DVec3::new(12.0, 2.0, 2.0), DVec3::new(14.0, 4.0, 4.0)));
     }
 
     #[test]

@@ -14,6 +14,11 @@ pub use samples::{DISC, SAMPLES, Sample, code_of, radii, samples};
 
 use crate::{CastError, Hit, Picture, View, check_size};
 
+/// The code of the size of a hit voxel in pixels; 0 for a miss.
+pub fn code_at(view: &View, hit: &Hit) -> u8 {
+    if hit.is_miss() { 0 } else { code_of(hit.size() / (view.pixel_size * hit.raw_t)) }
+}
+
 /// Which radius a pixel is filtered with.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
 pub enum Radius {
@@ -50,8 +55,7 @@ impl Frame {
             );
             return Err(CastError::View(what));
         }
-        let code = |hit: &Hit| if hit.is_miss() { 0 } else { code_of(hit.size() / (view.pixel_size * hit.raw_t)) };
-        Self::from_codes(picture, hits.iter().map(code))
+        Self::from_codes(picture, hits.iter().map(|hit| code_at(view, hit)))
     }
 
     /// A picture with these radii, as codes: see [`code_of`]. Missing ones are 0.
