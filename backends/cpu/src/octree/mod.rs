@@ -16,9 +16,9 @@ mod tiles;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use esvo_core::filter::{Frame, Radius, filter_rows};
+use esvo_core::filter::{Frame, Radius};
 use esvo_core::{
-    CastError, Caster, Checked, Device, DeviceKind, Fans, Filtered, FrameTime, Hit, Picture, Ray, Rays, Roots, View,
+    CastError, Caster, Checked, Device, DeviceKind, Fans, Filtered, FrameTime, Hit, Ray, Rays, Roots, View,
 };
 use esvo_format::Octree;
 use rayon::prelude::*;
@@ -27,7 +27,7 @@ pub use self::instructions::InstructionSet;
 pub use self::scene::LeaveOut;
 use self::scene::Scene;
 use self::tiles::{BAND_ROWS, Task};
-use crate::machine;
+use crate::{filter, machine};
 
 /// Rays of a list per task; rays of fans per task, roughly.
 const RAYS_PER_TASK: usize = 4096;
@@ -170,16 +170,9 @@ impl Caster for CpuCaster {
     }
 
     fn filter(&mut self, frame: &Frame, radius: Radius) -> Result<Filtered, CastError> {
-        let row_bytes = 3 * frame.width() as usize;
         let start = Instant::now();
-        let mut rgb8 = vec![0; row_bytes * frame.height() as usize];
-        self.pool.install(|| {
-            rgb8.par_chunks_mut(row_bytes * BAND_ROWS).enumerate().for_each(|(band, rows)| {
-                filter_rows(frame, radius, (band * BAND_ROWS) as u32, rows);
-            });
-        });
-        let time = start.elapsed();
-        Ok(Filtered { picture: Picture { width: frame.width(), height: frame.height(), rgb8 }, time })
+        let picture = self.pool.install(|| filter::filter(frame, radius));
+        Ok(Filtered { picture, time: start.elapsed() })
     }
 
     fn cast_fans_checked(&mut self, fans: Checked<Fans<'_>>, hits: &mut Vec<Hit>) -> Result<(), CastError> {
