@@ -38,6 +38,41 @@ fn the_engines_draw_the_same_picture() {
 }
 
 #[test]
+fn all_objects_are_drawn() {
+    let folder = Folder::with_octree();
+    let two = esvo_core::testing::sample::two_objects().unwrap();
+    two.write(&folder.path("two.esvo")).unwrap();
+    for mode in ["shaded", "normals", "depth", "levels", "voxel-size", "ambient"] {
+        let picture = |backend: &str| {
+            let size = ["--size", "80x60", "--view-mode", mode, "--backend", backend];
+            folder.ok(&[&["render", "two.esvo", "-o", "p.png"][..], &size].concat());
+            esvo_core::picture::read_picture(&folder.path("p.png")).unwrap()
+        };
+        let (reference, cpu) = (picture("reference"), picture("cpu"));
+        assert_eq!(reference, cpu, "{mode}");
+        let colors: std::collections::HashSet<&[u8]> = reference.rgb8.chunks(3).collect();
+        assert!(colors.len() > 1, "{mode} shows nothing");
+    }
+}
+
+#[test]
+fn large_voxels_are_filtered() {
+    let folder = Folder::with_octree();
+    let picture = |filter: &str, more: &[&str]| {
+        let arguments =
+            ["render", "box.esvo", "-o", "p.png", "--size", "80x60", "--camera=0.5,0.5,1.6,0,0,-1", "--filter"];
+        let said = folder.ok(&[&arguments[..], &[filter, "--times"], more].concat());
+        assert!(said.contains("casting ") && said.contains(" ms, filter "), "{said}");
+        std::fs::read(folder.path("p.png")).unwrap()
+    };
+    let (adapted, off) = (picture("adapted", &[]), picture("off", &[]));
+    assert_ne!(adapted, off);
+    assert_eq!(adapted, picture("adapted", &["--backend", "reference"]));
+    // Maps are not blurred.
+    assert_eq!(picture("adapted", &["--view-mode", "depth"]), picture("off", &["--view-mode", "depth"]));
+}
+
+#[test]
 fn cameras() {
     let folder = Folder::with_octree();
     let picture = |more: &[&str]| {

@@ -94,11 +94,11 @@ pub fn shade_nearest(octree: &Octree, views: &[View], nearest: &Nearest) -> Pict
 }
 
 /// `view_of`: the number of the view of a pixel's hit.
-fn shade_all(octree: &Octree, views: &[View], hits: &[Hit], view_of: impl Fn(usize) -> usize) -> Picture {
+fn shade_all(octree: &Octree, views: &[View], hits: &[Hit], view_of: impl Fn(usize) -> usize + Sync) -> Picture {
     let cameras: Vec<_> = views.iter().map(|view| (view, octree_to_mesh(octree, view))).collect();
     let rays: Vec<_> = cameras.iter().map(|(view, to_mesh)| CameraRays::of_view(view, *to_mesh)).collect();
     let light = Light::new(&rays[0]);
-    Picture::from_fn((views[0].width, views[0].height), |x, y| {
+    Picture::from_fn_on_all_cores((views[0].width, views[0].height), |x, y| {
         let pixel = y as usize * views[0].width as usize + x as usize;
         let hit = &hits[pixel];
         if hit.is_miss() {
@@ -147,7 +147,7 @@ pub fn iteration_map(view: &View, hits: &[Hit], most: u32) -> Picture {
 /// `nearest` are not the hits of this octree and of these views.
 pub fn normal_map(octree: &Octree, views: &[View], nearest: &Nearest) -> Picture {
     let cameras: Vec<_> = views.iter().map(|view| (view, octree_to_mesh(octree, view))).collect();
-    Picture::from_fn((views[0].width, views[0].height), |x, y| {
+    Picture::from_fn_on_all_cores((views[0].width, views[0].height), |x, y| {
         let pixel = y as usize * views[0].width as usize + x as usize;
         let hit = &nearest.hits[pixel];
         if hit.is_miss() {
@@ -226,8 +226,9 @@ pub fn heat(value: f32) -> [f32; 3] {
 mod tests {
     use super::*;
     use crate::attributes::facing;
-    use crate::reference::cast_fine;
-    use crate::{Camera, CastOptions};
+    use crate::reference::{ReferenceCaster, cast_fine};
+    use crate::testing::sample::{cameras, two_objects};
+    use crate::{Camera, CastOptions, Caster};
     use esvo_format::{AssembleOptions, Contour, CornerValue, NodeCorners, RawNormal, Tree, Voxel, assemble};
     use glam::Vec3;
 
@@ -390,10 +391,38 @@ mod tests {
         let normal = voxel_normal(&slanted, &to_mesh, &view.ray(24, 16), &hits[at]);
         let expected = DVec3::new(0.0, -1.0, -2.0).normalize();
         assert!(normal.dot(expected) > 0.999, "{normal}");
-        let map = normal_map(&slanted, &view, &hits);
+        let nearest = Nearest { views: vec![0; hits.len()], hits };
+        let map = normal_map(&slanted, &[view], &nearest);
         assert_eq!(map.pixel(0, 0), [0; 3]);
         let [_, g, b] = map.pixel(24, 16);
         assert!(g.abs_diff(70) < 4 && b.abs_diff(13) < 4, "{g} {b}");
+    }
+
+    #[test]
+    fn objects_are_shaded_as_if_they_were_alone() {
+        let octree = two_objects().unwrap();
+        let mut caster = ReferenceCaster::default();
+        caster.load(&octree).unwrap();
+        let view = |object: usize| {
+            let root = octree.objects()[object].root_slot as u32;
+            View::new(&cameras()[0], octree.octree_to_mesh(object), root, SIZE, &CastOptions::default()).unwrap()
+        };
+        let views = [view(0), view(1)];
+        let nearest = Nearest::cast(&mut caster, &views).unwrap();
+        let both = shade_nearest(&octree, &views, &nearest);
+        let alone = views.map(|view| {
+            let mut hits = Vec::new();
+            caster.cast(&view, &mut hits).unwrap();
+            shade(&octree, &view, &hits)
+        });
+        let mut seen = [0; 2];
+        for (pixel, view) in nearest.views.iter().enumerate().filter(|(pixel, _)| !nearest.hits[*pixel].is_miss()) {
+            let (x, y) = (pixel as u32 % SIZE.0, pixel as u32 / SIZE.0);
+            let (found, expected) = (both.pixel(x, y), alone[*view as usize].pixel(x, y));
+            assert!(found.iter().zip(expected).all(|(a, b)| a.abs_diff(b) <= 1), "{x}, {y}: {found:?} {expected:?}");
+            seen[*view as usize] += 1;
+        }
+        assert!(seen.iter().all(|pixels| *pixels > 20), "{seen:?}");
     }
 
     #[test]

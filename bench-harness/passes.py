@@ -1,0 +1,65 @@
+#!/usr/bin/env python3
+"""How long the passes of a picture take: casting, shading, and the post-process filter, on every engine.
+
+    bench-harness/passes.py ESVO SCENE=OCTREE... [--engines cpu,wgpu,ash] [--rounds 3] > passes.md
+
+ESVO is a release build of the program, SCENE a name of the manifest, whose first two cameras are taken. Each picture is
+rendered in every round by every engine in turn; the table has the least time of each pass, summed over both cameras.
+"""
+
+import argparse
+import re
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+TIMES = re.compile(r"casting ([\d.]+) ms, shading ([\d.]+) ms, filter ([\d.]+) ms")
+DEVICE = re.compile(r"cast by \S+ on (.*)")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("program", metavar="ESVO")
+    parser.add_argument("octrees", metavar="SCENE=OCTREE", nargs="+")
+    parser.add_argument("--engines", default="cpu,wgpu,ash")
+    parser.add_argument("--rounds", type=int, default=3)
+    arguments = parser.parse_args()
+    engines = arguments.engines.split(",")
+    print("# What a picture takes\n")
+    print("Milliseconds for two pictures of 1024 x 768, rays ending at voxels of one pixel, the least of "
+          f"{arguments.rounds} rounds in turn. Casting on a GPU includes copying the hits; shading is done by one thread of the "
+          "processor; the filter is measured without copies.\n")
+    print("| scene | levels | engine | casting | shading | filter | casting / filter |")
+    print("|---|--:|---|--:|--:|--:|--:|")
+    devices = {}
+    with tempfile.TemporaryDirectory() as folder:
+        picture = Path(folder) / "picture.png"
+        for entry in arguments.octrees:
+            scene, _, octree = entry.partition("=")
+            info = subprocess.run([arguments.program, "info", octree], check=True, capture_output=True, text=True).stdout
+            levels = re.search(r"(\d+) levels", info) or re.search(r"levels\D*(\d+)", info)
+            least = {}
+            for _ in range(arguments.rounds):
+                for engine in engines:
+                    for view in ("1", "2"):
+                        command = [arguments.program, "render", octree, "--scene", scene, "--view", view, "--times",
+                                   "--backend", engine, "-o", str(picture)]
+                        done = subprocess.run(command, check=True, capture_output=True, text=True)
+                        sys.stderr.write(done.stderr)
+                        times = [float(time) for time in TIMES.search(done.stdout).groups()]
+                        before = least.get((engine, view), times)
+                        least[engine, view] = [min(pair) for pair in zip(before, times)]
+                        devices[engine] = DEVICE.search(done.stdout).group(1)
+            for engine in engines:
+                casting, shading, filtering = (sum(pair) for pair in zip(least[engine, "1"], least[engine, "2"]))
+                ratio = f"{casting / filtering:.1f}" if filtering else "no voxel is larger than a pixel"
+                print(f"| {scene} | {levels.group(1) if levels else '?'} | {engine} | {casting:.1f} | {shading:.1f} | "
+                      f"{filtering:.1f} | {ratio} |", flush=True)
+    print()
+    for engine in engines:
+        print(f"- {engine}: {devices[engine]}")
+
+
+if __name__ == "__main__":
+    main()
