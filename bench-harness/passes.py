@@ -28,7 +28,7 @@ def main() -> None:
     engines = arguments.engines.split(",")
     print("# What a picture takes\n")
     print("Milliseconds for two pictures of 1024 x 768, rays ending at voxels of one pixel, the least of "
-          f"{arguments.rounds} rounds in turn. Casting on a GPU includes copying the hits; shading is done by one thread of the "
+          f"{arguments.rounds} rounds in turn. Casting on a GPU includes copying the hits; shading is done by all cores of the "
           "processor; the filter is measured without copies.\n")
     print("| scene | levels | engine | casting | shading | filter | casting / filter |")
     print("|---|--:|---|--:|--:|--:|--:|")

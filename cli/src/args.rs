@@ -11,6 +11,7 @@ use crate::commands::diff::DiffArguments;
 use crate::commands::dump::DumpArguments;
 use crate::commands::hits::HitsArguments;
 use crate::commands::info::InfoArguments;
+use crate::commands::kernel::KernelArguments;
 use crate::commands::man::ManArguments;
 use crate::commands::rays::RaysArguments;
 use crate::commands::render::RenderArguments;
@@ -48,6 +49,7 @@ pub(crate) enum Command {
     Render(RenderArguments),
     Rays(RaysArguments),
     Hits(HitsArguments),
+    Kernel(KernelArguments),
     Bench(Box<BenchArguments>),
     Completions(CompletionsArguments),
     Man(ManArguments),

@@ -36,6 +36,7 @@ fn main() -> ExitCode {
     let result = match Arguments::parse().command {
         Command::Build(arguments) => commands::build::run_build(&arguments),
         Command::Info(arguments) => commands::info::run_info(&arguments),
+        Command::Kernel(arguments) => commands::kernel::run_kernel(&arguments),
         Command::Dump(arguments) => commands::dump::run_dump(&arguments),
         Command::Diff(arguments) => commands::diff::run_diff(&arguments),
         Command::Validate(arguments) => commands::validate::run_validate(&arguments),

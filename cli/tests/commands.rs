@@ -56,6 +56,20 @@ fn all_objects_are_drawn() {
 }
 
 #[test]
+fn kernels_are_printed_as_the_engines_compile_them() {
+    let folder = Folder::with_octree();
+    let of_octree = folder.ok(&["kernel", "box.esvo"]);
+    assert!(of_octree.contains("const LEVELS: u32 = 6u;") && of_octree.contains("fn main_pass("));
+    assert!(of_octree.contains("const FAR_POINTERS: bool = false;"), "the octree has none");
+    let cubes = folder.ok(&["kernel", "--no-contours", "--levels", "12", "--beam", "--parts", "3"]);
+    assert!(cubes.contains("const CONTOURS: bool = false;") && cubes.contains("const BEAM: bool = true;"));
+    assert!(cubes.contains("const LEVELS: u32 = 12u;") && cubes.contains("var<storage, read> part_2"));
+    assert_eq!(folder.ok(&["kernel", "--pass", "filter"]), esvo_core::filter::kernel::FILTER_WGSL);
+    assert!(folder.ok(&["kernel", "--pass", "coarse"]).contains("const CONTOURS: bool = false;"));
+    assert!(folder.ok(&["kernel", "--pass", "rays"]).contains("const RAYS: bool = true;"));
+}
+
+#[test]
 fn large_voxels_are_filtered() {
     let folder = Folder::with_octree();
     let picture = |filter: &str, more: &[&str]| {

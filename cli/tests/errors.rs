@@ -16,6 +16,9 @@ fn usage_errors_are_named() {
     folder.fails(&["render", "box.esvo", "-o", "x.png", "--backend", "cuda"], 2, "reference, cpu, wgpu, ash");
     folder.fails(&["render", "box.esvo", "-o", "x.png", "--size", "0x9"], 2, "1x1 to 16384x16384");
     folder.fails(&["bench", "--levels", "24"], 2, "1..=23");
+    folder.fails(&["render", "box.esvo", "-o", "x.png", "--filter", "strong"], 2, "adapted, own, off");
+    folder.fails(&["kernel", "--levels", "24"], 2, "1..=23");
+    folder.fails(&["kernel", "--workgroup", "7x8"], 1, "powers of two");
     folder.fails(&["bench", "--backends", "metal"], 2, "metal");
     folder.fails(&["frobnicate"], 2, "frobnicate");
 }

@@ -24,6 +24,7 @@
 //!
 //! # What is where
 //! - `caster`: [`AshCaster`], the caster: octree and picture buffers, passes.
+//! - `filter`: the post-process filter.
 //! - `rays`: buffers and submission of lists of rays.
 //! - `pipeline`: descriptor sets and compute pipelines.
 //! - `spirv`: [`module`], from WGSL to SPIR-V; [`forbid_contraction`].

@@ -13,6 +13,7 @@
 //!
 //! # What is where
 //! - `caster`: [`WgpuCaster`], the caster: octree and picture buffers, passes.
+//! - `filter`: the post-process filter.
 //! - `rays`: buffers for lists of rays; [`PendingHits`], which were not waited for.
 //! - `esvo-device`: the device, its buffers, timestamps and errors; [`adapters`].
 //! - `esvo_core::gpu`: the kernel, its variants, and how an octree is split over bindings.

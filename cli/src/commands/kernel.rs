@@ -1,0 +1,96 @@
+//! `esvo kernel`.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use esvo_core::filter::kernel::FILTER_WGSL;
+use esvo_core::gpu::kernel::{Variant, WORKGROUP};
+
+use crate::fail::{Failure, print};
+use crate::files::open;
+use crate::values::parse_size;
+
+/// Print the WGSL of a GPU kernel, as the engines compile it.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+A browser or another engine can take it as it is: it is core WebGPU. Its comments name the structs and
+bindings. Features that are left out are not in the text's constants, so that compilers remove them.
+
+Examples:
+  esvo kernel sibenik.esvo > cast.wgsl                what this octree needs, and nothing else
+  esvo kernel --pass filter > filter.wgsl             the post-process filter
+  esvo kernel --levels 12 --no-contours --beam        without an octree")]
+pub(crate) struct KernelArguments {
+    /// Contours, far pointers and levels as this octree needs them
+    pub(crate) file: Option<PathBuf>,
+    /// What the kernel does
+    #[arg(long, value_enum, default_value_t = KernelPass::Main)]
+    pub(crate) pass: KernelPass,
+    /// Without contours: voxels are cubes
+    #[arg(long)]
+    pub(crate) no_contours: bool,
+    /// Without far pointers
+    #[arg(long)]
+    pub(crate) no_far_pointers: bool,
+    /// Rays end at leaves only
+    #[arg(long)]
+    pub(crate) no_lod: bool,
+    /// Rays start where the coarse pass found that they may
+    #[arg(long)]
+    pub(crate) beam: bool,
+    /// Levels of the deepest octree [default: those of the file, else 23]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=23))]
+    pub(crate) levels: Option<u32>,
+    /// Bindings that hold the octree
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=64))]
+    pub(crate) parts: u32,
+    /// With several bindings, each but the last holds 2^N slots of 8 bytes
+    #[arg(long, value_name = "N", default_value_t = 24, value_parser = clap::value_parser!(u32).range(0..=31))]
+    pub(crate) part_shift: u32,
+    /// Size of a workgroup, powers of two
+    #[arg(long, value_name = "WxH", value_parser = parse_size)]
+    pub(crate) workgroup: Option<[u32; 2]>,
+}
+
+/// A kernel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum KernelPass {
+    /// The hits of a picture: entry point `main_pass`; `timing_pass` stores depths alone
+    Main,
+    /// Where the rays of a block of pixels may start: entry point `coarse_pass`
+    Coarse,
+    /// The hits of a list of rays: entry point `cast_rays`
+    Rays,
+    /// The post-process filter: entry point `filter_band`
+    Filter,
+}
+
+pub(crate) fn run_kernel(arguments: &KernelArguments) -> Result<(), Failure> {
+    let needs = match &arguments.file {
+        Some(file) => Some(open(file, false)?.needs()),
+        None => None,
+    };
+    let (width, height) = arguments.workgroup.map_or(WORKGROUP, |[width, height]| (width, height));
+    if !width.is_power_of_two() || !height.is_power_of_two() || width * height > 256 {
+        return Err(
+            format!("--workgroup {width}x{height}: expected powers of two, at most 256 in all, e.g. 8x8").into()
+        );
+    }
+    let rays = arguments.pass == KernelPass::Rays;
+    let variant = Variant {
+        contours: !arguments.no_contours && needs.is_none_or(|needs| needs.contours),
+        far_pointers: !arguments.no_far_pointers && needs.is_none_or(|needs| needs.far_pointers),
+        lod: !arguments.no_lod,
+        beam: arguments.beam && !rays,
+        rays,
+        levels: arguments.levels.or(needs.map(|needs| needs.levels)).unwrap_or(23),
+        parts: arguments.parts,
+        part_shift: arguments.part_shift,
+        workgroup: (width, height),
+    };
+    match arguments.pass {
+        KernelPass::Filter => print(FILTER_WGSL),
+        KernelPass::Coarse => print(&variant.of_coarse_pass().source()),
+        KernelPass::Main | KernelPass::Rays => print(&variant.source()),
+    }
+}
