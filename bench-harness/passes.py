@@ -29,7 +29,7 @@ def main() -> None:
     print("# What a picture takes\n")
     print("Milliseconds for two pictures of 1024 x 768, rays ending at voxels of one pixel, the least of "
           f"{arguments.rounds} rounds in turn. Casting on a GPU includes copying the hits; shading is done by all cores of the "
-          "processor; the filter is measured without copies.\n")
+          "processor; the filter is measured without copies. A program casts and filters twice, and the second time counts.\n")
     print("| scene | levels | engine | casting | shading | filter | casting / filter |")
     print("|---|--:|---|--:|--:|--:|--:|")
     devices = {}

@@ -14,7 +14,7 @@ use crate::values::parse_size;
 #[derive(Debug, Args)]
 #[command(after_help = "\
 A browser or another engine can take it as it is: it is core WebGPU. Its comments name the structs and
-bindings. Features that are left out are not in the text's constants, so that compilers remove them.
+bindings. A feature that is left out is a constant that is false, so that compilers remove its code.
 
 Examples:
   esvo kernel sibenik.esvo > cast.wgsl                what this octree needs, and nothing else

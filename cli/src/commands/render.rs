@@ -55,7 +55,7 @@ pub(crate) struct RenderArguments {
     /// Blur the picture where voxels are larger than a pixel
     #[arg(long, value_enum, default_value_t = Filter::Adapted)]
     pub(crate) filter: Filter,
-    /// Print how long casting, shading and filtering took
+    /// Print how long casting, shading and filtering take; casts and filters twice and measures the second time
     #[arg(long)]
     pub(crate) times: bool,
     /// Do not compare the checksums of the blocks: for a file that was verified before, e.g. by `esvo validate`. Only what
@@ -118,9 +118,13 @@ pub(crate) fn run_render(arguments: &RenderArguments) -> Result<(), Failure> {
     let instructions = (arguments.view_mode == ViewMode::Iterations).then_some(InstructionSet::Scalar);
     let mut caster = arguments.backend.open(&OpenOptions { instructions, ..OpenOptions::default() })?;
     caster.load(&octree).map_err(|e| name_file(&arguments.file, e))?;
-    // Nearest hits, those of an object, whose they are; the picture, with its radii, filtered, and its encoded form.
-    let bytes = view.pixels().saturating_mul(2 * size_of::<Hit>() + 4 + 3 * 3 + 4);
+    // Nearest hits, those of an object, whose they are; the picture, with its radii, with margins, filtered, and its encoded form.
+    let bytes = view.pixels().saturating_mul(2 * size_of::<Hit>() + 4 + 3 * 3 + 4 + 8);
     check_memory(bytes, &format!("--size {}x{}", view.width, view.height))?;
+    if arguments.times {
+        // The first time, kernels are compiled and memory is touched.
+        Nearest::cast(&mut *caster, &views)?;
+    }
     let start = Instant::now();
     let nearest = Nearest::cast(&mut *caster, &views)?;
     let casting = start.elapsed();
@@ -143,6 +147,9 @@ pub(crate) fn run_render(arguments: &RenderArguments) -> Result<(), Failure> {
         let frame = Frame::from_codes(&picture, codes)?;
         // Where no voxel is larger than a pixel, nothing changes.
         if frame.is_filtered() {
+            if arguments.times {
+                caster.filter(&frame, radius)?;
+            }
             let filtered = caster.filter(&frame, radius)?;
             (picture, filtering) = (filtered.picture, filtered.time);
         }
