@@ -3,7 +3,9 @@
 use std::path::PathBuf;
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use esvo_core::lights::Light;
 use esvo_engines::EngineId;
+use glam::DVec3;
 
 /// Reads the name of an engine. Help lists every engine and says which are not built in.
 pub(crate) fn engine() -> impl TypedValueParser<Value = EngineId> {
@@ -33,6 +35,26 @@ pub(crate) fn parse_size(text: &str) -> Result<[u32; 2], String> {
 /// Finite numbers separated by commas; `None` for anything else.
 pub(crate) fn parse_numbers(text: &str) -> Option<Vec<f64>> {
     text.split(',').map(|s| s.trim().parse::<f64>().ok().filter(|x| x.is_finite())).collect()
+}
+
+/// A light of `--light`.
+pub(crate) fn parse_light(text: &str) -> Result<Light, String> {
+    let expected = "expected sun:X,Y,Z or point:X,Y,Z or spot:X,Y,Z,DX,DY,DZ,DEGREES";
+    let (kind, numbers) = text.split_once(':').ok_or(expected)?;
+    let numbers = parse_numbers(numbers).ok_or(expected)?;
+    let direction = |x: f64, y: f64, z: f64| {
+        let direction = DVec3::new(x, y, z);
+        direction.try_normalize().ok_or_else(|| format!("{direction} is no direction"))
+    };
+    match (kind, &numbers[..]) {
+        ("sun", &[x, y, z]) => Ok(Light::Directional { to_light: direction(x, y, z)? }),
+        ("point", &[x, y, z]) => Ok(Light::Point { position: DVec3::new(x, y, z) }),
+        ("spot", &[x, y, z, dx, dy, dz, angle_degrees]) if angle_degrees > 0.0 && angle_degrees <= 360.0 => {
+            Ok(Light::Spot { position: DVec3::new(x, y, z), direction: direction(dx, dy, dz)?, angle_degrees })
+        }
+        ("spot", &[_, _, _, _, _, _, degrees]) => Err(format!("an angle of {degrees} degrees is not in 0 to 360")),
+        _ => Err(expected.into()),
+    }
 }
 
 /// The displacement of a height of 1.
@@ -70,6 +92,26 @@ mod tests {
         assert_eq!(parse_size("512x384"), Ok([512, 384]));
         for bad in ["", "512", "0x3", "3x0", "x", "1x99999", "-1x2", "1x2x3"] {
             assert!(parse_size(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn lights() {
+        assert_eq!(parse_light("sun:0,2,0"), Ok(Light::Directional { to_light: DVec3::Y }));
+        assert_eq!(parse_light("point:1,2,3"), Ok(Light::Point { position: DVec3::new(1.0, 2.0, 3.0) }));
+        let spot = Light::Spot { position: DVec3::ZERO, direction: DVec3::NEG_Y, angle_degrees: 30.0 };
+        assert_eq!(parse_light("spot:0,0,0,0,-4,0,30"), Ok(spot));
+        for bad in [
+            "",
+            "sun",
+            "sun:1,2",
+            "sun:0,0,0",
+            "moon:1,2,3",
+            "point:1,2,x",
+            "spot:0,0,0,0,1,0,0",
+            "spot:0,0,0,0,1,0,361",
+        ] {
+            assert!(parse_light(bad).is_err(), "{bad}");
         }
     }
 

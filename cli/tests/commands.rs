@@ -56,6 +56,22 @@ fn all_objects_are_drawn() {
 }
 
 #[test]
+fn lights_and_shadows_change_the_picture() {
+    let folder = Folder::with_octree();
+    let picture = |more: &[&str]| {
+        folder.ok(&[&["render", "box.esvo", "-o", "p.png", "--size", "80x60"][..], more].concat());
+        std::fs::read(folder.path("p.png")).unwrap()
+    };
+    let two: &[&str] = &["--light", "sun:1,2,0.5", "--light", "spot:1,3,1,0,-1,0,40"];
+    let lit = picture(two);
+    assert_ne!(lit, picture(&[]));
+    assert_ne!(lit, picture(&two[..2]));
+    assert_eq!(lit, picture(&[two, &["--backend", "reference"]].concat()));
+    folder.fails(&["render", "box.esvo", "-o", "p.png", "--light", "moon:1,2,3"], 2, "expected sun:X,Y,Z");
+    folder.fails(&["render", "box.esvo", "-o", "p.png", "--no-shadows"], 2, "--light");
+}
+
+#[test]
 fn kernels_are_printed_as_the_engines_compile_them() {
     let folder = Folder::with_octree();
     let of_octree = folder.ok(&["kernel", "box.esvo"]);

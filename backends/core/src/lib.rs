@@ -61,6 +61,7 @@
 //! | read a hit | [`Hit`]; its position, normal, colour and voxel in mesh space: [`HitPoint`] |
 //! | go on from a hit | [`HitPoint::next_ray`]; to a light: [`HitPoint::shadow_ray`] |
 //! | make a picture | [`shading`], [`Picture`]; files: [`picture`] with the feature `png` |
+//! | light a picture by lamps and the sun, with shadows | [`lights`] |
 //! | filter a picture where voxels are larger than a pixel | [`filter`], [`Caster::filter`] |
 //! | compute ambient occlusion | [`ambient`] |
 //! | know what a correct hit is | [`mod@reference`]: the paper's Figure 8 |
@@ -103,6 +104,7 @@ mod frame;
 pub mod gpu;
 mod hit;
 mod hit_point;
+pub mod lights;
 mod nearest;
 mod object;
 pub mod picture;

@@ -32,35 +32,53 @@ const SPECULAR: (f32, f32) = (0.12, 24.0);
 const SKY: [[f32; 3]; 2] = [[0.45, 0.62, 0.87], [0.90, 0.93, 0.96]];
 
 /// A lamp far away, above the left side of the camera, which moves with it.
-struct Light {
+pub(crate) struct Lamp {
     to_light: DVec3,
     height: u32,
 }
 
-impl Light {
-    fn new(rays: &CameraRays) -> Self {
+impl Lamp {
+    pub(crate) fn new(rays: &CameraRays) -> Self {
         let (right, down) = (rays.dx.normalize_or_zero(), rays.dy.normalize_or_zero());
         let forward = rays.direction(f64::from(rays.width) / 2.0, f64::from(rays.height) / 2.0).normalize_or_zero();
         Self { to_light: (-forward - right * 0.35 - down * 0.5).normalize_or_zero(), height: rays.height }
     }
 
-    fn sky(&self, y: u32) -> [f32; 3] {
+    pub(crate) fn sky(&self, y: u32) -> [f32; 3] {
         let at = (y as f32 + 0.5) / self.height as f32;
         std::array::from_fn(|i| SKY[0][i] + (SKY[1][i] - SKY[0][i]) * at)
     }
 
-    /// Phong's model; a side that points away is lit as its mirror image. `open` is the share of the light from all directions
-    /// that reaches the surface. As in the authors' program it scales all scattered light and not the highlight.
+    /// A surface under this lamp. `open` is the share of the light from all directions that reaches it. As in the authors'
+    /// program it scales all scattered light and not the highlight.
     fn lit(&self, surface: &Surface, open: f32, direction: DVec3) -> [f32; 3] {
-        let to_eye = -direction.normalize_or_zero();
-        let normal = mirrored(surface.normal, direction).try_normalize().unwrap_or(to_eye);
-        let toward = normal.dot(self.to_light);
-        let mirrored = normal * (2.0 * toward) - self.to_light;
-        let diffuse = open * (AMBIENT + DIFFUSE * toward.max(0.0) as f32);
-        let specular =
-            if toward > 0.0 { SPECULAR.0 * (mirrored.dot(to_eye).max(0.0) as f32).powf(SPECULAR.1) } else { 0.0 };
-        surface.color.map(|c| encode_srgb(decode_srgb(c) * diffuse + specular))
+        let (diffuse, specular) = phong(surface.normal, direction, self.to_light);
+        surface.shown(open * (AMBIENT + diffuse), specular)
     }
+}
+
+impl Surface {
+    /// Its colour, sRGB-encoded: this much light is scattered, and this much is reflected.
+    pub(crate) fn shown(&self, diffuse: f32, specular: f32) -> [f32; 3] {
+        self.color.map(|c| encode_srgb(decode_srgb(c) * diffuse + specular))
+    }
+}
+
+/// What a surface scatters of the light from all directions.
+pub(crate) fn scattered_from_everywhere() -> f32 {
+    AMBIENT
+}
+
+/// Phong's model: what a surface scatters and reflects of a light in the direction `to_light`, of length 1. A side that points away
+/// from the viewer is lit as its mirror image.
+pub(crate) fn phong(normal: DVec3, direction: DVec3, to_light: DVec3) -> (f32, f32) {
+    let to_eye = -direction.normalize_or_zero();
+    let normal = mirrored(normal, direction).try_normalize().unwrap_or(to_eye);
+    let toward = normal.dot(to_light);
+    let mirrored = normal * (2.0 * toward) - to_light;
+    let specular =
+        if toward > 0.0 { SPECULAR.0 * (mirrored.dot(to_eye).max(0.0) as f32).powf(SPECULAR.1) } else { 0.0 };
+    (DIFFUSE * toward.max(0.0) as f32, specular)
 }
 
 /// The normal, mirrored to the viewer's side if it points away: its angle to the ray and its direction across the ray stay.
@@ -97,17 +115,17 @@ pub fn shade_nearest(octree: &Octree, views: &[View], nearest: &Nearest) -> Pict
 fn shade_all(octree: &Octree, views: &[View], hits: &[Hit], view_of: impl Fn(usize) -> usize + Sync) -> Picture {
     let cameras: Vec<_> = views.iter().map(|view| (view, octree_to_mesh(octree, view))).collect();
     let rays: Vec<_> = cameras.iter().map(|(view, to_mesh)| CameraRays::of_view(view, *to_mesh)).collect();
-    let light = Light::new(&rays[0]);
+    let lamp = Lamp::new(&rays[0]);
     Picture::from_fn_on_all_cores((views[0].width, views[0].height), |x, y| {
         let pixel = y as usize * views[0].width as usize + x as usize;
         let hit = &hits[pixel];
         if hit.is_miss() {
-            return light.sky(y);
+            return lamp.sky(y);
         }
         let (view, to_mesh) = &cameras[view_of(pixel)];
         let ray = view.ray(x, y);
         let surface = Surface { normal: own_normal(octree, to_mesh, &ray, hit), color: voxel_color(octree, &ray, hit) };
-        light.lit(&surface, voxel_ambient(octree, hit), rays[view_of(pixel)].ray(x, y).direction)
+        lamp.lit(&surface, voxel_ambient(octree, hit), rays[view_of(pixel)].ray(x, y).direction)
     })
 }
 
@@ -120,14 +138,14 @@ pub fn shade_triangles(
     hits: &[TriangleHit],
     mut surface: impl FnMut(u32, DVec3) -> Surface,
 ) -> Picture {
-    let light = Light::new(rays);
+    let lamp = Lamp::new(rays);
     Picture::from_fn((rays.width, rays.height), |x, y| {
         let hit = &hits[y as usize * rays.width as usize + x as usize];
         if hit.is_miss() {
-            return light.sky(y);
+            return lamp.sky(y);
         }
         let ray = rays.ray(x, y);
-        light.lit(&surface(hit.triangle, ray.origin + ray.direction * hit.t), 1.0, ray.direction)
+        lamp.lit(&surface(hit.triangle, ray.origin + ray.direction * hit.t), 1.0, ray.direction)
     })
 }
 
@@ -282,9 +300,9 @@ mod tests {
     #[test]
     fn light_does_not_jump_where_a_surface_begins_to_point_away() {
         let rays = CameraRays::new(&camera(), SIZE).unwrap();
-        let light = Light::new(&rays);
+        let lamp = Lamp::new(&rays);
         let direction = rays.ray(24, 16).direction;
-        let lit = |normal: DVec3| light.lit(&Surface { normal, color: [0.5; 3] }, 1.0, direction)[0];
+        let lit = |normal: DVec3| lamp.lit(&Surface { normal, color: [0.5; 3] }, 1.0, direction)[0];
         for across in [DVec3::X, DVec3::NEG_X, DVec3::Y, DVec3::NEG_Y] {
             let [before, beyond] = [-0.01, 0.01].map(|away| lit(across + direction.normalize() * away));
             assert!((before - beyond).abs() < 0.02, "{across}: {before} {beyond}");

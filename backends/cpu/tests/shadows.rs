@@ -4,8 +4,9 @@ use std::sync::Arc;
 
 use esvo_builder::{BuildSettings, Mesh, build};
 use esvo_core::glam::DVec3;
+use esvo_core::lights::{Light, shade_lit};
 use esvo_core::testing::sample::Noise;
-use esvo_core::{Caster, HitPoint, Object, Ray};
+use esvo_core::{Camera, CastOptions, Caster, HitPoint, Nearest, Object, Ray, View};
 use esvo_cpu::CpuCaster;
 
 /// A flat floor, 10 wide, and a board above it, so that the floor's normals are stored with their usual errors.
@@ -55,6 +56,62 @@ fn dark(contours: bool, lamp: DVec3) -> [usize; 2] {
         caster.cast_rays(&object.rays(&rays), &mut hits).unwrap();
         hits.iter().filter(|hit| !hit.is_miss()).count()
     })
+}
+
+/// The floor and the board from above, lit from above: the floor is dark exactly where the board is between it and the light.
+#[test]
+fn boards_cast_shadows_where_they_should() {
+    let settings = BuildSettings { levels: 8, ..BuildSettings::default() };
+    let octree = Arc::new(build(&floor(), &settings, &|_| ()).unwrap().octree);
+    let mut caster = CpuCaster::new(None).unwrap();
+    caster.load(&octree).unwrap();
+    let camera = Camera {
+        eye: [5.0, 9.0, 5.001],
+        forward: [0.0, -1.0, 0.0],
+        up: [0.0, 0.0, 1.0],
+        fov_degrees: 50.0,
+        near: 0.1,
+        far: 20.0,
+    };
+    let size = (96, 96);
+    let root = octree.objects()[0].root_slot as u32;
+    let view = View::new(&camera, octree.octree_to_mesh(0), root, size, &CastOptions::default()).unwrap();
+    let nearest = Nearest::cast(&mut caster, &[view]).unwrap();
+    let object = Object::of(&octree, 0);
+    for light in [
+        Light::Directional { to_light: DVec3::new(1.0, 1.0, 0.3) },
+        Light::Point { position: DVec3::new(2.0, 6.0, 5.0) },
+        Light::Spot {
+            position: DVec3::new(2.0, 6.0, 5.0),
+            direction: DVec3::new(1.0, -2.0, 0.0),
+            angle_degrees: 150.0,
+        },
+    ] {
+        let mut shade = |shadows| shade_lit(&mut caster, &octree, &[view], &nearest, &[light], shadows).unwrap();
+        let (with, without) = (shade(true), shade(false));
+        let mut counts = [0; 2];
+        for (pixel, hit) in nearest.hits.iter().enumerate() {
+            let (x, y) = (pixel as u32 % size.0, pixel as u32 / size.0);
+            let Some(point) = HitPoint::new(&object, &view.ray(x, y), hit) else { continue };
+            let place = point.position();
+            let way = match light {
+                Light::Directional { to_light } => to_light,
+                Light::Point { position } | Light::Spot { position, .. } => position - place,
+            };
+            // Where the way to the light passes the board's height.
+            let over = place + way * ((2.0 - place.y) / way.y);
+            let inside = |margin: f64| [over.x, over.z].iter().all(|c| (3.8 + margin..6.2 - margin).contains(c));
+            let dark = with.pixel(x, y) != without.pixel(x, y);
+            if place.y < 1.0 && inside(0.15) {
+                assert!(dark, "{light:?}: {place} is in the shadow");
+                counts[0] += 1;
+            } else if place.y > 1.0 || !inside(-0.15) {
+                assert!(!dark, "{light:?}: {place} is not in the shadow");
+                counts[1] += 1;
+            }
+        }
+        assert!(counts[0] > 100 && counts[1] > 1000, "{light:?}: {counts:?}");
+    }
 }
 
 #[test]

@@ -8,6 +8,7 @@ use clap::{Args, ValueEnum};
 use esvo_bench::Progress;
 use esvo_core::camera::viewpoint;
 use esvo_core::filter::{Frame, Radius, code_at};
+use esvo_core::lights::{self, Light};
 use esvo_core::picture::write_png;
 use esvo_core::{Hit, Nearest, shading};
 use esvo_engines::{EngineId, InstructionSet, OpenOptions};
@@ -16,7 +17,7 @@ use glam::DVec3;
 use crate::fail::{Failure, complain, print};
 use crate::files::{check_extension, check_not_input, check_output, name_file, open};
 use crate::memory::check_memory;
-use crate::values::engine;
+use crate::values::{engine, parse_light};
 use crate::view::ViewArguments;
 
 /// Iterations that `--view-mode iterations` shows as white, as in the paper's Figure 9.
@@ -34,6 +35,7 @@ Where voxels are larger than a pixel, the picture is blurred by the paper's post
 Examples:
   esvo render sibenik.esvo -o nave.png --scene sibenik --view 2
   esvo render sibenik.esvo -o nave.png --camera=-15,-9,0,1,0.2,0 --fov 60 --size 1920x1080
+  esvo render sibenik.esvo -o sun.png --light sun:1,2,0.5 --light point:0,-12,0
   esvo render sibenik.esvo -o steps.png --view-mode iterations --backend reference")]
 pub(crate) struct RenderArguments {
     /// The octree
@@ -52,6 +54,13 @@ pub(crate) struct RenderArguments {
     /// What to show
     #[arg(long, value_enum, default_value_t = ViewMode::Shaded)]
     pub(crate) view_mode: ViewMode,
+    /// Light the picture by this light and not by the lamp at the camera; may be given several times. In the units of the mesh:
+    /// sun:X,Y,Z (the direction to it), point:X,Y,Z, or spot:X,Y,Z,DX,DY,DZ,DEGREES (place, axis, full angle of the cone)
+    #[arg(long = "light", value_name = "LIGHT", value_parser = parse_light)]
+    pub(crate) lights: Vec<Light>,
+    /// Lights cast no shadows
+    #[arg(long, requires = "lights")]
+    pub(crate) no_shadows: bool,
     /// Blur the picture where voxels are larger than a pixel
     #[arg(long, value_enum, default_value_t = Filter::Adapted)]
     pub(crate) filter: Filter,
@@ -131,6 +140,9 @@ pub(crate) fn run_render(arguments: &RenderArguments) -> Result<(), Failure> {
     let hits = &nearest.hits;
     let start = Instant::now();
     let mut picture = match arguments.view_mode {
+        ViewMode::Shaded if !arguments.lights.is_empty() => {
+            lights::shade_lit(&mut *caster, &octree, &views, &nearest, &arguments.lights, !arguments.no_shadows)?
+        }
         ViewMode::Shaded => shading::shade_nearest(&octree, &views, &nearest),
         ViewMode::Iterations => shading::iteration_map(&view, hits, MOST_ITERATIONS),
         ViewMode::Normals => shading::normal_map(&octree, &views, &nearest),

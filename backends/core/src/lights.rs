@@ -1,0 +1,166 @@
+//! Lights of a scene, and the shadows of what stands before them.
+
+use glam::DVec3;
+
+use crate::attributes::{own_normal, voxel_ambient, voxel_color};
+use crate::exact::CameraRays;
+use crate::shading::{Lamp, Surface, phong, scattered_from_everywhere};
+use crate::{CastError, Caster, HitPoint, Nearest, Object, Picture, Ray, Rays, View};
+
+/// A light, in mesh space. Its strength is that of the lamp of [`shade`](crate::shading::shade), at every distance.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub enum Light {
+    /// So far away that its light comes from one direction.
+    Directional {
+        /// Direction from the scene to the light, of any length above 0.
+        to_light: DVec3,
+    },
+    /// Shines in all directions.
+    Point {
+        /// Where it is.
+        position: DVec3,
+    },
+    /// Shines in a cone.
+    Spot {
+        /// Where it is.
+        position: DVec3,
+        /// The axis of the cone, of any length above 0.
+        direction: DVec3,
+        /// Full angle of the cone in degrees, more than 0. The outer fifth fades out.
+        angle_degrees: f64,
+    },
+}
+
+impl Light {
+    /// From a point: the unit vector to the light, its distance, and the share of its strength that comes here. `None` if nothing does.
+    fn toward(&self, point: DVec3) -> Option<(DVec3, f64, f32)> {
+        let (way, distance) = match self {
+            Self::Directional { to_light } => (*to_light, f64::INFINITY),
+            Self::Point { position } | Self::Spot { position, .. } => (*position - point, position.distance(point)),
+        };
+        let way = way.try_normalize()?;
+        let share = match self {
+            Self::Spot { direction, angle_degrees, .. } => {
+                let off_axis = (-way).angle_between(*direction).to_degrees();
+                ((1.0 - 2.0 * off_axis / angle_degrees) * 5.0).clamp(0.0, 1.0)
+            }
+            _ => 1.0,
+        };
+        (share > 0.0).then_some((way, distance, share as f32))
+    }
+}
+
+/// Rows whose shadow rays are cast together: bounds the memory for them.
+const ROWS: u32 = 32;
+
+/// The objects of an octree as by [`shade_nearest`](crate::shading::shade_nearest), but lit by these lights. With `shadows`,
+/// [`HitPoint::shadow_ray`]s are cast, against every object.
+///
+/// # Errors
+/// Those of [`Caster::cast_rays`].
+///
+/// # Panics
+/// `nearest` are not the hits of this octree and of these views, or the caster has loaded another octree.
+pub fn shade_lit(
+    caster: &mut dyn Caster,
+    octree: &esvo_format::Octree,
+    views: &[View],
+    nearest: &Nearest,
+    lights: &[Light],
+    shadows: bool,
+) -> Result<Picture, CastError> {
+    let objects: Vec<Object> = views
+        .iter()
+        .map(|view| {
+            let index =
+                octree.objects().iter().position(|object| object.root_slot == u64::from(view.root)).unwrap_or(0);
+            let object = Object::of(octree, index);
+            if view.contours() { object } else { object.without_contours() }
+        })
+        .collect();
+    let cameras: Vec<_> =
+        views.iter().zip(&objects).map(|(view, object)| CameraRays::of_view(view, *object.octree_to_mesh())).collect();
+    let lamp = Lamp::new(&cameras[0]);
+    let (width, height) = (views[0].width, views[0].height);
+    let mut rgb8 = Vec::with_capacity(3 * width as usize * height as usize);
+    for top in (0..height).step_by(ROWS as usize) {
+        let rows = ROWS.min(height - top);
+        let pixel_at = |x: u32, y: u32| (top + y) as usize * width as usize + x as usize;
+        // For each pixel of the rows: its surface, and what each light adds.
+        let at = |x: u32, y: u32| {
+            let pixel = pixel_at(x, y);
+            let (hit, number) = (&nearest.hits[pixel], nearest.views[pixel] as usize);
+            HitPoint::new(&objects[number], &views[number].ray(x, top + y), hit).map(|point| (point, number))
+        };
+        let mut lit = vec![Vec::new(); width as usize * rows as usize];
+        for light in lights {
+            let mut rays: Vec<Vec<(usize, Ray)>> = vec![Vec::new(); objects.len()];
+            let mut shares = Vec::new();
+            for (i, (x, y)) in (0..rows).flat_map(|y| (0..width).map(move |x| (x, y))).enumerate() {
+                let Some((point, own)) = at(x, y) else { continue };
+                let Some((way, distance, share)) = light.toward(point.position()) else { continue };
+                // A surface that faces away is dark.
+                let Some(ray) = point.shadow_ray(way, distance) else { continue };
+                if shadows {
+                    for (number, object) in objects.iter().enumerate() {
+                        let ray = if number == own { ray } else { object.ray(point.position(), way, 0.0..distance) };
+                        rays[number].push((shares.len(), ray));
+                    }
+                }
+                shares.push((i, way, share));
+            }
+            let mut dark = vec![false; shares.len()];
+            for (object, rays) in objects.iter().zip(&rays) {
+                let (numbers, list): (Vec<usize>, Vec<Ray>) = rays.iter().copied().unzip();
+                let mut hits = Vec::new();
+                caster.cast_rays(&Rays { root: object.root(), contours: object.contours(), rays: &list }, &mut hits)?;
+                numbers.iter().zip(&hits).for_each(|(number, hit)| dark[*number] |= !hit.is_miss());
+            }
+            for ((i, way, share), dark) in shares.into_iter().zip(dark) {
+                if !dark {
+                    lit[i].push((way, share));
+                }
+            }
+        }
+        let band = Picture::from_fn((width, rows), |x, y| {
+            let pixel = pixel_at(x, y);
+            let (hit, number) = (&nearest.hits[pixel], nearest.views[pixel] as usize);
+            if hit.is_miss() {
+                return lamp.sky(top + y);
+            }
+            let (ray, to_mesh) = (views[number].ray(x, top + y), objects[number].octree_to_mesh());
+            let surface =
+                Surface { normal: own_normal(octree, to_mesh, &ray, hit), color: voxel_color(octree, &ray, hit) };
+            let direction = cameras[number].ray(x, top + y).direction;
+            let open = voxel_ambient(octree, hit);
+            let (mut diffuse, mut specular) = (open * scattered_from_everywhere(), 0.0);
+            for (way, share) in &lit[y as usize * width as usize + x as usize] {
+                let (scattered, highlight) = phong(surface.normal, direction, *way);
+                diffuse += open * share * scattered;
+                specular += share * highlight;
+            }
+            surface.shown(diffuse, specular)
+        });
+        rgb8.extend(band.rgb8);
+    }
+    Ok(Picture { width, height, rgb8 })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lights_shine_where_they_should() {
+        let sun = Light::Directional { to_light: DVec3::new(0.0, 3.0, 0.0) };
+        assert_eq!(sun.toward(DVec3::splat(7.0)), Some((DVec3::Y, f64::INFINITY, 1.0)));
+        let point = Light::Point { position: DVec3::new(0.0, 2.0, 0.0) };
+        assert_eq!(point.toward(DVec3::ZERO), Some((DVec3::Y, 2.0, 1.0)));
+        assert_eq!(point.toward(DVec3::new(0.0, 2.0, 0.0)), None, "in the light");
+        let spot = Light::Spot { position: DVec3::new(0.0, 2.0, 0.0), direction: DVec3::NEG_Y, angle_degrees: 90.0 };
+        let share = |x: f64| spot.toward(DVec3::new(x, 0.0, 0.0)).map_or(0.0, |(_, _, share)| share);
+        assert_eq!((share(0.0), share(1.0), share(2.1), share(-9.0)), (1.0, 1.0, 0.0, 0.0));
+        assert!(share(1.7) > 0.0 && share(1.7) < 1.0, "the edge is soft");
+        assert_eq!(spot.toward(DVec3::new(0.0, 4.0, 0.0)), None, "behind it");
+    }
+}

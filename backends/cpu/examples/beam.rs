@@ -1,0 +1,71 @@
+//! Checks that the beam optimization changes no hit, on every viewpoint of scenes.
+//!
+//! ```text
+//! cargo run --release -p esvo-cpu --example beam -- sibenik=sibenik.esvo ...
+//! ```
+//!
+//! An argument is the name of a scene of the built-in manifest and an octree of it. Every viewpoint of the manifest is cast at
+//! 1024 x 768, with contours and with cubes, down to the leaves and to voxels of one and of four pixels; with the beam and without.
+//! Printed is how many rays end in another voxel or at another `t`. The last column is the negative control: the same for the first
+//! viewpoint with start values that are too large by a hundredth. Exit code 1 if the beam changes a hit, or if the control shows none
+//! in a whole scene.
+
+mod measuring;
+
+use std::process::ExitCode;
+
+use esvo_core::reference::{cast_coarse, cast_fine};
+use esvo_core::{CastOptions, Caster, Hit, View};
+use esvo_cpu::CpuCaster;
+
+use self::measuring::{Arguments, Error, title, views};
+
+/// Rays that end otherwise.
+fn differences(a: &[Hit], b: &[Hit]) -> usize {
+    a.iter().zip(b).filter(|(a, b)| !a.same_voxel(b) || a.raw_t != b.raw_t).count()
+}
+
+fn main() -> Result<ExitCode, Error> {
+    let Arguments { scenes, .. } = Arguments::parse()?;
+    title("Hits that the beam changes", "beam", "");
+    println!("| scene, mode, rays end at | rays | other hits | control |");
+    println!("|---|--:|--:|--:|");
+    let mut right = true;
+    for (name, octree) in scenes {
+        let mut caster = CpuCaster::new(None)?;
+        caster.load(&octree)?;
+        let mut controls = 0;
+        for contours in [true, false] {
+            for pixels in [0.0, 1.0, 4.0] {
+                let options = |beam| CastOptions { contours, beam, max_voxel_pixels: pixels };
+                let (with, without) = (views(&name, &octree, &options(true))?, views(&name, &octree, &options(false))?);
+                let (mut ours, mut theirs) = (Vec::new(), Vec::new());
+                let (mut rays, mut other, mut control) = (0, 0, 0);
+                for (number, (with, without)) in with.iter().zip(&without).enumerate() {
+                    caster.cast(with, &mut ours)?;
+                    caster.cast(without, &mut theirs)?;
+                    rays += theirs.len();
+                    other += differences(&ours, &theirs);
+                    if number == 0 {
+                        control += too_far(&octree, with, &theirs);
+                    }
+                }
+                let mode = if contours { "contours" } else { "cubes" };
+                let end = if pixels == 0.0 { "leaves".into() } else { format!("{pixels} pixels") };
+                println!("| {name}, {mode}, {end} | {rays} | {other} | {control} |");
+                controls += control;
+                right &= other == 0;
+            }
+        }
+        right &= controls != 0;
+    }
+    Ok(if right { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+/// Rays that end otherwise if they start a hundredth too far.
+fn too_far(octree: &esvo_format::Octree, view: &View, right: &[Hit]) -> usize {
+    let starts: Vec<f32> = cast_coarse(octree, view).iter().map(|start| start * 1.01).collect();
+    let mut hits = Vec::new();
+    cast_fine(octree, view, &starts, &mut hits);
+    differences(&hits, right)
+}
