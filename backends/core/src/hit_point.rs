@@ -116,10 +116,15 @@ impl<'a> HitPoint<'a> {
     /// It starts one edge of the voxel later than [`next_ray`](Self::next_ray), beyond the steps between neighbouring voxels
     /// of one surface. What is closer than that casts no shadow.
     pub fn shadow_ray(&self, direction: DVec3, distance: f64) -> Option<Ray> {
+        (self.normal().dot(direction) > 0.0).then(|| self.ray_to_light(direction, distance))
+    }
+
+    /// [`shadow_ray`](Self::shadow_ray) whatever way the surface faces.
+    pub(crate) fn ray_to_light(&self, direction: DVec3, distance: f64) -> Ray {
         let mut ray = self.next_ray(direction, distance);
         // The direction has length 1 in cast space, as that of every ray of an object.
         ray.t_min += self.shape.size as f32;
-        (self.normal().dot(direction) > 0.0).then_some(ray)
+        ray
     }
 
     fn next_ray_with(&self, direction: DVec3, distance: f64, margins: &Margins) -> Ray {

@@ -4,8 +4,8 @@ use glam::DVec3;
 
 use crate::attributes::{own_normal, voxel_ambient, voxel_color};
 use crate::exact::CameraRays;
-use crate::shading::{Lamp, Surface, phong, scattered_from_everywhere};
-use crate::{CastError, Caster, HitPoint, Nearest, Object, Picture, Ray, Rays, View};
+use crate::shading::{Lamp, Surface, phong, scattered_from_everywhere, seen_side};
+use crate::{CastError, Caster, Hit, HitPoint, Nearest, Object, Picture, Ray, Rays, View};
 
 /// A light, in mesh space. Its strength is that of the lamp of [`shade`](crate::shading::shade), at every distance.
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -50,11 +50,21 @@ impl Light {
     }
 }
 
+/// What is seen in a pixel.
+struct Seen<'a> {
+    ray: Ray,
+    hit: &'a Hit,
+    /// Number of its view and object.
+    number: usize,
+    to_eye: DVec3,
+    normal: DVec3,
+}
+
 /// Rows whose shadow rays are cast together: bounds the memory for them.
 const ROWS: u32 = 32;
 
 /// The objects of an octree as by [`shade_nearest`](crate::shading::shade_nearest), but lit by these lights. With `shadows`,
-/// [`HitPoint::shadow_ray`]s are cast, against every object.
+/// rays as of [`HitPoint::shadow_ray`] are cast, against every object.
 ///
 /// # Errors
 /// Those of [`Caster::cast_rays`].
@@ -86,24 +96,34 @@ pub fn shade_lit(
     for top in (0..height).step_by(ROWS as usize) {
         let rows = ROWS.min(height - top);
         let pixel_at = |x: u32, y: u32| (top + y) as usize * width as usize + x as usize;
-        // For each pixel of the rows: its surface, and what each light adds.
+        // The surface of a pixel, and its ray.
         let at = |x: u32, y: u32| {
             let pixel = pixel_at(x, y);
             let (hit, number) = (&nearest.hits[pixel], nearest.views[pixel] as usize);
-            HitPoint::new(&objects[number], &views[number].ray(x, top + y), hit).map(|point| (point, number))
+            let (ray, to_mesh) = (views[number].ray(x, top + y), objects[number].octree_to_mesh());
+            let to_eye = -cameras[number].ray(x, top + y).direction.normalize_or_zero();
+            let normal = || seen_side(own_normal(octree, to_mesh, &ray, hit), to_eye);
+            (!hit.is_miss()).then(|| Seen { ray, hit, number, to_eye, normal: normal() })
         };
+        // What each light adds.
         let mut lit = vec![Vec::new(); width as usize * rows as usize];
         for light in lights {
             let mut rays: Vec<Vec<(usize, Ray)>> = vec![Vec::new(); objects.len()];
             let mut shares = Vec::new();
             for (i, (x, y)) in (0..rows).flat_map(|y| (0..width).map(move |x| (x, y))).enumerate() {
-                let Some((point, own)) = at(x, y) else { continue };
+                let Some(seen) = at(x, y) else { continue };
+                let Some(point) = HitPoint::new(&objects[seen.number], &seen.ray, seen.hit) else { continue };
                 let Some((way, distance, share)) = light.toward(point.position()) else { continue };
-                // A surface that faces away is dark.
-                let Some(ray) = point.shadow_ray(way, distance) else { continue };
+                if seen.normal.dot(way) <= 0.0 {
+                    continue;
+                }
                 if shadows {
                     for (number, object) in objects.iter().enumerate() {
-                        let ray = if number == own { ray } else { object.ray(point.position(), way, 0.0..distance) };
+                        let ray = if number == seen.number {
+                            point.ray_to_light(way, distance)
+                        } else {
+                            object.ray(point.position(), way, 0.0..distance)
+                        };
                         rays[number].push((shares.len(), ray));
                     }
                 }
@@ -123,19 +143,12 @@ pub fn shade_lit(
             }
         }
         let band = Picture::from_fn((width, rows), |x, y| {
-            let pixel = pixel_at(x, y);
-            let (hit, number) = (&nearest.hits[pixel], nearest.views[pixel] as usize);
-            if hit.is_miss() {
-                return lamp.sky(top + y);
-            }
-            let (ray, to_mesh) = (views[number].ray(x, top + y), objects[number].octree_to_mesh());
-            let surface =
-                Surface { normal: own_normal(octree, to_mesh, &ray, hit), color: voxel_color(octree, &ray, hit) };
-            let direction = cameras[number].ray(x, top + y).direction;
+            let Some(Seen { ray, hit, to_eye, normal, .. }) = at(x, y) else { return lamp.sky(top + y) };
+            let surface = Surface { normal, color: voxel_color(octree, &ray, hit) };
             let open = voxel_ambient(octree, hit);
             let (mut diffuse, mut specular) = (open * scattered_from_everywhere(), 0.0);
             for (way, share) in &lit[y as usize * width as usize + x as usize] {
-                let (scattered, highlight) = phong(surface.normal, direction, *way);
+                let (scattered, highlight) = phong(normal, to_eye, *way);
                 diffuse += open * share * scattered;
                 specular += share * highlight;
             }

@@ -52,7 +52,9 @@ impl Lamp {
     /// A surface under this lamp. `open` is the share of the light from all directions that reaches it. As in the authors'
     /// program it scales all scattered light and not the highlight.
     fn lit(&self, surface: &Surface, open: f32, direction: DVec3) -> [f32; 3] {
-        let (diffuse, specular) = phong(surface.normal, direction, self.to_light);
+        let to_eye = -direction.normalize_or_zero();
+        let normal = mirrored(surface.normal, direction).try_normalize().unwrap_or(to_eye);
+        let (diffuse, specular) = phong(normal, to_eye, self.to_light);
         surface.shown(open * (AMBIENT + diffuse), specular)
     }
 }
@@ -69,16 +71,22 @@ pub(crate) fn scattered_from_everywhere() -> f32 {
     AMBIENT
 }
 
-/// Phong's model: what a surface scatters and reflects of a light in the direction `to_light`, of length 1. A side that points away
-/// from the viewer is lit as its mirror image.
-pub(crate) fn phong(normal: DVec3, direction: DVec3, to_light: DVec3) -> (f32, f32) {
-    let to_eye = -direction.normalize_or_zero();
-    let normal = mirrored(normal, direction).try_normalize().unwrap_or(to_eye);
+/// Phong's model: what a surface scatters and reflects of a light. All directions have length 1.
+pub(crate) fn phong(normal: DVec3, to_eye: DVec3, to_light: DVec3) -> (f32, f32) {
     let toward = normal.dot(to_light);
     let mirrored = normal * (2.0 * toward) - to_light;
     let specular =
         if toward > 0.0 { SPECULAR.0 * (mirrored.dot(to_eye).max(0.0) as f32).powf(SPECULAR.1) } else { 0.0 };
     (DIFFUSE * toward.max(0.0) as f32, specular)
+}
+
+/// The unit normal of the side that is seen: turned around if it points away from the viewer by more than 15 degrees. One that points
+/// away by less is that of a voxel at a silhouette, which reaches beyond it. `to_eye` for a normal without length.
+pub(crate) fn seen_side(normal: DVec3, to_eye: DVec3) -> DVec3 {
+    /// Sine of 15 degrees.
+    const BEYOND: f64 = 0.2588;
+    let normal = normal.try_normalize().unwrap_or(to_eye);
+    if normal.dot(to_eye) < -BEYOND { -normal } else { normal }
 }
 
 /// The normal, mirrored to the viewer's side if it points away: its angle to the ray and its direction across the ray stay.

@@ -11,11 +11,18 @@ use esvo_cpu::CpuCaster;
 
 /// A flat floor, 10 wide, and a board above it, so that the floor's normals are stored with their usual errors.
 fn floor() -> Mesh {
+    facing(true)
+}
+
+/// The same, facing upwards or downwards.
+fn facing(up: bool) -> Mesh {
     let square = |low: f64, high: f64, height: f64| {
         [[low, height, low], [low, height, high], [high, height, high], [high, height, low]]
     };
     let positions = [square(0.0, 10.0, 0.0), square(3.8, 6.2, 2.0)].concat();
-    Mesh::from_triangles(positions, vec![[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]]).unwrap()
+    let triangles = [[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]];
+    let triangles = triangles.map(|[a, b, c]| if up { [a, b, c] } else { [a, c, b] });
+    Mesh::from_triangles(positions, triangles.to_vec()).unwrap()
 }
 
 /// Points of the floor out of the board's shadow that are dark: with shadow rays, and with rays that start at the voxel.
@@ -61,8 +68,18 @@ fn dark(contours: bool, lamp: DVec3) -> [usize; 2] {
 /// The floor and the board from above, lit from above: the floor is dark exactly where the board is between it and the light.
 #[test]
 fn boards_cast_shadows_where_they_should() {
+    boards_cast_shadows(true);
+}
+
+/// Sides that face away are lit as those that are seen.
+#[test]
+fn boards_that_face_away_cast_the_same_shadows() {
+    boards_cast_shadows(false);
+}
+
+fn boards_cast_shadows(up: bool) {
     let settings = BuildSettings { levels: 8, ..BuildSettings::default() };
-    let octree = Arc::new(build(&floor(), &settings, &|_| ()).unwrap().octree);
+    let octree = Arc::new(build(&facing(up), &settings, &|_| ()).unwrap().octree);
     let mut caster = CpuCaster::new(None).unwrap();
     caster.load(&octree).unwrap();
     let camera = Camera {
