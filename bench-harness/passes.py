@@ -18,6 +18,17 @@ TIMES = re.compile(r"casting ([\d.]+) ms, shading ([\d.]+) ms, filter ([\d.]+) m
 DEVICE = re.compile(r"cast by \S+ on (.*)")
 
 
+def output_of(command: list[str]) -> tuple[str, str]:
+    """Standard output and error of a command. If it fails, its error ends this program."""
+    try:
+        done = subprocess.run(command, capture_output=True, text=True)
+    except OSError as error:
+        sys.exit(f"error: {command[0]}: {error.strerror}")
+    if done.returncode != 0:
+        sys.exit(done.stderr.strip())
+    return done.stdout, done.stderr
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("program", metavar="ESVO")
@@ -26,6 +37,9 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=3)
     arguments = parser.parse_args()
     engines = arguments.engines.split(",")
+    for entry in arguments.octrees:
+        if "=" not in entry:
+            sys.exit(f"error: {entry}: expected SCENE=OCTREE, e.g. sibenik=sibenik.esvo")
     print("# What a picture takes\n")
     print("Milliseconds for two pictures of 1024 x 768, rays ending at voxels of one pixel, the least of "
           f"{arguments.rounds} rounds in turn. Casting on a GPU includes copying the hits; shading is done by all cores of the "
@@ -37,24 +51,24 @@ def main() -> None:
         picture = Path(folder) / "picture.png"
         for entry in arguments.octrees:
             scene, _, octree = entry.partition("=")
-            info = subprocess.run([arguments.program, "info", octree], check=True, capture_output=True, text=True).stdout
-            levels = re.search(r"(\d+) levels", info) or re.search(r"levels\D*(\d+)", info)
+            info = output_of([arguments.program, "info", octree])[0]
+            levels = re.search(r"(\d+) levels", info).group(1)
             least = {}
             for _ in range(arguments.rounds):
                 for engine in engines:
                     for view in ("1", "2"):
                         command = [arguments.program, "render", octree, "--scene", scene, "--view", view, "--times",
                                    "--backend", engine, "-o", str(picture)]
-                        done = subprocess.run(command, check=True, capture_output=True, text=True)
-                        sys.stderr.write(done.stderr)
-                        times = [float(time) for time in TIMES.search(done.stdout).groups()]
+                        said, warnings = output_of(command)
+                        sys.stderr.write(warnings)
+                        times = [float(time) for time in TIMES.search(said).groups()]
                         before = least.get((engine, view), times)
                         least[engine, view] = [min(pair) for pair in zip(before, times)]
-                        devices[engine] = DEVICE.search(done.stdout).group(1)
+                        devices[engine] = DEVICE.search(said).group(1)
             for engine in engines:
                 casting, shading, filtering = (sum(pair) for pair in zip(least[engine, "1"], least[engine, "2"]))
                 ratio = f"{casting / filtering:.1f}" if filtering else "no voxel is larger than a pixel"
-                print(f"| {scene} | {levels.group(1) if levels else '?'} | {engine} | {casting:.1f} | {shading:.1f} | "
+                print(f"| {scene} | {levels} | {engine} | {casting:.1f} | {shading:.1f} | "
                       f"{filtering:.1f} | {ratio} |", flush=True)
     print()
     for engine in engines:

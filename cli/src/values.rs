@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
-use esvo_core::lights::Light;
+use esvo_core::lights::{Light, unit};
 use esvo_engines::EngineId;
 use glam::DVec3;
 
@@ -42,10 +42,8 @@ pub(crate) fn parse_light(text: &str) -> Result<Light, String> {
     let expected = "expected sun:X,Y,Z or point:X,Y,Z or spot:X,Y,Z,DX,DY,DZ,DEGREES";
     let (kind, numbers) = text.split_once(':').ok_or(expected)?;
     let numbers = parse_numbers(numbers).ok_or(expected)?;
-    let direction = |x: f64, y: f64, z: f64| {
-        let direction = DVec3::new(x, y, z);
-        direction.try_normalize().ok_or_else(|| format!("{direction} is no direction"))
-    };
+    let direction =
+        |x: f64, y: f64, z: f64| unit(DVec3::new(x, y, z)).ok_or("0,0,0 is no direction; give one, e.g. 0,1,0");
     match (kind, &numbers[..]) {
         ("sun", &[x, y, z]) => Ok(Light::Directional { to_light: direction(x, y, z)? }),
         ("point", &[x, y, z]) => Ok(Light::Point { position: DVec3::new(x, y, z) }),
@@ -97,6 +95,9 @@ mod tests {
 
     #[test]
     fn lights() {
+        for sun in ["sun:0,2,0", "sun:0,1e300,0", "sun:0,1e-320,0"] {
+            assert_eq!(parse_light(sun), Ok(Light::Directional { to_light: DVec3::Y }));
+        }
         assert_eq!(parse_light("sun:0,2,0"), Ok(Light::Directional { to_light: DVec3::Y }));
         assert_eq!(parse_light("point:1,2,3"), Ok(Light::Point { position: DVec3::new(1.0, 2.0, 3.0) }));
         let spot = Light::Spot { position: DVec3::ZERO, direction: DVec3::NEG_Y, angle_degrees: 30.0 };

@@ -69,6 +69,8 @@ fn lights_and_shadows_change_the_picture() {
     assert_eq!(lit, picture(&[two, &["--backend", "reference"]].concat()));
     folder.fails(&["render", "box.esvo", "-o", "p.png", "--light", "moon:1,2,3"], 2, "expected sun:X,Y,Z");
     folder.fails(&["render", "box.esvo", "-o", "p.png", "--no-shadows"], 2, "--light");
+    let depth = ["render", "box.esvo", "-o", "p.png", "--view-mode", "depth", "--light", "sun:0,1,0"];
+    folder.fails(&depth, 1, "only shaded pictures are lit");
 }
 
 #[test]

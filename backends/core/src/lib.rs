@@ -53,7 +53,7 @@
 //!
 //! | to | see |
 //! |---|---|
-//! | place a camera | [`Camera`]; [`camera::viewpoint`]: one that sees all of an object |
+//! | place a camera | [`Camera`]; [`camera::viewpoint`]: one that sees all objects |
 //! | know the rays of a picture | [`View`], [`Ray`]; in double precision: [`exact`] |
 //! | cast a picture | [`Caster::cast`] |
 //! | cast a picture of several objects | [`Nearest::cast`] |

@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use crate::attributes::{own_normal, voxel_ambient, voxel_color};
 use crate::exact::CameraRays;
-use crate::shading::{Lamp, Surface, phong, scattered_from_everywhere, seen_side};
+use crate::shading::{AMBIENT, Lamp, Surface, phong, seen_side};
 use crate::{CastError, Caster, Hit, HitPoint, Nearest, Object, Picture, Ray, Rays, View};
 
 /// A light, in mesh space. Its strength is that of the lamp of [`shade`](crate::shading::shade), at every distance.
@@ -32,22 +32,28 @@ pub enum Light {
 }
 
 impl Light {
-    /// From a point: the unit vector to the light, its distance, and the share of its strength that comes here. `None` if nothing does.
+    /// From a point: the unit vector to the light, its distance in mesh units, and the share of its strength that comes here.
+    /// `None` if nothing does.
     fn toward(&self, point: DVec3) -> Option<(DVec3, f64, f32)> {
         let (way, distance) = match self {
             Self::Directional { to_light } => (*to_light, f64::INFINITY),
             Self::Point { position } | Self::Spot { position, .. } => (*position - point, position.distance(point)),
         };
-        let way = way.try_normalize()?;
+        let way = unit(way)?;
         let share = match self {
             Self::Spot { direction, angle_degrees, .. } => {
-                let off_axis = (-way).angle_between(*direction).to_degrees();
+                let off_axis = (-way).angle_between(unit(*direction)?).to_degrees();
                 ((1.0 - 2.0 * off_axis / angle_degrees) * 5.0).clamp(0.0, 1.0)
             }
             _ => 1.0,
         };
         (share > 0.0).then_some((way, distance, share as f32))
     }
+}
+
+/// A vector of any length above 0 as one of length 1, also where the square of its length is no number.
+pub fn unit(vector: DVec3) -> Option<DVec3> {
+    (vector / vector.abs().max_element()).try_normalize()
 }
 
 /// What is seen in a pixel.
@@ -67,10 +73,10 @@ const ROWS: u32 = 32;
 /// rays as of [`HitPoint::shadow_ray`] are cast, against every object.
 ///
 /// # Errors
-/// Those of [`Caster::cast_rays`].
+/// Those of [`Caster::cast_rays`]: among others, the caster has loaded another octree, or none.
 ///
 /// # Panics
-/// `nearest` are not the hits of this octree and of these views, or the caster has loaded another octree.
+/// `nearest` are not the hits of this octree and of these views.
 pub fn shade_lit(
     caster: &mut dyn Caster,
     octree: &esvo_format::Octree,
@@ -102,8 +108,10 @@ pub fn shade_lit(
             let (hit, number) = (&nearest.hits[pixel], nearest.views[pixel] as usize);
             let (ray, to_mesh) = (views[number].ray(x, top + y), objects[number].octree_to_mesh());
             let to_eye = -cameras[number].ray(x, top + y).direction.normalize_or_zero();
-            let normal = || seen_side(own_normal(octree, to_mesh, &ray, hit), to_eye);
-            (!hit.is_miss()).then(|| Seen { ray, hit, number, to_eye, normal: normal() })
+            (!hit.is_miss()).then(|| {
+                let normal = seen_side(own_normal(octree, to_mesh, &ray, hit), to_eye);
+                Seen { ray, hit, number, to_eye, normal }
+            })
         };
         // What each light adds.
         let mut lit = vec![Vec::new(); width as usize * rows as usize];
@@ -142,11 +150,11 @@ pub fn shade_lit(
                 }
             }
         }
-        let band = Picture::from_fn((width, rows), |x, y| {
+        let band = Picture::from_fn_on_all_cores((width, rows), |x, y| {
             let Some(Seen { ray, hit, to_eye, normal, .. }) = at(x, y) else { return lamp.sky(top + y) };
             let surface = Surface { normal, color: voxel_color(octree, &ray, hit) };
             let open = voxel_ambient(octree, hit);
-            let (mut diffuse, mut specular) = (open * scattered_from_everywhere(), 0.0);
+            let (mut diffuse, mut specular) = (open * AMBIENT, 0.0);
             for (way, share) in &lit[y as usize * width as usize + x as usize] {
                 let (scattered, highlight) = phong(normal, to_eye, *way);
                 diffuse += open * share * scattered;
@@ -175,5 +183,9 @@ mod tests {
         assert_eq!((share(0.0), share(1.0), share(2.1), share(-9.0)), (1.0, 1.0, 0.0, 0.0));
         assert!(share(1.7) > 0.0 && share(1.7) < 1.0, "the edge is soft");
         assert_eq!(spot.toward(DVec3::new(0.0, 4.0, 0.0)), None, "behind it");
+        for huge in [1e-320, 1e300] {
+            let sun = Light::Directional { to_light: DVec3::Y * huge };
+            assert_eq!(sun.toward(DVec3::ZERO), Some((DVec3::Y, f64::INFINITY, 1.0)));
+        }
     }
 }

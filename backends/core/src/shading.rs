@@ -23,7 +23,7 @@ pub struct Surface {
 }
 
 /// Light from all directions, as a share of the colour.
-const AMBIENT: f32 = 0.18;
+pub(crate) const AMBIENT: f32 = 0.18;
 /// Light from the lamp that the surface scatters equally in all directions, as a share of the colour.
 const DIFFUSE: f32 = 0.78;
 /// Strength and exponent of the highlight.
@@ -64,11 +64,6 @@ impl Surface {
     pub(crate) fn shown(&self, diffuse: f32, specular: f32) -> [f32; 3] {
         self.color.map(|c| encode_srgb(decode_srgb(c) * diffuse + specular))
     }
-}
-
-/// What a surface scatters of the light from all directions.
-pub(crate) fn scattered_from_everywhere() -> f32 {
-    AMBIENT
 }
 
 /// Phong's model: what a surface scatters and reflects of a light. All directions have length 1.

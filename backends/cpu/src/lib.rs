@@ -28,7 +28,7 @@
 //!
 //! In `src/octree/`, `shared/` casts pictures, fans and lists in packets of rays that share a stack, pictures in tiles, with one
 //! source for all instruction sets and the proof that their hits are the reference's. Rays that do not stay together are cast in
-//! lockstep (`lockstep.rs`), without vectors one by one (`single.rs`, with the work of `tiles.rs`). [`LeaveOut`] says what is
+//! lockstep (`lockstep.rs`), without vectors one by one (`single.rs`, with the work of `task.rs`). [`LeaveOut`] says what is
 //! compiled out. `src/triangles/packet.rs` casts triangles with the same vectors, and `src/filter.rs` filters
 //! pictures. For a further instruction set, add a variant of [`InstructionSet`] in `octree/instructions.rs`, one of `Vectors` in
 //! `vectors.rs`, and a line in `tests/conformance.rs`.

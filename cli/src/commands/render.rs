@@ -54,14 +54,14 @@ pub(crate) struct RenderArguments {
     /// What to show
     #[arg(long, value_enum, default_value_t = ViewMode::Shaded)]
     pub(crate) view_mode: ViewMode,
-    /// Light the picture by this light and not by the lamp at the camera; may be given several times. In the units of the mesh:
+    /// Light a shaded picture by this light and not by the lamp at the camera; may be given several times. In the units of the mesh:
     /// sun:X,Y,Z (the direction to it), point:X,Y,Z, or spot:X,Y,Z,DX,DY,DZ,DEGREES (place, axis, full angle of the cone)
     #[arg(long = "light", value_name = "LIGHT", value_parser = parse_light)]
     pub(crate) lights: Vec<Light>,
     /// Lights cast no shadows
     #[arg(long, requires = "lights")]
     pub(crate) no_shadows: bool,
-    /// Blur the picture where voxels are larger than a pixel
+    /// Blur a shaded picture where voxels are larger than a pixel
     #[arg(long, value_enum, default_value_t = Filter::Adapted)]
     pub(crate) filter: Filter,
     /// Print how long casting, shading and filtering take; casts and filters twice and measures the second time
@@ -118,6 +118,9 @@ pub(crate) fn run_render(arguments: &RenderArguments) -> Result<(), Failure> {
     check_extension(&arguments.output, "png", "pictures are written as PNG")?;
     check_not_input(&arguments.output, &arguments.file)?;
     arguments.rays.check()?;
+    if !arguments.lights.is_empty() && arguments.view_mode != ViewMode::Shaded {
+        return Err("--light: only shaded pictures are lit; leave out --view-mode".to_owned().into());
+    }
     let octree = Arc::new(open(&arguments.file, !arguments.no_verify)?);
     let (camera, views) = arguments.rays.views(&octree, arguments.beam)?;
     let view = views[0];

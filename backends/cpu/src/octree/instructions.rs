@@ -3,7 +3,7 @@
 use std::fmt;
 
 use super::scene::Scene;
-use super::tiles::Task;
+use super::task::Task;
 use super::{shared, single};
 use crate::vectors::Vectors;
 

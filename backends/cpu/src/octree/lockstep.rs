@@ -13,7 +13,7 @@ use glam::Vec3;
 use super::counters::{What, count};
 use super::scene::Scene;
 use super::shared::fault;
-use super::tiles::{Found, LANES};
+use super::task::{Found, LANES};
 
 type Floats<S> = f32x16<S>;
 type Words<S> = u32x16<S>;

@@ -3,7 +3,7 @@
 //! `shared` casts pictures in tiles of 16 x 16 pixels, and pictures, fans and lists in packets of sixteen rays that share a stack:
 //! one source for all vectors of `fearless_simd`.
 //! `lockstep` casts rays of fans and lists that do not stay together, on the same vectors. `single` casts rays one by one: those of
-//! [`InstructionSet::Scalar`], and fans and lists where vectors are too short for packets. `tiles` is what they are asked to do.
+//! [`InstructionSet::Scalar`], and fans and lists where vectors are too short for packets. `task` is what they are asked to do.
 
 pub mod counters;
 mod instructions;
@@ -11,7 +11,7 @@ mod lockstep;
 mod scene;
 mod shared;
 mod single;
-mod tiles;
+mod task;
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -26,7 +26,7 @@ use rayon::prelude::*;
 pub use self::instructions::InstructionSet;
 pub use self::scene::LeaveOut;
 use self::scene::Scene;
-use self::tiles::{BAND_ROWS, Task};
+use self::task::{BAND_ROWS, Task};
 use crate::{filter, machine};
 
 /// Rays of a list per task; rays of fans per task, roughly.

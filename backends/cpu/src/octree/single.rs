@@ -18,7 +18,7 @@ use fearless_simd::{Fallback, Level, f32x4, i32x4, mask32x4, u32x4};
 
 use super::counters::{What, count};
 use super::scene::Scene;
-use super::tiles::{CastRay, Task};
+use super::task::{CastRay, Task};
 
 /// What [`run`] does tasks with.
 pub(super) fn detail() -> &'static str {

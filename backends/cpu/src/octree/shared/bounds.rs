@@ -4,7 +4,7 @@ use esvo_core::View;
 use esvo_core::reference::EPSILON;
 use fearless_simd::prelude::*;
 
-use super::super::tiles::{BLOCK, LANES};
+use super::super::task::{BLOCK, LANES};
 use super::fault;
 use super::packet::{Contour, Floats, Packet, axes};
 use crate::vectors::greatest;

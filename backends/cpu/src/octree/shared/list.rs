@@ -9,7 +9,7 @@ use fearless_simd::prelude::*;
 
 use super::super::counters::{What, count};
 use super::super::scene::Scene;
-use super::super::tiles::{LANES, Task};
+use super::super::task::{LANES, Task};
 use super::super::{lockstep, single};
 use super::packet::{Floats, Packet, Results, finest_scale_at};
 use super::walk::{Stack, cast_alone};

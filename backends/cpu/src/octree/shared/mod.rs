@@ -76,7 +76,7 @@ use fearless_simd::prelude::*;
 
 use self::picture::{Band, band, coarse_row};
 use super::scene::Scene;
-use super::tiles::Task;
+use super::task::Task;
 use crate::vectors::{Vectors, Work};
 
 /// Mistakes that tests make to see that they are found.

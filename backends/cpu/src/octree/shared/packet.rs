@@ -4,7 +4,7 @@ use esvo_core::reference::{EPSILON, MAX_SCALE};
 use fearless_simd::prelude::*;
 use fearless_simd::{f32x16, mask32x16, u32x16};
 
-use super::super::tiles::{Found, LANES};
+use super::super::task::{Found, LANES};
 
 /// One float for each ray of a packet.
 pub(super) type Floats<S> = f32x16<S>;

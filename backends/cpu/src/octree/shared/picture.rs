@@ -7,7 +7,7 @@ use fearless_simd::prelude::*;
 use super::super::counters::{What, count};
 use super::super::scene::Scene;
 use super::super::single;
-use super::super::tiles::{BLOCK, LANES, first_lanes};
+use super::super::task::{BLOCK, LANES, first_lanes};
 use super::bounds::{Area, BLOCKS, EDGE};
 use super::packet::{ALL, Floats, Lanes, Packet, Results, axes, bits, finest_scale};
 use super::tile::{self, Tiles};

@@ -9,7 +9,7 @@ use esvo_format::Octree;
 
 use super::super::lockstep;
 use super::super::scene::LeaveOut;
-use super::super::tiles::BAND_ROWS;
+use super::super::task::BAND_ROWS;
 use super::packet::finest_scale;
 use super::*;
 
