@@ -170,6 +170,45 @@ pub fn shade_lit(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::CastOptions;
+    use crate::camera::viewpoint::overview;
+    use crate::reference::ReferenceCaster;
+    use crate::testing::sample::two_objects_apart;
+
+    /// An object above another one, and the sun above both.
+    #[test]
+    fn objects_cast_shadows_on_each_other() {
+        let octree = two_objects_apart(1.5).expect("assembles");
+        let mut caster = ReferenceCaster::default();
+        caster.load(&octree).expect("is sound");
+        let camera = overview(&octree, [0.0, 1.0, 0.0], 60.0, 1.0);
+        let view = |object: usize| {
+            let root = octree.objects()[object].root_slot as u32;
+            View::new(&camera, octree.octree_to_mesh(object), root, (64, 64), &CastOptions::default())
+                .expect("is valid")
+        };
+        let (both, alone) = ([view(0), view(1)], [view(0)]);
+        let sun = [Light::Directional { to_light: octree.octree_to_mesh(0).transform_vector3(DVec3::Y) }];
+        let nearest = Nearest::cast(&mut caster, &both).expect("is cast");
+        let with = shade_lit(&mut caster, &octree, &both, &nearest, &sun, true).expect("is shaded");
+        let below = Nearest::cast(&mut caster, &alone).expect("is cast");
+        let without = shade_lit(&mut caster, &octree, &alone, &below, &sun, true).expect("is shaded");
+        let brightness = |picture: &Picture, pixel: usize| -> u32 {
+            picture.pixel(pixel as u32 % 64, pixel as u32 / 64).iter().map(|c| u32::from(*c)).sum()
+        };
+        let (mut shown, mut darker) = ([0, 0], 0);
+        for (pixel, hit) in nearest.hits.iter().enumerate().filter(|(_, hit)| !hit.is_miss()) {
+            let number = nearest.views[pixel] as usize;
+            shown[number] += 1;
+            if number == 0 && hit.same_voxel(&below.hits[pixel]) {
+                let (with, without) = (brightness(&with, pixel), brightness(&without, pixel));
+                assert!(with <= without, "{pixel}: another object makes no light");
+                darker += usize::from(with + 30 < without);
+            }
+        }
+        assert!(shown.iter().all(|pixels| *pixels > 50), "both are seen: {shown:?}");
+        assert!(darker > 20, "{darker} of {shown:?} are in the shadow of the other object");
+    }
 
     #[test]
     fn lights_shine_where_they_should() {

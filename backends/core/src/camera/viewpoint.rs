@@ -121,6 +121,7 @@ mod tests {
 
     use super::*;
     use crate::reference::ReferenceCaster;
+    use crate::testing::sample::two_objects_apart;
     use crate::{CastOptions, Caster, View};
 
     /// One voxel of level 1 at the corner 1, 1, 1 of a cube of edge 4 that starts at 10, 0, 0.
@@ -167,6 +168,31 @@ mod tests {
                 assert!(fills((left, right), width) || fills((top, bottom), height), "{what}");
             }
         }
+    }
+
+    #[test]
+    fn the_overview_sees_all_objects() {
+        let octree = two_objects_apart(3.0).unwrap();
+        let mut caster = ReferenceCaster::default();
+        caster.load(&octree).unwrap();
+        let camera = overview(&octree, [0.0, 1.0, 0.0], 50.0, 1.0);
+        let seen: Vec<Vec<bool>> = (0..2)
+            .map(|object| {
+                let root = octree.objects()[object].root_slot as u32;
+                let to_mesh = octree.octree_to_mesh(object);
+                let view = View::new(&camera, to_mesh, root, (64, 64), &CastOptions::default()).unwrap();
+                let mut hits = Vec::new();
+                caster.cast(&view, &mut hits).unwrap();
+                hits.iter().map(|hit| !hit.is_miss()).collect()
+            })
+            .collect();
+        let edge = |pixel: usize| [pixel % 64, pixel / 64].iter().any(|at| *at == 0 || *at == 63);
+        for seen in &seen {
+            assert!(seen.iter().filter(|seen| **seen).count() > 50);
+            assert!(seen.iter().enumerate().all(|(pixel, seen)| !seen || !edge(pixel)), "an object is cut off");
+        }
+        let reach = |octree: &Octree| planes(octree, [0.0; 3]).1;
+        assert!(reach(&octree) > 1.5 * reach(&two_objects_apart(0.0).unwrap()));
     }
 
     #[test]

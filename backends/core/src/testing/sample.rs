@@ -238,6 +238,20 @@ pub fn two_objects() -> Result<Arc<Octree>, FormatError> {
     Ok(Arc::new(Octree::from_parts(objects, blocks, image)?))
 }
 
+/// [`two_objects`], the second moved in mesh space by `edges` edges of its root cube along y.
+///
+/// # Errors
+/// A sample that cannot be assembled.
+pub fn two_objects_apart(edges: f64) -> Result<Arc<Octree>, FormatError> {
+    let octree = two_objects()?;
+    let mut objects = octree.objects().to_vec();
+    let place = &mut objects[1].octree_to_mesh;
+    for axis in 0..3 {
+        place[12 + axis] += edges * place[4 + axis];
+    }
+    Ok(Arc::new(Octree::from_parts(objects, octree.blocks().to_vec(), octree.slots().to_vec())?))
+}
+
 /// An octree that is not [sound](Octree::sound): the child pointer of its root leads out of the image.
 ///
 /// # Errors
