@@ -247,8 +247,9 @@ pub fn heat(value: f32) -> [f32; 3] {
 mod tests {
     use super::*;
     use crate::attributes::facing;
+    use crate::camera::viewpoint::overview;
     use crate::reference::{ReferenceCaster, cast_fine};
-    use crate::testing::sample::{cameras, two_objects};
+    use crate::testing::sample::two_objects_apart;
     use crate::{Camera, CastOptions, Caster};
     use esvo_format::{AssembleOptions, Contour, CornerValue, NodeCorners, RawNormal, Tree, Voxel, assemble};
     use glam::Vec3;
@@ -421,25 +422,31 @@ mod tests {
 
     #[test]
     fn objects_are_shaded_as_if_they_were_alone() {
-        let octree = two_objects().unwrap();
+        let octree = two_objects_apart(1.2).unwrap();
         let mut caster = ReferenceCaster::default();
         caster.load(&octree).unwrap();
+        let camera = overview(&octree, [0.0, 1.0, 0.0], 60.0, 1.5);
         let view = |object: usize| {
             let root = octree.objects()[object].root_slot as u32;
-            View::new(&cameras()[0], octree.octree_to_mesh(object), root, SIZE, &CastOptions::default()).unwrap()
+            View::new(&camera, octree.octree_to_mesh(object), root, SIZE, &CastOptions::default()).unwrap()
         };
         let views = [view(0), view(1)];
         let nearest = Nearest::cast(&mut caster, &views).unwrap();
         let both = shade_nearest(&octree, &views, &nearest);
+        let normals = normal_map(&octree, &views, &nearest);
         let alone = views.map(|view| {
             let mut hits = Vec::new();
             caster.cast(&view, &mut hits).unwrap();
-            shade(&octree, &view, &hits)
+            let picture = shade(&octree, &view, &hits);
+            let nearest = Nearest { views: vec![0; hits.len()], hits };
+            (picture, normal_map(&octree, &[view], &nearest))
         });
         let mut seen = [0; 2];
         for (pixel, view) in nearest.views.iter().enumerate().filter(|(pixel, _)| !nearest.hits[*pixel].is_miss()) {
             let (x, y) = (pixel as u32 % SIZE.0, pixel as u32 / SIZE.0);
-            let (found, expected) = (both.pixel(x, y), alone[*view as usize].pixel(x, y));
+            let (picture, own_normals) = &alone[*view as usize];
+            assert_eq!(normals.pixel(x, y), own_normals.pixel(x, y));
+            let (found, expected) = (both.pixel(x, y), picture.pixel(x, y));
             assert!(found.iter().zip(expected).all(|(a, b)| a.abs_diff(b) <= 1), "{x}, {y}: {found:?} {expected:?}");
             seen[*view as usize] += 1;
         }

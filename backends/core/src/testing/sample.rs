@@ -238,7 +238,7 @@ pub fn two_objects() -> Result<Arc<Octree>, FormatError> {
     Ok(Arc::new(Octree::from_parts(objects, blocks, image)?))
 }
 
-/// [`two_objects`], the second moved in mesh space by `edges` edges of its root cube along y.
+/// [`two_objects`], the second with its axes x and z exchanged, and moved in mesh space by `edges` edges of its root cube along y.
 ///
 /// # Errors
 /// A sample that cannot be assembled.
@@ -247,6 +247,7 @@ pub fn two_objects_apart(edges: f64) -> Result<Arc<Octree>, FormatError> {
     let mut objects = octree.objects().to_vec();
     let place = &mut objects[1].octree_to_mesh;
     for axis in 0..3 {
+        place.swap(axis, 8 + axis);
         place[12 + axis] += edges * place[4 + axis];
     }
     Ok(Arc::new(Octree::from_parts(objects, octree.blocks().to_vec(), octree.slots().to_vec())?))
