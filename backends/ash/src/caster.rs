@@ -244,6 +244,7 @@ impl Caster for AshCaster {
     fn filter(&mut self, frame: &Frame, radius: Radius) -> Result<Filtered, CastError> {
         let limits = &self.gpu.adapter.limits;
         let max_bytes = u64::from(limits.max_storage_buffer_range).min(self.gpu.adapter.max_allocation);
+        let max_bytes = self.options.max_part_bytes.unwrap_or(u64::MAX).min(max_bytes);
         let max_groups = limits.max_compute_work_group_count[0].min(limits.max_compute_work_group_count[1]);
         let bands = Band::all(frame, max_bytes, max_groups)?;
         let most = |rows: fn(&Band) -> u32| {

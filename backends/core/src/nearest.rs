@@ -12,8 +12,8 @@ pub struct Nearest {
 }
 
 impl Nearest {
-    /// Casts each view and takes the nearest hits; of equal ones, that of the first view. The views are those of one camera, one for
-    /// each object: see [`View::new`]. `t` is depth divided by that of the far plane, the same for all objects.
+    /// Casts each view and takes the nearest hits; of equal ones, that of the first view. The views are those of one camera,
+    /// one for each object: see [`View::new`]. `t` is depth divided by that of the far plane, the same for all objects.
     ///
     /// # Errors
     /// [`CastError::View`]: there is no view, or they differ in size. Those of [`Caster::cast`].

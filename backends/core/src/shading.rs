@@ -75,8 +75,8 @@ pub(crate) fn phong(normal: DVec3, to_eye: DVec3, to_light: DVec3) -> (f32, f32)
     (DIFFUSE * toward.max(0.0) as f32, specular)
 }
 
-/// The unit normal of the side that is seen: turned around if it points away from the viewer by more than 15 degrees. One that points
-/// away by less is that of a voxel at a silhouette, which reaches beyond it. `to_eye` for a normal without length.
+/// The unit normal of the side that is seen: turned around if it points away from the viewer by more than 15 degrees. One that
+/// points away by less is that of a voxel at a silhouette, which reaches beyond it. `to_eye` for a normal without length.
 pub(crate) fn seen_side(normal: DVec3, to_eye: DVec3) -> DVec3 {
     /// Sine of 15 degrees.
     const BEYOND: f64 = 0.2588;

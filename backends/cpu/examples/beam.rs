@@ -6,9 +6,9 @@
 //!
 //! An argument is the name of a scene of the built-in manifest and an octree of it. Every viewpoint of the manifest is cast at
 //! 1024 x 768, with contours and with cubes, down to the leaves and to voxels of one and of four pixels; with the beam and without.
-//! Printed is how many rays end in another voxel or at another `t`. The last column is the negative control: the same for the first
-//! viewpoint with start values that are too large by a twentieth. Exit code 1 if the beam changes a hit, or if the control shows none
-//! in a whole scene.
+//! Printed is how many rays end in another voxel or at another `t`. The last column is the negative control: the same for the
+//! first viewpoint with start values that are too large by a twentieth. Exit code 1 if the beam changes a hit, or if the control
+//! shows none in a whole scene.
 
 mod measuring;
 

@@ -1,7 +1,7 @@
 //! The post-process filter, sixteen pixels of a row at a time.
 //!
-//! The operations are those of [`esvo_core::filter::filter_rows`] in the same order, so that pictures are equal in every byte. Lanes do
-//! not end: samples that are too far away have the weight 0.
+//! The operations are those of [`esvo_core::filter::filter_rows`] in the same order, so that pictures are equal in every byte.
+//! Lanes do not end: samples that are too far away have the weight 0.
 
 use esvo_core::Picture;
 use esvo_core::filter::{DISC, Frame, Radius, radii, samples};

@@ -1,6 +1,7 @@
 //! The choice of vectors: code that is generic over the vectors of `fearless_simd` is compiled for each of them, and those
 //! that the processor has are found when it runs.
 
+use esvo_core::reference::EPSILON;
 use fearless_simd::prelude::*;
 use fearless_simd::{Fallback, Level, f32x16};
 
@@ -108,4 +109,10 @@ pub(crate) fn least<S: Simd>(lanes: f32x16<S>) -> f32 {
 #[inline(always)]
 pub(crate) fn greatest<S: Simd>(lanes: f32x16<S>) -> f32 {
     -least(-lanes)
+}
+
+/// Replaces numbers nearer to zero than [`EPSILON`] by it, keeping the sign.
+#[inline(always)]
+pub(crate) fn away_from_zero<S: Simd>(simd: S, x: f32x16<S>) -> f32x16<S> {
+    x.abs().simd_lt(f32x16::splat(simd, EPSILON)).select(f32x16::splat(simd, EPSILON).copysign(x), x)
 }

@@ -248,7 +248,8 @@ impl Caster for WgpuCaster {
             Some(filter) => filter,
             None => Filter::new(&self.gpu)?,
         };
-        self.filter.insert(filter).run(&self.gpu, frame, radius)
+        let max_bytes = self.options.max_part_bytes.unwrap_or(u64::MAX).min(self.gpu.max_storage_bytes());
+        self.filter.insert(filter).run(&self.gpu, max_bytes, frame, radius)
     }
 
     fn time_checked(&mut self, view: Checked<View>) -> Result<FrameTime, CastError> {

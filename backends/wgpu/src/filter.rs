@@ -24,11 +24,13 @@ impl Filter {
     }
 
     /// Filters a frame, band by band.
-    pub(crate) fn run(&self, gpu: &Gpu, frame: &Frame, radius: Radius) -> Result<Filtered, CastError> {
+    ///
+    /// Buffers have at most `max_bytes`.
+    pub(crate) fn run(&self, gpu: &Gpu, max_bytes: u64, frame: &Frame, radius: Radius) -> Result<Filtered, CastError> {
         let max_groups = gpu.limits().max_compute_workgroups_per_dimension;
         let mut rgb8 = Vec::with_capacity(3 * frame.pixels().len());
         let mut time = Duration::ZERO;
-        for band in Band::all(frame, gpu.max_storage_bytes(), max_groups)? {
+        for band in Band::all(frame, max_bytes, max_groups)? {
             let count = band.rows as usize * frame.width() as usize;
             let params = gpu.upload("filter", &[band.params(frame, radius)], Usage::UNIFORM)?;
             let input = gpu.upload("pixels", band.input(frame), Usage::STORAGE)?;

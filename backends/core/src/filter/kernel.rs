@@ -104,3 +104,43 @@ pub fn unpack(pixels: &[u32], rgb8: &mut Vec<u8>) {
         [r, g, b]
     }));
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::{filter, filter_rows};
+    use super::*;
+    use crate::Picture;
+
+    fn frame(width: u32, height: u32) -> Frame {
+        let picture =
+            Picture::from_fn((width, height), |x, y| [(x * 5 + y * 3) % 7, x % 3, y % 5].map(|c| c as f32 / 6.0));
+        Frame::from_codes(&picture, (0..width * height).map(|i| (i * 7 % 160) as u8)).expect("is a frame")
+    }
+
+    /// Each band, filtered as a frame of its own that has the rows that it reads.
+    #[test]
+    fn bands_have_all_rows_that_they_read() {
+        let whole = frame(9, 130);
+        let expected = filter(&whole, Radius::Adapted);
+        let bands = Band::all(&whole, 9 * 4 * (48 + 10), 1000).expect("fit");
+        assert_eq!((bands.len(), bands.iter().map(|band| band.rows).sum::<u32>()), (13, 130));
+        let mut rgb8 = Vec::new();
+        for band in bands {
+            assert!(band.input_rows <= 58);
+            let part = Frame { width: 9, height: band.input_rows, pixels: band.input(&whole).to_vec() };
+            let mut rows = vec![0; 27 * band.rows as usize];
+            filter_rows(&part, Radius::Adapted, band.params(&whole, Radius::Adapted).margin, &mut rows);
+            rgb8.extend(rows);
+        }
+        assert_eq!(rgb8, expected.rgb8);
+    }
+
+    #[test]
+    fn rows_that_no_band_can_hold_are_refused() {
+        let frame = frame(100, 3);
+        assert!(Band::all(&frame, 100 * 4 * 48, 1000).is_err(), "only margins fit");
+        assert!(Band::all(&frame, u64::MAX, 12).is_err(), "13 workgroups in a row");
+        let bands = Band::all(&frame, u64::MAX, 13).expect("fit");
+        assert_eq!(bands, [Band { first: 0, rows: 3, first_input: 0, input_rows: 3 }]);
+    }
+}

@@ -1,9 +1,9 @@
 //! The paper's post-process filter (section 4.3): blurs a picture where voxels are larger than a pixel.
 //!
 //! Each pixel has a radius, the size of its voxel in pixels, whose logarithm is the fourth byte of a [`Frame`]. A pixel becomes
-//! the weighted mean of 96 [samples] around it. While they are added up in ascending distance, its radius becomes the least of the radii
-//! that were met, so that neighbours of different levels agree and no seam shows; where the background is met, whose radius is
-//! one pixel, it ends, so that silhouettes stay sharp.
+//! the weighted mean of 96 [samples] around it. They are added up in ascending distance, and the radius becomes the least of
+//! those that were met: so neighbours of different levels agree, and no seam shows. The background has a radius of one pixel:
+//! the sum ends there, and silhouettes stay sharp.
 //!
 //! [`Caster::filter`](crate::Caster::filter) filters on an engine. [`filter_rows`] is the paper's Figure 11.
 
@@ -42,7 +42,7 @@ impl Frame {
     /// A picture of hits, with the sizes of their voxels. What was not hit has a radius of one pixel.
     ///
     /// # Errors
-    /// [`CastError::View`]: the picture, the view and the hits do not have the same number of pixels, or there are none or too many.
+    /// [`CastError::View`]: picture, view and hits do not have the same number of pixels, or there are none or too many.
     pub fn new(picture: &Picture, view: &View, hits: &[Hit]) -> Result<Self, CastError> {
         if (picture.width, picture.height) != (view.width, view.height) || hits.len() != view.pixels() {
             let what = format!(

@@ -226,7 +226,7 @@ pub struct GpuOptions {
     /// Takes the first device whose name contains this, whatever its case; `None`: the fastest kind of device. See
     /// [`choose`](super::choice::choose).
     pub adapter: Option<String>,
-    /// Most bytes in one binding of octree data. `None`: as many as the device allows.
+    /// Most bytes in one binding of octree data, or of pixels to be filtered. `None`: as many as the device allows.
     pub max_part_bytes: Option<u64>,
     /// Most rays in one dispatch of [`Pass::Rays`], at least 1. `None`: see [`rays_per_dispatch`].
     pub max_rays: Option<usize>,

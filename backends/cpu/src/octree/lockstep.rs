@@ -4,7 +4,7 @@
 //! exactly what the reference computes for its ray, in the same order and without fused operations, so that hits are equal
 //! bit for bit. It is for rays that do not stay together: `shared` is faster for those that do.
 
-use esvo_core::reference::{EPSILON, MAX_ITERATIONS, MAX_SCALE};
+use esvo_core::reference::{MAX_ITERATIONS, MAX_SCALE};
 use esvo_core::{Hit, Ray};
 use fearless_simd::prelude::*;
 use fearless_simd::{f32x16, i32x16, mask32x16, u32x16};
@@ -14,6 +14,7 @@ use super::counters::{What, count};
 use super::scene::Scene;
 use super::shared::fault;
 use super::task::{Found, LANES};
+use crate::vectors::away_from_zero;
 
 type Floats<S> = f32x16<S>;
 type Words<S> = u32x16<S>;
@@ -79,12 +80,6 @@ fn cast_here<S: Simd, const CONTOURS: bool, const LOD: bool>(simd: S, scene: &Sc
         }
         state.step::<CONTOURS, LOD>(scene, &mut stack);
     }
-}
-
-/// Replaces numbers nearer to zero than [`EPSILON`] by it, keeping the sign.
-#[inline(always)]
-fn away_from_zero<S: Simd>(simd: S, x: Floats<S>) -> Floats<S> {
-    x.abs().simd_lt(Floats::splat(simd, EPSILON)).select(Floats::splat(simd, EPSILON).copysign(x), x)
 }
 
 /// Whether a bit of each lane is set.

@@ -3,6 +3,7 @@
 use super::checks::view_of;
 use super::{Fault, Subject, demand};
 use crate::filter::{Frame, Radius, samples};
+use crate::gpu::kernel::GpuOptions;
 use crate::reference::ReferenceCaster;
 use crate::testing::sample::Sample;
 use crate::{Caster, Picture, shading};
@@ -120,6 +121,22 @@ pub fn filters_agree(subject: &Subject) -> Result<(), Fault> {
             let size = (frame.width(), frame.height());
             demand(count == 0, || format!("{count} channels of a frame of {size:?} are off, {radius:?}"))?;
         }
+    }
+    Ok(())
+}
+
+/// Pictures that are filtered in several bands are those of the paper's Figure 11, too: rows of other bands are read.
+///
+/// # Errors
+/// Pixels that are further off; what the caster said.
+pub fn filters_in_bands_agree(subject: &Subject) -> Result<(), Fault> {
+    for frame in frames()?.iter().filter(|frame| frame.height() > 48) {
+        // Bands of seven rows, and the rows of the disc above and below.
+        let most = u64::from(frame.width()) * 4 * (7 + 48);
+        let mut caster = subject.open_with(&GpuOptions { max_part_bytes: Some(most), ..GpuOptions::default() })??;
+        let picture = caster.filter(frame, Radius::Adapted)?.picture;
+        let count = off(&picture, frame, Radius::Adapted, Mistake::None);
+        demand(count == 0, || format!("{count} channels of a frame of {} rows are off", frame.height()))?;
     }
     Ok(())
 }

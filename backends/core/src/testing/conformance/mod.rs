@@ -229,6 +229,7 @@ macro_rules! kernel_suite {
             batches_of_rays_agree
             kernels_that_break_rays_are_caught
             what_a_device_cannot_do_is_an_error
+            filters_in_bands_agree
         }
     };
     ($name:ident, $subject:expr) => {

@@ -1,10 +1,11 @@
 //! Sixteen rays, and what they have hit.
 
-use esvo_core::reference::{EPSILON, MAX_SCALE};
+use esvo_core::reference::MAX_SCALE;
 use fearless_simd::prelude::*;
 use fearless_simd::{f32x16, mask32x16, u32x16};
 
 use super::super::task::{Found, LANES};
+use crate::vectors::away_from_zero;
 
 /// One float for each ray of a packet.
 pub(super) type Floats<S> = f32x16<S>;
@@ -192,12 +193,6 @@ pub(super) fn bits<S: Simd>(mask: mask32x16<S>) -> Lanes {
     // By halves: one vector has no instruction for it with AVX2.
     let (low, high) = mask.token().split_mask32x16(mask);
     low.to_bitmask() as Lanes | (high.to_bitmask() as Lanes) << 8
-}
-
-/// Replaces numbers nearer to zero than [`EPSILON`] by it, keeping the sign.
-#[inline(always)]
-pub(super) fn away_from_zero<S: Simd>(simd: S, x: Floats<S>) -> Floats<S> {
-    x.abs().simd_lt(Floats::splat(simd, EPSILON)).select(Floats::splat(simd, EPSILON).copysign(x), x)
 }
 
 /// Sets the lanes of a mask.
