@@ -62,23 +62,35 @@ impl ViewArguments {
 
     /// The camera and the view of the first object of an octree.
     pub(crate) fn view(&self, octree: &Octree, beam: bool) -> Result<(Camera, View), Failure> {
-        let camera = camera(self, octree)?;
-        let view = self.view_of(&camera, octree, 0, beam)?;
+        let camera = self.camera(octree)?;
+        let view = self.view_of(&camera, octree, 0, &self.options(!self.no_contours, beam))?;
         Ok((camera, view))
     }
 
-    /// The camera and the view of each object of an octree.
-    pub(crate) fn views(&self, octree: &Octree, beam: bool) -> Result<(Camera, Vec<View>), Failure> {
-        let camera = camera(self, octree)?;
-        let objects = 0..octree.objects().len();
-        let views = objects.map(|object| self.view_of(&camera, octree, object, beam)).collect::<Result<_, _>>()?;
-        Ok((camera, views))
+    /// The camera.
+    pub(crate) fn camera(&self, octree: &Octree) -> Result<Camera, Failure> {
+        camera(self, octree)
     }
 
-    fn view_of(&self, camera: &Camera, octree: &Octree, object: usize, beam: bool) -> Result<View, Failure> {
-        let options = CastOptions { contours: !self.no_contours, beam, max_voxel_pixels: self.max_voxel_pixels };
+    /// The view of each object of an octree by a camera, with or without contours.
+    pub(crate) fn views(
+        &self,
+        camera: &Camera,
+        octree: &Octree,
+        contours: bool,
+        beam: bool,
+    ) -> Result<Vec<View>, Failure> {
+        let options = self.options(contours, beam);
+        (0..octree.objects().len()).map(|object| self.view_of(camera, octree, object, &options)).collect()
+    }
+
+    fn options(&self, contours: bool, beam: bool) -> CastOptions {
+        CastOptions { contours, beam, max_voxel_pixels: self.max_voxel_pixels }
+    }
+
+    fn view_of(&self, camera: &Camera, octree: &Octree, object: usize, options: &CastOptions) -> Result<View, Failure> {
         let root = octree.objects()[object].root_slot as u32;
-        Ok(View::new(camera, octree.octree_to_mesh(object), root, self.size.into(), &options)?)
+        Ok(View::new(camera, octree.octree_to_mesh(object), root, self.size.into(), options)?)
     }
 }
 
