@@ -81,7 +81,7 @@ pub fn forbid_contraction(words: &[u32]) -> Vec<u32> {
 mod tests {
     use std::collections::HashSet;
 
-    use esvo_core::gpu::kernel::{ENTRY_CAST, ENTRY_COARSE, ENTRY_RAYS, ENTRY_TIME, Variant};
+    use esvo_core::gpu::kernel::{ENTRY_CAST, ENTRY_COARSE, ENTRY_INSTANCES, ENTRY_RAYS, ENTRY_TIME, Variant};
 
     use super::*;
 
@@ -163,6 +163,7 @@ mod tests {
                     lod: bits & 4 != 0,
                     beam: bits & 8 != 0,
                     rays: false,
+                    instances: false,
                     levels,
                     parts,
                     part_shift: 24,
@@ -173,6 +174,8 @@ mod tests {
                 }
                 module(&variant.of_coarse_pass().source(), ENTRY_COARSE).expect("compiles");
                 module(&Variant { rays: true, beam: false, ..variant }.source(), ENTRY_RAYS).expect("compiles");
+                let instances = Variant { instances: true, beam: false, ..variant };
+                module(&instances.source(), ENTRY_INSTANCES).expect("compiles");
             }
         }
     }

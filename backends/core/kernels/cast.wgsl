@@ -42,6 +42,8 @@ struct Ray {
     direction: vec3<f32>,
     t_min: f32,
     t_max: f32,
+    // Slot of the root's descriptor.
+    root: u32,
     // Read with RAYS; 0 without.
     size_at_origin: f32,
     size_per_t: f32,
@@ -148,7 +150,7 @@ fn cast_ray(ray: Ray) -> Hit {
     t_max = min(t_max, ray.t_max);
 
     // 5-7
-    var parent = view.root;
+    var parent = ray.root;
     var descriptor = slot_at(parent);
     var stack_parent: array<u32, LEVELS>;
     var stack_t_max: array<f32, LEVELS>;
@@ -277,6 +279,7 @@ fn coarse_pass(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocatio
     }
     let corner = (vec2<f32>(at) - vec2<f32>(1.0)) * f32(BEAM_BLOCK);
     var ray: Ray;
+    ray.root = view.root;
     ray.origin = view.origin;
     ray.direction = direction_through(corner.x, corner.y);
     ray.t_min = view.t_near;
@@ -305,6 +308,7 @@ fn beam_start(x: u32, y: u32) -> f32 {
 
 fn cast_pixel(x: u32, y: u32) -> Hit {
     var ray: Ray;
+    ray.root = view.root;
     ray.origin = view.origin;
     ray.direction = direction_through(f32(x) + 0.5, f32(y) + 0.5);
     ray.t_min = view.t_near;
@@ -370,6 +374,7 @@ fn cast_rays(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_
         return;
     }
     var ray: Ray;
+    ray.root = view.root;
     ray.origin = vec3<f32>(rays[at].origin[0], rays[at].origin[1], rays[at].origin[2]);
     ray.direction = vec3<f32>(rays[at].direction[0], rays[at].direction[1], rays[at].direction[2]);
     ray.t_min = rays[at].t_min;

@@ -8,12 +8,12 @@ use esvo_format::Octree;
 use serde::{Deserialize, Serialize};
 
 use crate::filter::{self, Frame, Radius};
-use crate::{CastError, Checked, Fans, Hit, Picture, Rays, Roots, View};
+use crate::{CastError, Checked, Fans, Hit, Instances, Nearest, Picture, Rays, Roots, View};
 
 /// Casts rays against one octree.
 ///
-/// Callers use [`load`](Self::load), [`cast`](Self::cast), [`time`](Self::time), [`cast_rays`](Self::cast_rays) and
-/// [`cast_fans`](Self::cast_fans). These check what they are given and hand it to the methods that an engine implements,
+/// Callers use [`load`](Self::load), [`cast`](Self::cast), [`time`](Self::time), [`cast_rays`](Self::cast_rays),
+/// [`cast_fans`](Self::cast_fans) and [`cast_instances`](Self::cast_instances). These check what they are given and hand it to the methods that an engine implements,
 /// whose names end in `_checked`. An engine implements only those: it can read a view only after the check, see
 /// [`Roots::open`].
 pub trait Caster: Send {
@@ -86,6 +86,17 @@ pub trait Caster: Send {
         self.cast_fans_checked(fans, hits)
     }
 
+    /// Casts one frame of many placed objects: `nearest` becomes what [`Nearest::cast`] of the views returns, but for the
+    /// [`iterations`](Hit::iterations) of its hits, which are those of the instances that were cast for a pixel. A ray goes
+    /// through the hierarchy over the instances once, and is cast into those whose part of the picture it is in, front to back.
+    ///
+    /// # Errors
+    /// No octree loaded; a root that is not one of the octree's; what the device said.
+    fn cast_instances(&mut self, instances: &Instances, nearest: &mut Nearest) -> Result<(), CastError> {
+        let instances = self.roots().ok_or(CastError::NotLoaded)?.check_instances(instances)?;
+        self.cast_instances_checked(instances, nearest)
+    }
+
     /// Filters a picture where voxels are larger than a pixel (paper section 4.3). Needs no octree. Without a method of its
     /// own, an engine filters on one thread.
     ///
@@ -133,6 +144,22 @@ pub trait Caster: Send {
         let fans = *self.roots().ok_or(CastError::NotLoaded)?.open(&fans)?;
         let rays: Vec<_> = fans.rays().collect();
         self.cast_rays(&Rays { root: fans.root, contours: fans.contours, rays: &rays }, hits)
+    }
+
+    /// For engines: [`cast_instances`](Self::cast_instances). Without a method of its own, an engine goes through the hierarchy on
+    /// the processor and casts the rays of one instance after the other by [`cast_rays`](Self::cast_rays).
+    ///
+    /// # Errors
+    /// What the device said.
+    fn cast_instances_checked(
+        &mut self,
+        instances: Checked<&Instances>,
+        nearest: &mut Nearest,
+    ) -> Result<(), CastError> {
+        let instances = *self.roots().ok_or(CastError::NotLoaded)?.open(&instances)?;
+        instances.cast_all(nearest, |view, rays, hits| {
+            self.cast_rays(&Rays { root: view.root, contours: view.contours(), rays }, hits)
+        })
     }
 }
 

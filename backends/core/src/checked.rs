@@ -1,9 +1,9 @@
-//! What core has checked before an engine sees it: roots, views, rays and fans.
+//! What core has checked before an engine sees it: roots, views, rays, fans and instances.
 //!
 //! An engine walks the octree by the numbers that it finds there, without looking at bounds: in a GPU's memory, or by the
 //! gathers of a processor. Two checks make that safe. [`Caster::load`](crate::Caster::load) takes only octrees that are
 //! [sound](Octree::sound), and a ray starts only at the root of an object. The types of this module make the second check
-//! impossible to leave out: the methods that an engine implements take [`Checked`] views, rays or fans. Only core makes
+//! impossible to leave out: the methods that an engine implements take [`Checked`] views, rays, fans or instances. Only core makes
 //! them, and their contents are read through the [`Roots`] of the octree that they were checked against.
 
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -11,7 +11,7 @@ use std::sync::{Arc, Weak};
 
 use esvo_format::Octree;
 
-use crate::{CastError, Fans, Rays, View};
+use crate::{CastError, Fans, Instances, Rays, View};
 
 /// The root slots of the octree that an engine holds: the slots at which its rays may start.
 ///
@@ -25,7 +25,7 @@ pub struct Roots {
     slots: Vec<u32>,
 }
 
-/// A [`View`], [`Rays`] or [`Fans`] that passed every check against the octree that an engine holds; see [`Roots::open`].
+/// A [`View`], [`Rays`], [`Fans`] or [`Instances`] that passed every check against the octree that an engine holds; see [`Roots::open`].
 #[derive(Clone, Copy, Debug)]
 pub struct Checked<T> {
     roots: u64,
@@ -91,6 +91,17 @@ impl Roots {
     /// [`CastError::Root`].
     pub fn check_rays<'a>(&self, rays: &Rays<'a>) -> Result<Checked<Rays<'a>>, CastError> {
         self.check(rays.root, *rays)
+    }
+
+    /// Checks instances. Their views were checked when they were made, but for their roots.
+    ///
+    /// # Errors
+    /// [`CastError::Root`].
+    pub(crate) fn check_instances<'a>(&self, instances: &'a Instances) -> Result<Checked<&'a Instances>, CastError> {
+        for view in instances.views() {
+            self.check(view.root, ())?;
+        }
+        Ok(Checked { roots: self.id, value: instances })
     }
 
     fn check<T>(&self, root: u32, value: T) -> Result<Checked<T>, CastError> {

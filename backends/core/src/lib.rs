@@ -56,7 +56,7 @@
 //! | place a camera | [`Camera`]; [`camera::viewpoint`]: one that sees all objects |
 //! | know the rays of a picture | [`View`], [`Ray`]; in double precision: [`exact`] |
 //! | cast a picture | [`Caster::cast`] |
-//! | cast a picture of several objects | [`Nearest::cast`] |
+//! | cast a picture of several objects, or of one placed many times | [`Instances`], [`Caster::cast_instances`]; each whole: [`Nearest::cast`] |
 //! | cast your own rays | [`Object::ray`], [`Object::rays`], [`Caster::cast_rays`]; many from few points: [`Fans`], [`Caster::cast_fans`] |
 //! | read a hit | [`Hit`]; its position, normal, colour and voxel in mesh space: [`HitPoint`] |
 //! | go on from a hit | [`HitPoint::next_ray`]; to a light: [`HitPoint::shadow_ray`] |
@@ -104,6 +104,7 @@ mod frame;
 pub mod gpu;
 mod hit;
 mod hit_point;
+pub mod instances;
 pub mod lights;
 mod nearest;
 mod object;
@@ -123,6 +124,7 @@ pub use frame::{BEAM_BLOCK, COARSE_VOXEL_PIXELS, CastOptions, FLAG_BEAM, FLAG_CO
 pub use glam;
 pub use hit::{Hit, exp2};
 pub use hit_point::{HitPoint, VoxelCube};
+pub use instances::Instances;
 pub use nearest::Nearest;
 pub use object::Object;
 pub use picture::Picture;

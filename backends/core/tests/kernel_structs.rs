@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 use std::mem::offset_of;
 
 use esvo_core::filter::kernel::{FILTER_WGSL, Params};
-use esvo_core::gpu::kernel::CAST_WGSL;
+use esvo_core::gpu::kernel::{CAST_WGSL, INSTANCES_WGSL, NearestHit};
+use esvo_core::instances::Node;
 use esvo_core::{Hit, Ray, View};
 
 /// Offset and size in bytes of each member, and the size of the whole.
@@ -91,6 +92,10 @@ fn the_kernel_s_structs_are_those_of_rust() {
     assert_eq!(kernel_layout(CAST_WGSL, "Hit"), rust_hit());
     assert_eq!(kernel_layout(CAST_WGSL, "RayRecord"), rust_ray());
     assert_eq!(kernel_layout(FILTER_WGSL, "Params"), rust_params());
+    let (structs, _) = CAST_WGSL.split_once("@group").expect("the kernel has bindings");
+    let both = structs.to_owned() + INSTANCES_WGSL;
+    assert_eq!(kernel_layout(&both, "Node"), rust_layout!(Node { low, high, t, skip, number, padding, view }));
+    assert_eq!(kernel_layout(&both, "NearestHit"), rust_layout!(NearestHit { hit, number }));
 }
 
 /// The negative control: members that are swapped, renamed, missing or of another size are noticed.

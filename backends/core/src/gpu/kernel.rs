@@ -6,12 +6,15 @@
 
 use std::fmt::Write as _;
 
+use bytemuck::{Pod, Zeroable};
 use esvo_format::{Needs, Octree};
 
 use crate::{CastError, Hit, Ray, View};
 
 /// The kernel without its prelude.
 pub const CAST_WGSL: &str = include_str!("../../kernels/cast.wgsl");
+/// What comes behind it in variants for [`Pass::Instances`].
+pub const INSTANCES_WGSL: &str = include_str!("../../kernels/instances.wgsl");
 
 /// Entry point of the coarse pass. Bindings of group 0: the view and the values (one `f32` per corner).
 pub const ENTRY_COARSE: &str = "coarse_pass";
@@ -21,6 +24,9 @@ pub const ENTRY_CAST: &str = "main_pass";
 pub const ENTRY_TIME: &str = "timing_pass";
 /// Entry point of the pass over a buffer of rays. Bindings of group 0: the view (see [`rays_view`]), the rays, the hits.
 pub const ENTRY_RAYS: &str = "cast_rays";
+/// Entry point of the pass over instances. Bindings of group 0: the view (see [`instances_view`]), the hierarchy (an array of
+/// [`Node`](crate::instances::Node)), the nearest hits (an array of [`NearestHit`]).
+pub const ENTRY_INSTANCES: &str = "instances_pass";
 
 /// Binding in group 0 of the uniform buffer with the view (see [`band_view`]).
 pub const BINDING_VIEW: u32 = 0;
@@ -28,14 +34,16 @@ pub const BINDING_VIEW: u32 = 0;
 pub const BINDING_COARSE: u32 = 1;
 /// Binding in group 0 of the rays that [`ENTRY_RAYS`] casts.
 pub const BINDING_RAYS: u32 = 1;
-/// Binding in group 0 of the output of the main pass, and of the hits of [`ENTRY_RAYS`].
+/// Binding in group 0 of the hierarchy of [`ENTRY_INSTANCES`].
+pub const BINDING_NODES: u32 = 1;
+/// Binding in group 0 of the output of the main pass, and of the hits of [`ENTRY_RAYS`] and [`ENTRY_INSTANCES`].
 pub const BINDING_OUT: u32 = 2;
 /// Group of the octree: bindings from 0, one for each part.
 pub const GROUP_OCTREE: u32 = 1;
 
 /// Width and height in pixels of the workgroups of the project's casters.
 pub const WORKGROUP: (u32, u32) = (8, 8);
-/// Storage buffers that are not octree data: the coarse values or the rays, and the output.
+/// Storage buffers that are not octree data: the coarse values, the rays or the hierarchy, and the output.
 const OTHER_STORAGE_BUFFERS: u32 = 2;
 
 /// What a dispatch computes.
@@ -49,6 +57,8 @@ pub enum Pass {
     Time,
     /// The hits of a buffer of rays.
     Rays,
+    /// The nearest hits of a picture of instances.
+    Instances,
 }
 
 impl Pass {
@@ -59,13 +69,28 @@ impl Pass {
             Self::Cast => ENTRY_CAST,
             Self::Time => ENTRY_TIME,
             Self::Rays => ENTRY_RAYS,
+            Self::Instances => ENTRY_INSTANCES,
         }
     }
 
     /// Bytes that the pass writes per pixel or per ray; the coarse pass: per corner of a block.
     pub fn bytes_per_pixel(self) -> u64 {
-        if matches!(self, Self::Cast | Self::Rays) { size_of::<Hit>() as u64 } else { 4 }
+        match self {
+            Self::Cast | Self::Rays => size_of::<Hit>() as u64,
+            Self::Instances => size_of::<NearestHit>() as u64,
+            Self::Coarse | Self::Time => 4,
+        }
     }
+}
+
+/// What [`Pass::Instances`] writes for a pixel: 20 bytes. A test compares it with the kernel's struct of the same name.
+#[repr(C)]
+#[derive(Clone, Copy, PartialEq, Debug, Pod, Zeroable)]
+pub struct NearestHit {
+    /// The nearest hit, with the iterations of all instances that were cast.
+    pub hit: Hit,
+    /// Number of the instance that has it; 0 for a miss.
+    pub number: u32,
 }
 
 /// The features of a kernel. A feature that is left out costs nothing.
@@ -81,6 +106,8 @@ pub struct Variant {
     pub beam: bool,
     /// Read the rays from a buffer: they have a size at their origin too. Only for [`Pass::Rays`].
     pub rays: bool,
+    /// Contain the pass over instances. Only for [`Pass::Instances`].
+    pub instances: bool,
     /// Level of the deepest voxel, 1 to 23: the number of frames of the stack.
     pub levels: u32,
     /// Number of bindings that hold the octree, at least 1.
@@ -96,16 +123,16 @@ impl Variant {
     ///
     /// Contours are off, since they would let a ray pass through voxels that other rays hit. Rays always end at small voxels.
     pub fn of_coarse_pass(self) -> Self {
-        Self { contours: false, lod: true, beam: false, rays: false, ..self }
+        Self { contours: false, lod: true, beam: false, rays: false, instances: false, ..self }
     }
 
     /// The kernel's source for this variant.
     pub fn source(&self) -> String {
-        self.source_with(CAST_WGSL)
+        self.source_with(CAST_WGSL, INSTANCES_WGSL)
     }
 
-    /// The same with another body than [`CAST_WGSL`], for experiments and for tests with a broken kernel.
-    pub fn source_with(&self, body: &str) -> String {
+    /// The same with other texts than [`CAST_WGSL`] and [`INSTANCES_WGSL`], for experiments and for tests with a broken kernel.
+    pub fn source_with(&self, body: &str, instances: &str) -> String {
         let mut text = String::new();
         let flags = [
             ("CONTOURS", self.contours),
@@ -138,7 +165,11 @@ impl Variant {
             }
             let _ = writeln!(text, "        default: {{ return part_{}[within]; }}\n    }}\n}}", self.parts - 1);
         }
-        text + body
+        text += body;
+        if self.instances {
+            text += instances;
+        }
+        text
     }
 }
 
@@ -196,11 +227,17 @@ impl Placement {
             lod: view.max_voxel_pixels > 0.0,
             beam: view.beam(),
             rays: false,
+            instances: false,
             levels: self.needs.levels,
             parts: self.parts,
             part_shift: self.part_shift,
             workgroup: WORKGROUP,
         }
+    }
+
+    /// The kernel for instances whose views have the options of this one.
+    pub fn instances_variant(&self, view: &View) -> Variant {
+        Variant { beam: false, instances: true, ..self.variant(view) }
     }
 
     /// The kernel for a buffer of rays, with or without contours; `lod`: some [have a size](Ray::has_size).
@@ -211,6 +248,7 @@ impl Placement {
             lod,
             beam: false,
             rays: true,
+            instances: false,
             levels: self.needs.levels,
             parts: self.parts,
             part_shift: self.part_shift,
@@ -219,8 +257,7 @@ impl Placement {
     }
 }
 
-/// Which GPU a caster opens, and how. The defaults are for users; `max_part_bytes` and `kernel` are for tests and
-/// experiments.
+/// Which GPU a caster opens, and how. The defaults are for users; The others are for tests and experiments.
 #[derive(Clone, Debug, Default)]
 pub struct GpuOptions {
     /// Takes the first device whose name contains this, whatever its case; `None`: the fastest kind of device. See
@@ -232,12 +269,15 @@ pub struct GpuOptions {
     pub max_rays: Option<usize>,
     /// A kernel to use instead of [`CAST_WGSL`].
     pub kernel: Option<String>,
+    /// A text to use instead of [`INSTANCES_WGSL`].
+    pub instances_kernel: Option<String>,
 }
 
 impl GpuOptions {
-    /// The source of a variant, of [`kernel`](Self::kernel) if that is set.
+    /// The source of a variant, of [`kernel`](Self::kernel) and [`instances_kernel`](Self::instances_kernel) if these are set.
     pub fn source(&self, variant: &Variant) -> String {
-        variant.source_with(self.kernel.as_deref().unwrap_or(CAST_WGSL))
+        let kernel = self.kernel.as_deref().unwrap_or(CAST_WGSL);
+        variant.source_with(kernel, self.instances_kernel.as_deref().unwrap_or(INSTANCES_WGSL))
     }
 }
 
@@ -291,8 +331,9 @@ impl Bands {
     pub fn new(view: &View, pass: Pass, max_bytes: u64, max_groups: u32) -> Result<Self, CastError> {
         let rows = band_rows(view, pass.bytes_per_pixel(), max_bytes, max_groups, WORKGROUP)?;
         let (columns, corners) = view.coarse_size();
+        let beam = view.beam() && pass != Pass::Instances;
         Ok(Self {
-            coarse_bytes: if view.beam() { u64::from(columns) * u64::from(corners) * 4 } else { 4 },
+            coarse_bytes: if beam { u64::from(columns) * u64::from(corners) * 4 } else { 4 },
             out_bytes: u64::from(rows) * u64::from(view.width) * pass.bytes_per_pixel(),
             rows,
             height: view.height,
@@ -311,6 +352,12 @@ pub fn band_view(view: &View, root: u32, first_row: u32) -> View {
     View { root, first_row, ..*view }
 }
 
+/// The uniform buffer for rows `first_row..` of a picture of instances, whose hierarchy has this many nodes. `view` is that of
+/// one of them. The kernel reads no other number of it than the size of the picture and these two.
+pub fn instances_view(view: &View, nodes: u32, first_row: u32) -> View {
+    View { root: nodes, width: view.width, height: view.height, first_row, ..View::zeroed() }
+}
+
 /// Most rays that one dispatch casts on a device with these limits: bytes of a buffer, workgroups per dimension. At least 1.
 pub fn rays_per_dispatch(max_bytes: u64, max_groups: u32) -> usize {
     let groups = u64::from(max_groups) * u64::from(WORKGROUP.0 * WORKGROUP.1);
@@ -323,7 +370,7 @@ const MAX_RAYS_PER_DISPATCH: u64 = 1 << 22;
 /// The uniform buffer for `count` rays of a buffer, with the octree's root at slot `root` of the
 /// [resident](crate::gpu::resident::Resident) image. The kernel reads no other number of it.
 pub fn rays_view(root: u32, count: u32) -> View {
-    View { root, width: count, height: 1, ..bytemuck::Zeroable::zeroed() }
+    View { root, width: count, height: 1, ..View::zeroed() }
 }
 
 /// Workgroups for `count` rays.
@@ -391,6 +438,7 @@ mod tests {
             lod: true,
             beam: true,
             rays: false,
+            instances: false,
             levels: 9,
             parts: 3,
             part_shift: 24,

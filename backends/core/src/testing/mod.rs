@@ -3,6 +3,7 @@
 pub mod authors;
 pub mod compare;
 pub mod conformance;
+pub mod instances;
 pub mod rays;
 pub mod sample;
 pub mod speed;

@@ -13,7 +13,7 @@ use crate::testing::compare::{Allowed, Comparison};
 use crate::testing::sample::{
     Sample, against_reference, bad_views, cameras, strange_against_reference, two_objects, unsound,
 };
-use crate::{CastError, CastOptions, Caster, DeviceKind, Fan, Fans, Hit, Ray, Rays, View};
+use crate::{CastError, CastOptions, Caster, DeviceKind, Fan, Fans, Hit, Instances, Nearest, Ray, Rays, View};
 
 /// Size of the pictures that are compared: neither side is a multiple of a packet's, a workgroup's or a block's.
 const ODD_SIZE: (u32, u32) = (131, 75);
@@ -201,6 +201,10 @@ pub fn roots_of_no_object_are_refused(subject: &Subject) -> Result<(), Fault> {
                 caster.time(&view).map(drop),
                 caster.cast_fans(&fans, &mut Vec::new()),
                 caster.cast_rays(&Rays { root, contours: true, rays: &ray() }, &mut Vec::new()),
+                caster.cast_instances(
+                    &Instances::new(vec![view_of(octree, 0, (9, 7), true)?, view])?,
+                    &mut Nearest::default(),
+                ),
             ];
             for result in results {
                 let right = match &result {
@@ -266,6 +270,8 @@ pub fn checks_against_another_octree_do_not_count(subject: &Subject) -> Result<(
     let roots = crate::Roots::of(&octree)?;
     let ray = ray();
     let rays = roots.check_rays(&Rays { root: view.root, contours: true, rays: &ray })?;
+    let instances = Instances::new(vec![view])?;
+    let instances = roots.check_instances(&instances)?;
     let (view, fans) = (roots.check_view(&view)?, roots.check_fans(&fans)?);
     for _ in 0..2 {
         let results = [
@@ -273,6 +279,7 @@ pub fn checks_against_another_octree_do_not_count(subject: &Subject) -> Result<(
             caster.time_checked(view).map(drop),
             caster.cast_fans_checked(fans, &mut Vec::new()),
             caster.cast_rays_checked(rays, &mut Vec::new()),
+            caster.cast_instances_checked(instances, &mut Nearest::default()),
         ];
         for result in results {
             demand(matches!(result, Err(CastError::NotLoaded)), || {
@@ -299,6 +306,7 @@ pub fn nothing_loaded_is_an_error(subject: &Subject) -> Result<(), Fault> {
         caster.time(&view).map(drop),
         caster.cast_fans(&fans, &mut Vec::new()),
         caster.cast_rays(&rays, &mut Vec::new()),
+        caster.cast_instances(&Instances::new(vec![view])?, &mut Nearest::default()),
     ];
     for result in results {
         demand(matches!(result, Err(CastError::NotLoaded)), || format!("before an octree is loaded: {result:?}"))?;

@@ -23,6 +23,7 @@
 mod broken;
 mod checks;
 mod filter;
+mod instances;
 mod kernel;
 mod rays;
 
@@ -32,6 +33,7 @@ use esvo_format::FormatError;
 
 pub use checks::*;
 pub use filter::*;
+pub use instances::*;
 pub use kernel::*;
 pub use rays::*;
 
@@ -194,6 +196,10 @@ macro_rules! conformance_suite {
             broken_casters_of_rays_are_caught
             filters_agree
             broken_filters_are_caught
+            instances_agree
+            instances_of_odd_sizes_agree
+            strange_instances_agree
+            broken_casters_of_instances_are_caught
         }
     };
     (@table () $($check:ident)*) => {
@@ -230,6 +236,7 @@ macro_rules! kernel_suite {
             kernels_that_break_rays_are_caught
             what_a_device_cannot_do_is_an_error
             filters_in_bands_agree
+            kernels_that_break_instances_are_caught
         }
     };
     ($name:ident, $subject:expr) => {

@@ -5,12 +5,13 @@ use std::sync::Arc;
 use esvo_format::Octree;
 
 use super::checks::broken_casters_are_caught_by;
+use super::instances::broken_casters_of_instances_are_caught_by;
 use super::rays::broken_casters_of_rays_are_caught_by;
 use super::*;
 use crate::filter::{Frame, Radius};
 use crate::reference::ReferenceCaster;
 use crate::testing::compare::Comparison;
-use crate::testing::{rays, sample};
+use crate::testing::{instances, rays, sample};
 use crate::{Checked, Device, Fans, Filtered, FrameTime, Hit, Ray, Rays, Roots, View};
 
 /// The reference with one fault.
@@ -147,7 +148,7 @@ const REFERENCE: Subject = Subject::native(|| Ok(Box::new(ReferenceCaster::defau
 conformance_suite!(reference, super::REFERENCE);
 
 /// For every check, a caster that fails it.
-const FAILING: [(&str, Subject); 22] = [
+const FAILING: [(&str, Subject); 26] = [
     ("cubes_agree", Subject::native(|| open(Mistake::Forgets))),
     ("contours_agree", Subject::native(|| open(Mistake::Forgets))),
     ("blocks_and_far_pointers_agree", Subject::native(|| open(Mistake::Forgets))),
@@ -170,6 +171,10 @@ const FAILING: [(&str, Subject); 22] = [
     ("broken_casters_of_rays_are_caught", Subject::native(|| Err(CastError::NotLoaded))),
     ("filters_agree", Subject::native(|| open(Mistake::FiltersNothing))),
     ("broken_filters_are_caught", Subject::native(|| Err(CastError::NotLoaded))),
+    ("instances_agree", Subject::native(|| open(Mistake::ShiftsRays))),
+    ("instances_of_odd_sizes_agree", Subject::native(|| open(Mistake::ShiftsRays))),
+    ("strange_instances_agree", Subject::native(|| open(Mistake::ShiftsRays))),
+    ("broken_casters_of_instances_are_caught", Subject::native(|| Err(CastError::NotLoaded))),
 ];
 
 #[test]
@@ -233,4 +238,8 @@ fn comparisons_that_overlook_something_are_caught() {
         };
         assert!(text.contains(what), "{what}: {text}");
     }
+    let (_, sees_nothing) = blind[0];
+    let compare =
+        move |caster: &mut dyn Caster, views: &[View]| instances::against_each_alone(caster, views).map(sees_nothing);
+    assert!(matches!(broken_casters_of_instances_are_caught_by(&REFERENCE, &compare), Err(Fault::Wrong(_))));
 }
