@@ -10,12 +10,15 @@ use esvo_core::filter::kernel::Band;
 use esvo_core::filter::{Frame, Radius};
 use esvo_core::gpu::kernel::{self, Bands, GpuOptions, Pass, Placement, Variant, WORKGROUP};
 use esvo_core::gpu::resident::{Resident, SlotMap};
-use esvo_core::{CastError, Caster, Checked, Device, Filtered, FrameTime, Hit, Ray, Rays, Roots, View};
+use esvo_core::{
+    CastError, Caster, Checked, Device, Filtered, FrameTime, Hit, Instances, Nearest, Ray, Rays, Roots, View,
+};
 use esvo_format::Octree;
 
 use crate::buffers::{Buffer, upload};
 use crate::filter::Filter;
 use crate::gpu::{Gpu, TIMESTAMPS};
+use crate::instances::InstanceBuffers;
 use crate::pipeline::{BufferSet, Pipeline};
 use crate::rays::RayBuffers;
 
@@ -26,6 +29,8 @@ const STAGING_BYTES: u64 = 64 << 20;
 pub struct AshCaster {
     // Fields are dropped in this order. Each holds the device, so the device is destroyed last.
     frame: Option<FrameBuffers>,
+    /// Made for the largest picture of instances so far.
+    instances: Option<InstanceBuffers>,
     /// Made for the longest list of rays so far.
     rays: Option<RayBuffers>,
     /// Made for the largest picture so far.
@@ -64,6 +69,7 @@ impl AshCaster {
     pub fn new(options: &GpuOptions) -> Result<Self, CastError> {
         Ok(Self {
             frame: None,
+            instances: None,
             rays: None,
             filter: None,
             loaded: None,
@@ -239,6 +245,28 @@ impl Caster for AshCaster {
         }
         self.loaded.as_ref().ok_or(CastError::NotLoaded)?.map.restore(hits);
         Ok(())
+    }
+
+    fn cast_instances_checked(
+        &mut self,
+        instances: Checked<&Instances>,
+        nearest: &mut Nearest,
+    ) -> Result<(), CastError> {
+        let loaded = self.loaded.as_mut().ok_or(CastError::NotLoaded)?;
+        let instances = *loaded.roots.open(&instances)?;
+        let view = &instances.views()[0];
+        let limits = &self.gpu.adapter.limits;
+        let max_bytes = u64::from(limits.max_storage_buffer_range).min(self.gpu.adapter.max_allocation);
+        let max_groups = limits.max_compute_work_group_count[0].min(limits.max_compute_work_group_count[1]);
+        let bands = Bands::new(view, Pass::Instances, max_bytes, max_groups)?;
+        nearest.resize(view);
+        let count = instances.nodes().len().max(1);
+        let buffers = InstanceBuffers::take(&self.gpu, self.instances.take(), count, bands)?;
+        let buffers = self.instances.insert(buffers);
+        let variant = loaded.placement.instances_variant(view);
+        loaded.compile(&self.gpu, &self.options, Pass::Instances, variant, buffers.layout())?;
+        let pipeline = &loaded.pipelines[&(Pass::Instances, variant)];
+        buffers.cast(&self.gpu, pipeline, (&loaded.set, &loaded.map), bands, instances, nearest)
     }
 
     fn filter(&mut self, frame: &Frame, radius: Radius) -> Result<Filtered, CastError> {

@@ -26,6 +26,7 @@
 //! - `caster`: [`AshCaster`], the caster: octree and picture buffers, passes.
 //! - `filter`: the post-process filter.
 //! - `rays`: buffers and submission of lists of rays.
+//! - `instances`: buffers and submission of pictures of many placed objects.
 //! - `pipeline`: descriptor sets and compute pipelines.
 //! - `spirv`: [`module`], from WGSL to SPIR-V; [`forbid_contraction`].
 //! - `buffers`: buffers and their memory.
@@ -40,6 +41,7 @@ mod caster;
 mod filter;
 mod gpu;
 mod instance;
+mod instances;
 mod pipeline;
 mod rays;
 mod spirv;

@@ -4,6 +4,7 @@ use esvo_format::Octree;
 use glam::{DMat3, DMat4, DVec3, Vec3};
 
 use crate::hit::Hit;
+use crate::object::Object;
 use crate::ray::Ray;
 
 /// Colour of voxels without a colour, sRGB-encoded.
@@ -20,15 +21,27 @@ pub(crate) fn facing(normal: DVec3, direction: DVec3) -> DVec3 {
 /// # Panics
 /// The hit is not of this octree, or a miss.
 pub fn voxel_normal(octree: &Octree, octree_to_mesh: &DMat4, ray: &Ray, hit: &Hit) -> DVec3 {
-    let direction = octree_to_mesh.transform_vector3(ray.direction.as_dvec3());
-    facing(own_normal(octree, octree_to_mesh, ray, hit), direction)
+    facing(
+        normal_in(octree, octree_to_mesh, None, ray, hit),
+        octree_to_mesh.transform_vector3(ray.direction.as_dvec3()),
+    )
+}
+
+/// The same of an object, which may have been [placed](Object::placed).
+pub(crate) fn facing_normal(object: &Object, ray: &Ray, hit: &Hit) -> DVec3 {
+    facing(own_normal(object, ray, hit), object.octree_to_mesh().transform_vector3(ray.direction.as_dvec3()))
 }
 
 /// The same, but not turned to the ray if it comes from an attachment.
-pub(crate) fn own_normal(octree: &Octree, octree_to_mesh: &DMat4, ray: &Ray, hit: &Hit) -> DVec3 {
+pub(crate) fn own_normal(object: &Object, ray: &Ray, hit: &Hit) -> DVec3 {
+    normal_in(object.octree(), object.octree_to_mesh(), object.turn(), ray, hit)
+}
+
+/// `turn` is for stored normals.
+fn normal_in(octree: &Octree, octree_to_mesh: &DMat4, turn: Option<&DMat3>, ray: &Ray, hit: &Hit) -> DVec3 {
     let stored = octree.normal_at(hit.slot, hit.child(), place(ray, hit)).map(Vec3::as_dvec3);
     if let Some(normal) = stored.filter(|n| *n != DVec3::ZERO) {
-        return normal.normalize_or_zero();
+        return turn.map_or(normal, |turn| *turn * normal).normalize_or_zero();
     }
     // Contours and faces have no outside: they face the ray.
     let contour = octree.contour(hit.slot, hit.child()).map(|c| DVec3::from(c.decode().normal));

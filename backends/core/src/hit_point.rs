@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DVec3};
 
-use crate::attributes::{voxel_ambient, voxel_color, voxel_normal};
+use crate::attributes::{facing_normal, voxel_ambient, voxel_color};
 use crate::hit::Hit;
 use crate::object::Object;
 use crate::ray::Ray;
@@ -59,7 +59,7 @@ impl<'a> HitPoint<'a> {
 
     /// Unit normal, on the side of the ray: of the voxel's attachment, else of its contour, else of the face of its cube.
     pub fn normal(&self) -> DVec3 {
-        voxel_normal(self.object.octree(), self.object.octree_to_mesh(), &self.ray, &self.hit)
+        facing_normal(self.object, &self.ray, &self.hit)
     }
 
     /// Unit normal, outward, of the plane by which the ray came into the voxel: of a face of its cube, or of a contour. `None`

@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use crate::attributes::{own_normal, voxel_ambient, voxel_color};
 use crate::exact::CameraRays;
-use crate::shading::{AMBIENT, Lamp, Surface, phong, seen_side};
+use crate::shading::{AMBIENT, Lamp, Surface, objects_of, phong, seen_side};
 use crate::{CastError, Caster, Hit, HitPoint, Nearest, Object, Picture, Ray, Rays, View};
 
 /// A light, in mesh space. Its strength is that of the lamp of [`shade`](crate::shading::shade), at every distance.
@@ -66,6 +66,43 @@ struct Seen<'a> {
     normal: DVec3,
 }
 
+/// A point that a light shines on, unless something is between them.
+struct LitPoint {
+    /// Number of its pixel in the band.
+    i: usize,
+    /// Number of its object.
+    number: usize,
+    position: DVec3,
+    /// The ray to the light, for its own object.
+    own_ray: Ray,
+    way: DVec3,
+    distance: f64,
+    share: f32,
+}
+
+/// A sphere around the root cube of an object.
+struct Sphere {
+    middle: DVec3,
+    radius: f64,
+}
+
+impl Sphere {
+    fn around(object: &Object) -> Self {
+        let corner = |i: u32| object.from_cast(DVec3::from(std::array::from_fn(|axis| 1.0 + f64::from(i >> axis & 1))));
+        let middle = object.from_cast(DVec3::splat(1.5));
+        Self { middle, radius: (0..8).map(|i| corner(i).distance(middle)).fold(0.0, f64::max) }
+    }
+
+    /// Whether a ray from `position` along a unit vector can meet it, with a margin for the rounding of rays.
+    fn may_be_met(&self, position: DVec3, way: DVec3) -> bool {
+        let to_middle = self.middle - position;
+        let ahead = to_middle.dot(way);
+        let reach = self.radius * 1.001 + to_middle.length() * 1e-5;
+        // Also if the comparison is of NaN.
+        !(ahead < -reach || (to_middle - way * ahead).length_squared() > reach * reach)
+    }
+}
+
 /// Rows whose shadow rays are cast together: bounds the memory for them.
 const ROWS: u32 = 32;
 
@@ -85,17 +122,27 @@ pub fn shade_lit(
     lights: &[Light],
     shadows: bool,
 ) -> Result<Picture, CastError> {
-    let objects: Vec<Object> = views
-        .iter()
-        .map(|view| {
-            let index =
-                octree.objects().iter().position(|object| object.root_slot == u64::from(view.root)).unwrap_or(0);
-            let object = Object::of(octree, index);
-            if view.contours() { object } else { object.without_contours() }
-        })
-        .collect();
+    shade_placed_lit(caster, &objects_of(octree, views), views, nearest, lights, shadows)
+}
+
+/// The same of objects that may have been [placed](Object::placed): one for each view.
+///
+/// # Errors
+/// As [`shade_lit`].
+///
+/// # Panics
+/// `nearest` are not the hits of these objects and of these views.
+pub fn shade_placed_lit(
+    caster: &mut dyn Caster,
+    objects: &[Object],
+    views: &[View],
+    nearest: &Nearest,
+    lights: &[Light],
+    shadows: bool,
+) -> Result<Picture, CastError> {
     let cameras: Vec<_> =
-        views.iter().zip(&objects).map(|(view, object)| CameraRays::of_view(view, *object.octree_to_mesh())).collect();
+        views.iter().zip(objects).map(|(view, object)| CameraRays::of_view(view, *object.octree_to_mesh())).collect();
+    let spheres: Vec<_> = objects.iter().map(Sphere::around).collect();
     let lamp = Lamp::new(&cameras[0]);
     let (width, height) = (views[0].width, views[0].height);
     let mut rgb8 = Vec::with_capacity(3 * width as usize * height as usize);
@@ -106,52 +153,58 @@ pub fn shade_lit(
         let at = |x: u32, y: u32| {
             let pixel = pixel_at(x, y);
             let (hit, number) = (&nearest.hits[pixel], nearest.views[pixel] as usize);
-            let (ray, to_mesh) = (views[number].ray(x, top + y), objects[number].octree_to_mesh());
+            let ray = views[number].ray(x, top + y);
             let to_eye = -cameras[number].ray(x, top + y).direction.normalize_or_zero();
             (!hit.is_miss()).then(|| {
-                let normal = seen_side(own_normal(octree, to_mesh, &ray, hit), to_eye);
+                let normal = seen_side(own_normal(&objects[number], &ray, hit), to_eye);
                 Seen { ray, hit, number, to_eye, normal }
             })
         };
         // What each light adds.
         let mut lit = vec![Vec::new(); width as usize * rows as usize];
         for light in lights {
-            let mut rays: Vec<Vec<(usize, Ray)>> = vec![Vec::new(); objects.len()];
-            let mut shares = Vec::new();
+            let mut lit_points = Vec::new();
             for (i, (x, y)) in (0..rows).flat_map(|y| (0..width).map(move |x| (x, y))).enumerate() {
                 let Some(seen) = at(x, y) else { continue };
                 let Some(point) = HitPoint::new(&objects[seen.number], &seen.ray, seen.hit) else { continue };
-                let Some((way, distance, share)) = light.toward(point.position()) else { continue };
+                let position = point.position();
+                let Some((way, distance, share)) = light.toward(position) else { continue };
                 if seen.normal.dot(way) <= 0.0 {
                     continue;
                 }
-                if shadows {
-                    for (number, object) in objects.iter().enumerate() {
-                        let ray = if number == seen.number {
-                            point.ray_to_light(way, distance)
-                        } else {
-                            object.ray(point.position(), way, 0.0..distance)
-                        };
-                        rays[number].push((shares.len(), ray));
-                    }
-                }
-                shares.push((i, way, share));
+                let own_ray = point.ray_to_light(way, distance);
+                lit_points.push(LitPoint { i, number: seen.number, position, own_ray, way, distance, share });
             }
-            let mut dark = vec![false; shares.len()];
-            for (object, rays) in objects.iter().zip(&rays) {
-                let (numbers, list): (Vec<usize>, Vec<Ray>) = rays.iter().copied().unzip();
+            let mut dark = vec![false; lit_points.len()];
+            for (number, (object, sphere)) in objects.iter().zip(&spheres).enumerate().filter(|_| shadows) {
+                let mut numbers = Vec::new();
+                let mut list = Vec::new();
+                for (k, point) in lit_points.iter().enumerate().filter(|(k, _)| !dark[*k]) {
+                    if point.number == number {
+                        list.push(point.own_ray);
+                    } else if sphere.may_be_met(point.position, point.way) {
+                        list.push(object.ray(point.position, point.way, 0.0..point.distance));
+                    } else {
+                        continue;
+                    }
+                    numbers.push(k);
+                }
+                if list.is_empty() {
+                    continue;
+                }
                 let mut hits = Vec::new();
                 caster.cast_rays(&Rays { root: object.root(), contours: object.contours(), rays: &list }, &mut hits)?;
-                numbers.iter().zip(&hits).for_each(|(number, hit)| dark[*number] |= !hit.is_miss());
+                numbers.iter().zip(&hits).for_each(|(k, hit)| dark[*k] |= !hit.is_miss());
             }
-            for ((i, way, share), dark) in shares.into_iter().zip(dark) {
+            for (LitPoint { i, way, share, .. }, dark) in lit_points.into_iter().zip(dark) {
                 if !dark {
                     lit[i].push((way, share));
                 }
             }
         }
         let band = Picture::from_fn_on_all_cores((width, rows), |x, y| {
-            let Some(Seen { ray, hit, to_eye, normal, .. }) = at(x, y) else { return lamp.sky(top + y) };
+            let Some(Seen { ray, hit, to_eye, normal, number }) = at(x, y) else { return lamp.sky(top + y) };
+            let octree = objects[number].octree();
             let surface = Surface { normal, color: voxel_color(octree, &ray, hit) };
             let open = voxel_ambient(octree, hit);
             let (mut diffuse, mut specular) = (open * AMBIENT, 0.0);

@@ -3,15 +3,18 @@
 use std::ops::Range;
 
 use esvo_format::Octree;
-use glam::{DMat4, DVec3};
+use glam::{DMat3, DMat4, DVec3};
 
 use crate::ray::{Ray, Rays};
+use crate::{Camera, CastError, CastOptions, View};
 
 /// One object of an octree, and the way between its spaces.
 ///
 /// - **Mesh space** is that of the mesh file. Cameras, positions, normals and distances are in it.
 /// - **Octree space** is that of the file format (spec section 4): the root cube is `[0, 1]³`. [`Octree::octree_to_mesh`]
 ///   leads to mesh space. A built octree's root cube is as wide as the mesh's largest extent and has the mesh in its middle.
+/// - **Scene space** is that in which an octree is placed by [`placed`](Object::placed). Where these pages say mesh space, it is
+///   the scene space of such an object; of others, both are the same.
 /// - **Cast space** is octree space plus 1 on each axis: the root cube is `[1, 2]³`, so that the bits of a coordinate are the
 ///   path of a voxel from the root. Only what kernels read is in it: [`Ray`], [`View`](crate::View), [`Fan`](crate::Fan).
 #[derive(Clone, Copy)]
@@ -21,6 +24,8 @@ pub struct Object<'a> {
     contours: bool,
     octree_to_mesh: DMat4,
     mesh_to_octree: DMat4,
+    /// Turns stored normals, which are those of the mesh, into scene space. `None` if both are the same.
+    turn: Option<DMat3>,
 }
 
 impl<'a> Object<'a> {
@@ -31,7 +36,39 @@ impl<'a> Object<'a> {
     pub fn of(octree: &'a Octree, index: usize) -> Self {
         let octree_to_mesh = octree.octree_to_mesh(index);
         let root = octree.objects()[index].root_slot as u32;
-        Self { octree, root, contours: true, octree_to_mesh, mesh_to_octree: octree_to_mesh.inverse() }
+        Self { octree, root, contours: true, octree_to_mesh, mesh_to_octree: octree_to_mesh.inverse(), turn: None }
+    }
+
+    /// All objects of an octree.
+    pub fn all(octree: &'a Octree) -> Vec<Self> {
+        (0..octree.objects().len()).map(|index| Self::of(octree, index)).collect()
+    }
+
+    /// The object at another place: `mesh_to_scene` is affine and can be inverted.
+    pub fn placed(self, mesh_to_scene: DMat4) -> Self {
+        let octree_to_mesh = mesh_to_scene * self.octree_to_mesh;
+        let turn = DMat3::from_mat4(mesh_to_scene).inverse().transpose() * self.turn.unwrap_or(DMat3::IDENTITY);
+        Self { octree_to_mesh, mesh_to_octree: octree_to_mesh.inverse(), turn: Some(turn), ..self }
+    }
+
+    /// The object that a view shows: that of its root, else the first.
+    pub fn of_view(octree: &'a Octree, view: &View) -> Self {
+        let index = octree.objects().iter().position(|object| object.root_slot == u64::from(view.root)).unwrap_or(0);
+        let object = Self::of(octree, index);
+        if view.contours() { object } else { object.without_contours() }
+    }
+
+    /// What a camera sees of it.
+    ///
+    /// # Errors
+    /// Those of [`View::new`].
+    pub fn view(&self, camera: &Camera, size: (u32, u32), options: &CastOptions) -> Result<View, CastError> {
+        View::new(camera, self.octree_to_mesh, self.root, size, options)
+    }
+
+    /// What turns a stored normal into mesh space, if that is not where it is.
+    pub(crate) fn turn(&self) -> Option<&DMat3> {
+        self.turn.as_ref()
     }
 
     /// The same object with voxels as cubes.

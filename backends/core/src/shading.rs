@@ -7,11 +7,11 @@ use esvo_format::Octree;
 pub use esvo_format::srgb::{decode as decode_srgb, encode as encode_srgb};
 use glam::{DMat4, DVec3};
 
-use crate::attributes::own_normal;
 pub use crate::attributes::{PLAIN_COLOR, voxel_ambient, voxel_color, voxel_normal};
+use crate::attributes::{facing_normal, own_normal};
 use crate::exact::{CameraRays, TriangleHit};
 use crate::filter::{code_at, code_of};
-use crate::{Hit, Nearest, Picture, View};
+use crate::{Hit, Nearest, Object, Picture, View};
 
 /// A surface at a point.
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -103,7 +103,7 @@ pub fn octree_to_mesh(octree: &Octree, view: &View) -> DMat4 {
 /// # Panics
 /// `hits` are not those of this octree and view.
 pub fn shade(octree: &Octree, view: &View, hits: &[Hit]) -> Picture {
-    shade_all(octree, std::slice::from_ref(view), hits, |_| 0)
+    shade_all(&[Object::of_view(octree, view)], std::slice::from_ref(view), hits, |_| 0)
 }
 
 /// The objects of an octree, shaded as by [`shade`]: the nearest hits over these views.
@@ -111,13 +111,26 @@ pub fn shade(octree: &Octree, view: &View, hits: &[Hit]) -> Picture {
 /// # Panics
 /// `nearest` are not the hits of this octree and of these views.
 pub fn shade_nearest(octree: &Octree, views: &[View], nearest: &Nearest) -> Picture {
-    shade_all(octree, views, &nearest.hits, |pixel| nearest.views[pixel] as usize)
+    shade_placed(&objects_of(octree, views), views, nearest)
+}
+
+/// The same of objects that may have been [placed](Object::placed): one for each view.
+///
+/// # Panics
+/// `nearest` are not the hits of these objects and of these views.
+pub fn shade_placed(objects: &[Object], views: &[View], nearest: &Nearest) -> Picture {
+    shade_all(objects, views, &nearest.hits, |pixel| nearest.views[pixel] as usize)
+}
+
+/// The object of each view.
+pub(crate) fn objects_of<'a>(octree: &'a Octree, views: &[View]) -> Vec<Object<'a>> {
+    views.iter().map(|view| Object::of_view(octree, view)).collect()
 }
 
 /// `view_of`: the number of the view of a pixel's hit.
-fn shade_all(octree: &Octree, views: &[View], hits: &[Hit], view_of: impl Fn(usize) -> usize + Sync) -> Picture {
-    let cameras: Vec<_> = views.iter().map(|view| (view, octree_to_mesh(octree, view))).collect();
-    let rays: Vec<_> = cameras.iter().map(|(view, to_mesh)| CameraRays::of_view(view, *to_mesh)).collect();
+fn shade_all(objects: &[Object], views: &[View], hits: &[Hit], view_of: impl Fn(usize) -> usize + Sync) -> Picture {
+    let rays: Vec<_> =
+        views.iter().zip(objects).map(|(view, object)| CameraRays::of_view(view, *object.octree_to_mesh())).collect();
     let lamp = Lamp::new(&rays[0]);
     Picture::from_fn_on_all_cores((views[0].width, views[0].height), |x, y| {
         let pixel = y as usize * views[0].width as usize + x as usize;
@@ -125,10 +138,11 @@ fn shade_all(octree: &Octree, views: &[View], hits: &[Hit], view_of: impl Fn(usi
         if hit.is_miss() {
             return lamp.sky(y);
         }
-        let (view, to_mesh) = &cameras[view_of(pixel)];
-        let ray = view.ray(x, y);
-        let surface = Surface { normal: own_normal(octree, to_mesh, &ray, hit), color: voxel_color(octree, &ray, hit) };
-        lamp.lit(&surface, voxel_ambient(octree, hit), rays[view_of(pixel)].ray(x, y).direction)
+        let number = view_of(pixel);
+        let (ray, object) = (views[number].ray(x, y), &objects[number]);
+        let color = voxel_color(object.octree(), &ray, hit);
+        let surface = Surface { normal: own_normal(object, &ray, hit), color };
+        lamp.lit(&surface, voxel_ambient(object.octree(), hit), rays[number].ray(x, y).direction)
     })
 }
 
@@ -167,15 +181,23 @@ pub fn iteration_map(view: &View, hits: &[Hit], most: u32) -> Picture {
 /// # Panics
 /// `nearest` are not the hits of this octree and of these views.
 pub fn normal_map(octree: &Octree, views: &[View], nearest: &Nearest) -> Picture {
-    let cameras: Vec<_> = views.iter().map(|view| (view, octree_to_mesh(octree, view))).collect();
+    normal_map_placed(&objects_of(octree, views), views, nearest)
+}
+
+/// The same of objects that may have been [placed](Object::placed): one for each view.
+///
+/// # Panics
+/// `nearest` are not the hits of these objects and of these views.
+pub fn normal_map_placed(objects: &[Object], views: &[View], nearest: &Nearest) -> Picture {
     Picture::from_fn_on_all_cores((views[0].width, views[0].height), |x, y| {
         let pixel = y as usize * views[0].width as usize + x as usize;
         let hit = &nearest.hits[pixel];
         if hit.is_miss() {
             return [0.0; 3];
         }
-        let (view, to_mesh) = &cameras[nearest.views[pixel] as usize];
-        voxel_normal(octree, to_mesh, &view.ray(x, y), hit).as_vec3().to_array().map(|c| c * 0.5 + 0.5)
+        let number = nearest.views[pixel] as usize;
+        let normal = facing_normal(&objects[number], &views[number].ray(x, y), hit);
+        normal.as_vec3().to_array().map(|c| c * 0.5 + 0.5)
     })
 }
 

@@ -7,11 +7,14 @@ use std::time::{Duration, Instant};
 use esvo_core::filter::{Frame, Radius};
 use esvo_core::gpu::kernel::{self, Bands, GpuOptions, Pass, Placement, Variant, WORKGROUP};
 use esvo_core::gpu::resident::{Resident, SlotMap};
-use esvo_core::{CastError, Caster, Checked, Device, Filtered, FrameTime, Hit, Ray, Rays, Roots, View};
+use esvo_core::{
+    CastError, Caster, Checked, Device, Filtered, FrameTime, Hit, Instances, Nearest, Ray, Rays, Roots, View,
+};
 use esvo_device::{Gpu, Timestamps, Usage, storage, uniform};
 use esvo_format::Octree;
 
 use crate::filter::Filter;
+use crate::instances::{self, InstanceBuffers};
 use crate::rays::{self, Batch, PendingHits, RayBuffers};
 
 /// Casts by the WGSL kernel through wgpu.
@@ -21,6 +24,8 @@ pub struct WgpuCaster {
     loaded: Option<Loaded>,
     /// Made for the largest picture so far.
     frame: Option<FrameBuffers>,
+    /// Made for the largest picture of instances so far.
+    instances: Option<InstanceBuffers>,
     /// Buffers for rays that nothing uses at the moment.
     spare: Vec<RayBuffers>,
     /// Compiled when a picture is filtered for the first time.
@@ -72,7 +77,7 @@ impl WgpuCaster {
     }
 
     fn on(gpu: Gpu, options: GpuOptions) -> Self {
-        Self { gpu, options, loaded: None, frame: None, spare: Vec::new(), filter: None }
+        Self { gpu, options, loaded: None, frame: None, instances: None, spare: Vec::new(), filter: None }
     }
 
     /// Casts rays as [`cast_rays`](Caster::cast_rays) does, but does not wait for the hits. [`poll`](Self::poll) returns them.
@@ -243,6 +248,26 @@ impl Caster for WgpuCaster {
         Ok(())
     }
 
+    fn cast_instances_checked(
+        &mut self,
+        instances: Checked<&Instances>,
+        nearest: &mut Nearest,
+    ) -> Result<(), CastError> {
+        let loaded = self.loaded.as_mut().ok_or(CastError::NotLoaded)?;
+        let instances = *loaded.roots.open(&instances)?;
+        let view = &instances.views()[0];
+        let variant = loaded.placement.instances_variant(view);
+        loaded.compile(&self.gpu, &self.options, Pass::Instances, variant)?;
+        let max_groups = self.gpu.limits().max_compute_workgroups_per_dimension;
+        let bands = Bands::new(view, Pass::Instances, self.gpu.max_storage_bytes(), max_groups)?;
+        nearest.resize(view);
+        let count = instances.nodes().len().max(1);
+        let buffers = InstanceBuffers::take(&self.gpu, self.instances.take(), count, bands)?;
+        let buffers = self.instances.insert(buffers);
+        let pipeline = &loaded.pipelines[&(Pass::Instances, variant)];
+        buffers.cast(&self.gpu, pipeline, (&loaded.group, &loaded.map), bands, instances, nearest)
+    }
+
     fn filter(&mut self, frame: &Frame, radius: Radius) -> Result<Filtered, CastError> {
         let filter = match self.filter.take() {
             Some(filter) => filter,
@@ -310,7 +335,11 @@ impl Loaded {
             return Ok(());
         }
         let module = gpu.shader("cast.wgsl", &options.source(&variant))?;
-        let frame = if pass == Pass::Rays { rays::layout(gpu)? } else { frame_layout(gpu, pass == Pass::Coarse)? };
+        let frame = match pass {
+            Pass::Rays => rays::layout(gpu)?,
+            Pass::Instances => instances::layout(gpu)?,
+            Pass::Coarse | Pass::Cast | Pass::Time => frame_layout(gpu, pass == Pass::Coarse)?,
+        };
         let pipeline = gpu.compute_pipeline(&module, pass.entry(), &[&frame, &self.layout])?;
         self.pipelines.insert((pass, variant), pipeline);
         Ok(())

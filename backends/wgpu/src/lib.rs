@@ -14,12 +14,14 @@
 //! # What is where
 //! - `caster`: [`WgpuCaster`], the caster: octree and picture buffers, passes.
 //! - `filter`: the post-process filter.
+//! - `instances`: buffers and submission of pictures of many placed objects.
 //! - `rays`: buffers for lists of rays; [`PendingHits`], which were not waited for.
 //! - `esvo-device`: the device, its buffers, timestamps and errors; [`adapters`].
 //! - `esvo_core::gpu`: the kernel, its variants, and how an octree is split over bindings.
 
 mod caster;
 mod filter;
+mod instances;
 mod rays;
 
 pub use caster::WgpuCaster;

@@ -61,6 +61,8 @@ pub(crate) enum KernelPass {
     Coarse,
     /// The hits of a list of rays: entry point `cast_rays`
     Rays,
+    /// The nearest hits of a picture of many placed objects: entry point `instances_pass`
+    Instances,
     /// The post-process filter: entry point `filter_band`
     Filter,
 }
@@ -77,12 +79,14 @@ pub(crate) fn run_kernel(arguments: &KernelArguments) -> Result<(), Failure> {
         );
     }
     let rays = arguments.pass == KernelPass::Rays;
+    let instances = arguments.pass == KernelPass::Instances;
     let variant = Variant {
         contours: !arguments.no_contours && needs.is_none_or(|needs| needs.contours),
         far_pointers: !arguments.no_far_pointers && needs.is_none_or(|needs| needs.far_pointers),
         lod: !arguments.no_lod,
-        beam: arguments.beam && !rays,
+        beam: arguments.beam && !rays && !instances,
         rays,
+        instances,
         levels: arguments.levels.or(needs.map(|needs| needs.levels)).unwrap_or(23),
         parts: arguments.parts,
         part_shift: arguments.part_shift,
@@ -91,6 +95,6 @@ pub(crate) fn run_kernel(arguments: &KernelArguments) -> Result<(), Failure> {
     match arguments.pass {
         KernelPass::Filter => print(FILTER_WGSL),
         KernelPass::Coarse => print(&variant.of_coarse_pass().source()),
-        KernelPass::Main | KernelPass::Rays => print(&variant.source()),
+        KernelPass::Main | KernelPass::Rays | KernelPass::Instances => print(&variant.source()),
     }
 }

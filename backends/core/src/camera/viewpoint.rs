@@ -3,41 +3,55 @@
 use esvo_format::Octree;
 use glam::{DMat4, DVec3};
 
-use crate::Camera;
+use crate::{Camera, Object};
 
 /// Levels that are visited to find out which part of the root cube is filled.
 const LEVELS: u32 = 6;
+/// The same where there are more than [`MANY`] objects.
+const LEVELS_OF_MANY: u32 = 3;
+const MANY: usize = 16;
 
 /// Corners of the smallest box of cubes of level 6 around everything in an object, in octree space (root cube `[0, 1]³`).
 ///
 /// The octree must be [sound](Octree::sound).
 pub fn bounds(octree: &Octree, object: usize) -> (DVec3, DVec3) {
     let (mut low, mut high) = (DVec3::ONE, DVec3::ZERO);
-    coarse_cubes(octree, object, |from, to| (low, high) = (low.min(from), high.max(to)));
+    coarse_cubes(octree, octree.objects()[object].root_slot as u32, LEVELS, |from, to| {
+        (low, high) = (low.min(from), high.max(to));
+    });
     (low, high)
 }
 
 /// The same around everything in all objects, in mesh space.
 pub fn bounds_in_mesh(octree: &Octree) -> (DVec3, DVec3) {
+    bounds_of(&Object::all(octree))
+}
+
+/// The same around objects that may have been [placed](Object::placed).
+pub fn bounds_of(objects: &[Object]) -> (DVec3, DVec3) {
     let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    for object in 0..octree.objects().len() {
-        let to_mesh = octree.octree_to_mesh(object);
-        let (from, to) = bounds(octree, object);
-        corners(&to_mesh, from, to).for_each(|corner| (low, high) = (low.min(corner), high.max(corner)));
+    for object in objects {
+        let (mut from, mut to) = (DVec3::ONE, DVec3::ZERO);
+        coarse_cubes(object.octree(), object.root(), levels(objects), |a, b| (from, to) = (from.min(a), to.max(b)));
+        corners(object.octree_to_mesh(), from, to).for_each(|corner| (low, high) = (low.min(corner), high.max(corner)));
     }
     (low, high)
 }
 
-/// Visits the voxels of an object at level 6 and the leaves of lower levels, by lower and upper corner in octree space.
-fn coarse_cubes(octree: &Octree, object: usize, mut visit: impl FnMut(DVec3, DVec3)) {
-    let mut stack = vec![(octree.objects()[object].root_slot as u32, DVec3::ZERO, 0)];
+fn levels(objects: &[Object]) -> u32 {
+    if objects.len() > MANY { LEVELS_OF_MANY } else { LEVELS }
+}
+
+/// Visits the voxels below a root at level `levels` and the leaves of lower levels, by lower and upper corner in octree space.
+fn coarse_cubes(octree: &Octree, root: u32, levels: u32, mut visit: impl FnMut(DVec3, DVec3)) {
+    let mut stack = vec![(root, DVec3::ZERO, 0)];
     while let Some((slot, corner, level)) = stack.pop() {
         let descriptor = octree.descriptor(slot);
         let edge = 0.5 / f64::from(1u32 << level);
         for child in (0..8u8).filter(|c| descriptor.valid_mask() >> c & 1 != 0) {
             let offset = DVec3::new(f64::from(child & 1), f64::from(child >> 1 & 1), f64::from(child >> 2));
             let at = corner + offset * edge;
-            match octree.child(slot, child).filter(|_| level + 1 < LEVELS) {
+            match octree.child(slot, child).filter(|_| level + 1 < levels) {
                 Some(node) => stack.push((node, at, level + 1)),
                 None => visit(at, at + edge),
             }
@@ -50,10 +64,15 @@ fn coarse_cubes(octree: &Octree, object: usize, mut visit: impl FnMut(DVec3, DVe
 ///
 /// The octree must be [sound](Octree::sound).
 pub fn overview(octree: &Octree, up: [f64; 3], fov_degrees: f64, aspect: f64) -> Camera {
-    let centre = match octree.objects().len() {
-        1 => octree.octree_to_mesh(0).transform_point3(DVec3::splat(0.5)),
+    overview_of(&Object::all(octree), up, fov_degrees, aspect)
+}
+
+/// The same for objects that may have been [placed](Object::placed).
+pub fn overview_of(objects: &[Object], up: [f64; 3], fov_degrees: f64, aspect: f64) -> Camera {
+    let centre = match objects {
+        [only] => only.octree_to_mesh().transform_point3(DVec3::splat(0.5)),
         _ => {
-            let (low, high) = bounds_in_mesh(octree);
+            let (low, high) = bounds_of(objects);
             (low + high) / 2.0
         }
     };
@@ -80,9 +99,9 @@ pub fn overview(octree: &Octree, up: [f64; 3], fov_degrees: f64, aspect: f64) ->
             }
         }
     };
-    for object in 0..octree.objects().len() {
-        let to_mesh = octree.octree_to_mesh(object);
-        coarse_cubes(octree, object, |low, high| visit(&to_mesh, low, high));
+    for object in objects {
+        let to_mesh = object.octree_to_mesh();
+        coarse_cubes(object.octree(), object.root(), levels(objects), |low, high| visit(to_mesh, low, high));
     }
     // The eye moves back until the object fits, and aside until the object is in the middle.
     let [back_x, back_y] = std::array::from_fn(|axis| (beyond[axis][0] + beyond[axis][1]) / (2.0 * tangents[axis]));
@@ -101,11 +120,15 @@ pub fn overview(octree: &Octree, up: [f64; 3], fov_degrees: f64, aspect: f64) ->
 /// Near and far plane, in mesh units, for a camera at `eye`: the far plane lies beyond all objects, the near plane at a
 /// ten-thousandth of that distance.
 pub fn planes(octree: &Octree, eye: [f64; 3]) -> (f64, f64) {
-    let reach_of = |object| {
-        let to_mesh = octree.octree_to_mesh(object);
-        corners(&to_mesh, DVec3::ZERO, DVec3::ONE).map(|c| c.distance(eye.into())).fold(0.0, f64::max)
+    planes_of(&Object::all(octree), eye)
+}
+
+/// The same for objects that may have been [placed](Object::placed).
+pub fn planes_of(objects: &[Object], eye: [f64; 3]) -> (f64, f64) {
+    let reach_of = |object: &Object| {
+        corners(object.octree_to_mesh(), DVec3::ZERO, DVec3::ONE).map(|c| c.distance(eye.into())).fold(0.0, f64::max)
     };
-    let reach = (0..octree.objects().len()).map(reach_of).fold(0.0, f64::max) * 1.01;
+    let reach = objects.iter().map(reach_of).fold(0.0, f64::max) * 1.01;
     (reach * 1e-4, reach)
 }
 

@@ -9,7 +9,9 @@ use std::fmt::Write as _;
 use bytemuck::{Pod, Zeroable};
 use esvo_format::{Needs, Octree};
 
-use crate::{CastError, Hit, Ray, View};
+use crate::gpu::resident::SlotMap;
+use crate::instances::{NO_INSTANCE, Node};
+use crate::{CastError, Hit, Instances, Nearest, Ray, View};
 
 /// The kernel without its prelude.
 pub const CAST_WGSL: &str = include_str!("../../kernels/cast.wgsl");
@@ -25,7 +27,7 @@ pub const ENTRY_TIME: &str = "timing_pass";
 /// Entry point of the pass over a buffer of rays. Bindings of group 0: the view (see [`rays_view`]), the rays, the hits.
 pub const ENTRY_RAYS: &str = "cast_rays";
 /// Entry point of the pass over instances. Bindings of group 0: the view (see [`instances_view`]), the hierarchy (an array of
-/// [`Node`](crate::instances::Node)), the nearest hits (an array of [`NearestHit`]).
+/// [`Node`]), the nearest hits (an array of [`NearestHit`]).
 pub const ENTRY_INSTANCES: &str = "instances_pass";
 
 /// Binding in group 0 of the uniform buffer with the view (see [`band_view`]).
@@ -91,6 +93,16 @@ pub struct NearestHit {
     pub hit: Hit,
     /// Number of the instance that has it; 0 for a miss.
     pub number: u32,
+}
+
+impl NearestHit {
+    /// Stores those of a band, the rows from `first_row` on of a picture of this view. `to` has its size.
+    pub fn store(band: &[Self], view: &View, first_row: u32, to: &mut Nearest) {
+        let first = first_row as usize * view.width as usize;
+        for (from, (hit, view)) in band.iter().zip(to.hits[first..].iter_mut().zip(&mut to.views[first..])) {
+            (*hit, *view) = (from.hit, from.number);
+        }
+    }
 }
 
 /// The features of a kernel. A feature that is left out costs nothing.
@@ -356,6 +368,12 @@ pub fn band_view(view: &View, root: u32, first_row: u32) -> View {
 /// one of them. The kernel reads no other number of it than the size of the picture and these two.
 pub fn instances_view(view: &View, nodes: u32, first_row: u32) -> View {
     View { root: nodes, width: view.width, height: view.height, first_row, ..View::zeroed() }
+}
+
+/// The hierarchy to upload: with roots in the [resident](crate::gpu::resident::Resident) image.
+pub fn resident_nodes(instances: &Instances, map: &SlotMap) -> Vec<Node> {
+    let root = |node: &Node| if node.number == NO_INSTANCE { 0 } else { map.to_resident(node.view.root) };
+    instances.nodes().iter().map(|node| Node { view: View { root: root(node), ..node.view }, ..*node }).collect()
 }
 
 /// Most rays that one dispatch casts on a device with these limits: bytes of a buffer, workgroups per dimension. At least 1.

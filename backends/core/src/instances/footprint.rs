@@ -160,3 +160,106 @@ pub(crate) fn ray_margin(view: &View, direction: glam::Vec3) -> f32 {
     let axis = |axis: usize| (view.origin[axis].abs() + 5.0) / direction[axis].abs().max(EPSILON);
     axis(0).max(axis(1)).max(axis(2)) * ROUNDING as f32
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::{DMat4, DQuat};
+
+    use super::*;
+    use crate::gpu::kernel::INSTANCES_WGSL;
+    use crate::{Camera, CastOptions, FLAG_CONTOURS};
+
+    const SIZE: (u32, u32) = (200, 100);
+
+    /// A unit cube around a point, seen from the origin along -z at 90 degrees over the height of the picture.
+    fn seen(middle: DVec3, edge: f64) -> Option<Footprint> {
+        let camera = Camera {
+            eye: [0.0; 3],
+            forward: [0.0, 0.0, -1.0],
+            up: [0.0, 1.0, 0.0],
+            fov_degrees: 90.0,
+            near: 0.01,
+            far: 100.0,
+        };
+        let place = DMat4::from_translation(middle)
+            * DMat4::from_scale(DVec3::splat(edge))
+            * DMat4::from_translation(DVec3::splat(-0.5));
+        Footprint::of(&View::new(&camera, place, 2, SIZE, &CastOptions::default()).unwrap())
+    }
+
+    #[test]
+    fn a_cube_in_front_has_its_own_rectangle_and_depth() {
+        // Its front is 9.5 away, where the picture is 19 high: 100 / 19 pixels, and half of them on each side of 100 and 50.
+        let there = seen(DVec3::new(0.0, 0.0, -10.0), 1.0).unwrap();
+        assert_eq!((there.low, there.high), ([97, 47], [102, 52]));
+        // The eye looks along the cube, so that rays may run along its planes.
+        assert!(there.t < 0.0);
+        let aside = seen(DVec3::new(3.0, 2.0, -10.0), 1.0).unwrap();
+        assert!(aside.low[0] > 110 && aside.high[1] < 43, "{aside:?}");
+        assert!(aside.t < 0.095 && aside.t > 0.094, "{aside:?}");
+    }
+
+    #[test]
+    fn what_cannot_be_seen_has_none() {
+        for middle in [[0.0, 0.0, 3.0], [0.0, 0.0, -101.0], [50.0, 0.0, -10.0], [0.0, -20.0, -10.0]] {
+            assert_eq!(seen(middle.into(), 1.0), None, "{middle:?}");
+        }
+        // Around the eye, and behind it but partly in front of the near plane.
+        for (middle, edge) in [([0.0; 3], 1.0), ([0.0, 0.0, 0.4], 1.0)] {
+            let around = seen(middle.into(), edge).unwrap();
+            assert_eq!((around.low, around.high), ([0, 0], [SIZE.0 - 1, SIZE.1 - 1]));
+        }
+    }
+
+    #[test]
+    fn without_volume_or_near_plane_it_is_the_whole_picture() {
+        let view = View {
+            origin: [0.0; 3],
+            base: [1.0, 1.0, 1.0],
+            dx: [0.0, 0.01, 0.0],
+            dy: [0.0, 0.0, 0.01],
+            t_near: 0.01,
+            width: 100,
+            height: 100,
+            flags: FLAG_CONTOURS,
+            ..bytemuck::Zeroable::zeroed()
+        };
+        let whole =
+            |view: &View| Footprint::of(view).is_some_and(|f| f.low == [0; 2] && f.high == [99; 2] && f.t < 0.0);
+        assert!(!whole(&View { origin: [0.0, 0.0, -0.9], ..view }));
+        assert!(whole(&View { dx: [0.0; 3], ..view }));
+        assert!(whole(&View { dx: [0.0, 1e-9, 0.01], ..view }));
+        assert!(whole(&View { t_near: 0.0, ..view }));
+        assert!(whole(&View { dx: [f32::MAX; 3], dy: [f32::MIN; 3], ..view }));
+    }
+
+    #[test]
+    fn it_is_close_to_what_it_holds() {
+        // Of any cube in front of the eye, less than a hundredth of a pixel is added.
+        for turn in 0..50 {
+            let turned = DQuat::from_axis_angle(DVec3::new(1.0, 2.0, 0.5).normalize(), f64::from(turn));
+            let middle = turned * DVec3::new(3.0, 1.0, 4.0);
+            let Some(there) = seen(middle, 1.0) else { continue };
+            if middle.z > -1.5 {
+                continue;
+            }
+            let corners =
+                (0..8).map(|i: u32| middle + DVec3::from_array(std::array::from_fn(|a| f64::from(i >> a & 1) - 0.5)));
+            let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
+            for corner in corners {
+                let at = DVec2::new(corner.x, -corner.y) / -corner.z * 50.0 + DVec2::new(100.0, 50.0);
+                (low, high) = (low.min(at), high.max(at));
+            }
+            let tight = [(low - 0.5 - 0.01).ceil().max(DVec2::ZERO), (high - 0.5 + 0.01).floor()];
+            assert!(f64::from(there.low[0]) >= tight[0].x && f64::from(there.low[1]) >= tight[0].y);
+            assert!(f64::from(there.high[0]) <= tight[1].x && f64::from(there.high[1]) <= tight[1].y);
+        }
+    }
+
+    #[test]
+    fn the_kernel_has_the_same_margin() {
+        let text =
+            INSTANCES_WGSL.split("const STEP_BACK: f32 = ").nth(1).and_then(|rest| rest.split(';').next()).unwrap();
+        assert_eq!(text.parse::<f64>().unwrap(), ROUNDING);
+    }
+}

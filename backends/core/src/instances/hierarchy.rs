@@ -53,7 +53,10 @@ fn add(nodes: &mut Vec<Node>, views: &[View], seen: &mut [(u32, Footprint)]) {
     let Footprint { low, high, t } = around;
     nodes.push(Node { low, high, t, skip: 0, number, padding: 0, view });
     if seen.len() > 1 {
-        let (first, second) = split(seen);
+        let (first, second) = {
+            let half = partition(seen);
+            seen.split_at_mut(half)
+        };
         let order = if self::around(second).t < self::around(first).t { [second, first] } else { [first, second] };
         order.into_iter().for_each(|half| add(nodes, views, half));
     }
@@ -72,8 +75,9 @@ fn around(seen: &[(u32, Footprint)]) -> Footprint {
     all
 }
 
-/// Halves the instances: by their place in the picture while they lie beside each other, then by depth.
-fn split(seen: &mut [(u32, Footprint)]) -> (&mut [(u32, Footprint)], &mut [(u32, Footprint)]) {
+/// Brings the instances into two halves, by their place in the picture while they lie beside each other, then by depth. Returns the
+/// number of those in the first.
+fn partition(seen: &mut [(u32, Footprint)]) -> usize {
     // Twice the middle, and the edge.
     let middle = |one: &Footprint, axis: usize| u64::from(one.low[axis]) + u64::from(one.high[axis]);
     let edge = |one: &Footprint, axis: usize| u64::from(one.high[axis] - one.low[axis] + 1);
@@ -94,5 +98,44 @@ fn split(seen: &mut [(u32, Footprint)]) -> (&mut [(u32, Footprint)], &mut [(u32,
         let axis = usize::from(y > x);
         seen.select_nth_unstable_by_key(half, |(number, one)| (middle(one, axis), *number));
     }
-    seen.split_at_mut(half)
+    half
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::CastOptions;
+    use crate::testing::instances::{camera, moving, views};
+    use crate::testing::sample::two_objects;
+
+    #[test]
+    fn every_instance_in_the_picture_is_in_one_leaf_and_nodes_hold_what_follows() {
+        let octree = two_objects().unwrap();
+        for inside in [false, true] {
+            let options = CastOptions::default();
+            let views = views(&octree, &moving(300, 1), &camera(inside), (200, 100), &options).unwrap();
+            let nodes = build(&views);
+            let mut leaves: Vec<u32> = nodes.iter().map(|node| node.number).filter(|n| *n != NO_INSTANCE).collect();
+            leaves.sort_unstable();
+            let seen = (0..).zip(&views).filter(|(_, view)| Footprint::of(view).is_some()).map(|(number, _)| number);
+            assert_eq!(leaves, seen.collect::<Vec<u32>>());
+            assert_eq!(nodes.len(), 2 * leaves.len() - 1);
+            assert_eq!(inside, leaves.len() < 250, "a camera among them does not see all");
+            for (at, node) in nodes.iter().enumerate() {
+                let skip = node.skip as usize;
+                assert!(skip > at && skip <= nodes.len());
+                assert_eq!(node.number != NO_INSTANCE, skip == at + 1);
+                for below in &nodes[at + 1..skip] {
+                    assert!(below.skip <= node.skip && below.t >= node.t);
+                    assert!(
+                        (0..2).all(|axis| below.low[axis] >= node.low[axis] && below.high[axis] <= node.high[axis])
+                    );
+                }
+                if skip > at + 1 {
+                    let second = nodes[at + 1].skip as usize;
+                    assert!(nodes[at + 1].t <= nodes[second].t, "the nearer half comes first");
+                }
+            }
+        }
+    }
 }

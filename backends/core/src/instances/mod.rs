@@ -188,3 +188,50 @@ fn blocks(range: Range<u32>) -> impl Iterator<Item = Range<u32>> + Clone {
     let first = range.start / BLOCK as u32 * BLOCK as u32;
     (first..range.end).step_by(BLOCK).map(move |at| at.max(range.start)..(at + BLOCK as u32).min(range.end))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::instances::{camera, moving, views};
+    use crate::testing::sample::two_objects;
+    use crate::{CastOptions, FLAG_CONTOURS};
+
+    #[test]
+    fn views_that_do_not_go_together_are_refused() {
+        let octree = two_objects().unwrap();
+        let good = views(&octree, &moving(2, 0), &camera(false), (8, 8), &CastOptions::default()).unwrap();
+        Instances::new(good.clone()).unwrap();
+        for (what, bad) in [
+            ("there is none", vec![]),
+            ("same size", vec![good[0], View { width: 9, ..good[1] }]),
+            ("same flags", vec![good[0], View { flags: good[1].flags ^ FLAG_CONTOURS, ..good[1] }]),
+            ("same flags", vec![good[0], View { max_voxel_pixels: 2.0, ..good[1] }]),
+            ("origin", vec![good[0], View { origin: [f32::NAN; 3], ..good[1] }]),
+        ] {
+            let error = Instances::new(bad).unwrap_err().to_string();
+            assert!(error.contains(what), "{what}: {error}");
+        }
+    }
+
+    #[test]
+    fn rays_end_a_little_behind_the_nearest_hit() {
+        let octree = two_objects().unwrap();
+        let views = views(&octree, &moving(60, 0), &camera(false), (64, 48), &CastOptions::default()).unwrap();
+        let instances = Instances::new(views).unwrap();
+        let mut nearest = Nearest::default();
+        let (mut all, mut cut) = (0, 0);
+        instances
+            .cast_all(&mut nearest, |view, rays, hits| {
+                hits.clear();
+                for ray in rays {
+                    all += 1;
+                    cut += u32::from(ray.t_max < 1.0);
+                    assert!(ray.t_max <= 1.0 && ray.t_max > 0.1);
+                    hits.push(crate::reference::cast_ray(&octree, view.root, ray, true));
+                }
+                Ok::<_, CastError>(())
+            })
+            .unwrap();
+        assert!(cut > 100 && cut < all / 2, "{cut} of {all}");
+    }
+}

@@ -4,8 +4,10 @@
 //! one source for all vectors of `fearless_simd`.
 //! `lockstep` casts rays of fans and lists that do not stay together, on the same vectors. `single` casts rays one by one: those of
 //! [`InstructionSet::Scalar`], and fans and lists where vectors are too short for packets. `task` is what they are asked to do.
+//! `instances` casts pictures of many objects, as lists of rays for each tile and object.
 
 pub mod counters;
+mod instances;
 mod instructions;
 mod lockstep;
 mod scene;
@@ -18,7 +20,8 @@ use std::time::{Duration, Instant};
 
 use esvo_core::filter::{Frame, Radius};
 use esvo_core::{
-    CastError, Caster, Checked, Device, DeviceKind, Fans, Filtered, FrameTime, Hit, Ray, Rays, Roots, View,
+    CastError, Caster, Checked, Device, DeviceKind, Fans, Filtered, FrameTime, Hit, Instances, Nearest, Ray, Rays,
+    Roots, View,
 };
 use esvo_format::Octree;
 use rayon::prelude::*;
@@ -167,6 +170,16 @@ impl Caster for CpuCaster {
             self.pool.install(|| tasks.for_each(run));
         }
         Ok(())
+    }
+
+    fn cast_instances_checked(
+        &mut self,
+        instances: Checked<&Instances>,
+        nearest: &mut Nearest,
+    ) -> Result<(), CastError> {
+        let (octree, instances) = self.open(&instances)?;
+        let cast = || instances::cast(self.instructions, octree, self.leave_out, instances, nearest);
+        self.pool.install(cast)
     }
 
     fn filter(&mut self, frame: &Frame, radius: Radius) -> Result<Filtered, CastError> {
