@@ -85,6 +85,7 @@ fn kernels_are_printed_as_the_engines_compile_them() {
     assert_eq!(folder.ok(&["kernel", "--pass", "filter"]), esvo_core::filter::kernel::FILTER_WGSL);
     assert!(folder.ok(&["kernel", "--pass", "coarse"]).contains("const CONTOURS: bool = false;"));
     assert!(folder.ok(&["kernel", "--pass", "rays"]).contains("const RAYS: bool = true;"));
+    assert!(folder.ok(&["kernel", "--pass", "instances"]).contains("fn instances_pass("));
 }
 
 #[test]
