@@ -60,6 +60,7 @@
 //! | cast your own rays | [`Object::ray`], [`Object::rays`], [`Caster::cast_rays`]; many from few points: [`Fans`], [`Caster::cast_fans`] |
 //! | read a hit | [`Hit`]; its position, normal, colour and voxel in mesh space: [`HitPoint`] |
 //! | go on from a hit | [`HitPoint::next_ray`]; to a light: [`HitPoint::shadow_ray`] |
+//! | place an object elsewhere, once or many times | [`Object::placed`], [`Object::view`] |
 //! | make a picture | [`shading`], [`Picture`]; files: [`picture`] with the feature `png` |
 //! | light a picture by lamps and the sun, with shadows | [`lights`] |
 //! | filter a picture where voxels are larger than a pixel | [`filter`], [`Caster::filter`] |
@@ -74,7 +75,7 @@
 //!
 //! # Spaces and units
 //!
-//! [`Object`] names the three spaces. Cameras, positions and distances are in mesh space. Octree space, the cube `[0, 1]³`, is
+//! [`Object`] names the spaces. Cameras, positions and distances are in mesh space. Octree space, the cube `[0, 1]³`, is
 //! that of the file format. Kernels read rays and views in cast space, octree space plus 1. [`Object::ray`] and [`View::new`]
 //! lead there from mesh space, [`HitPoint`] leads back.
 //!
