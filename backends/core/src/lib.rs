@@ -62,7 +62,8 @@
 //! | go on from a hit | [`HitPoint::next_ray`]; to a light: [`HitPoint::shadow_ray`] |
 //! | place an object elsewhere, once or many times | [`Object::placed`], [`Object::view`] |
 //! | make a picture | [`shading`], [`Picture`]; files: [`picture`] with the feature `png` |
-//! | light a picture by lamps and the sun, with shadows | [`lights`] |
+//! | light a picture by lamps, the sun and the sky, with shadows | [`lights`] |
+//! | give it another background | [`sky`] |
 //! | filter a picture where voxels are larger than a pixel | [`filter`], [`Caster::filter`] |
 //! | compute ambient occlusion | [`ambient`] |
 //! | know what a correct hit is | [`mod@reference`]: the paper's Figure 8 |
@@ -114,6 +115,7 @@ mod ray;
 pub mod reference;
 pub mod shading;
 mod shape;
+pub mod sky;
 pub mod testing;
 
 pub use camera::Camera;

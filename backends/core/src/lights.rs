@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use crate::attributes::{own_normal, voxel_ambient, voxel_color};
 use crate::exact::CameraRays;
-use crate::shading::{AMBIENT, Lamp, Surface, objects_of, phong, seen_side};
+use crate::shading::{AMBIENT, DIFFUSE, Lamp, Surface, objects_of, phong, seen_side};
 use crate::{CastError, Caster, Hit, HitPoint, Nearest, Object, Picture, Ray, Rays, View};
 
 /// A light, in mesh space. Its strength is that of the lamp of [`shade`](crate::shading::shade), at every distance.
@@ -29,13 +29,17 @@ pub enum Light {
         /// Full angle of the cone in degrees, more than 0. The outer fifth fades out.
         angle_degrees: f64,
     },
+    /// Light from all directions alike, of which a voxel gets the share that its stored ambient occlusion lets through, and all
+    /// without that. It casts no shadow and makes no highlight.
+    Sky,
 }
 
 impl Light {
     /// From a point: the unit vector to the light, its distance in mesh units, and the share of its strength that comes here.
-    /// `None` if nothing does.
+    /// `None` if nothing does, and for the sky, whose light has no direction.
     fn toward(&self, point: DVec3) -> Option<(DVec3, f64, f32)> {
         let (way, distance) = match self {
+            Self::Sky => return None,
             Self::Directional { to_light } => (*to_light, f64::INFINITY),
             Self::Point { position } | Self::Spot { position, .. } => (*position - point, position.distance(point)),
         };
@@ -144,6 +148,7 @@ pub fn shade_placed_lit(
         views.iter().zip(objects).map(|(view, object)| CameraRays::of_view(view, *object.octree_to_mesh())).collect();
     let spheres: Vec<_> = objects.iter().map(Sphere::around).collect();
     let lamp = Lamp::new(&cameras[0]);
+    let sky = lights.iter().filter(|light| matches!(light, Light::Sky)).count() as f32 * DIFFUSE;
     let (width, height) = (views[0].width, views[0].height);
     let mut rgb8 = Vec::with_capacity(3 * width as usize * height as usize);
     for top in (0..height).step_by(ROWS as usize) {
@@ -207,7 +212,7 @@ pub fn shade_placed_lit(
             let octree = objects[number].octree();
             let surface = Surface { normal, color: voxel_color(octree, &ray, hit) };
             let open = voxel_ambient(octree, hit);
-            let (mut diffuse, mut specular) = (open * AMBIENT, 0.0);
+            let (mut diffuse, mut specular) = (open * (AMBIENT + sky), 0.0);
             for (way, share) in &lit[y as usize * width as usize + x as usize] {
                 let (scattered, highlight) = phong(normal, to_eye, *way);
                 diffuse += open * share * scattered;
@@ -226,6 +231,7 @@ mod tests {
     use crate::CastOptions;
     use crate::camera::viewpoint::overview;
     use crate::reference::ReferenceCaster;
+    use crate::shading::decode_srgb;
     use crate::testing::sample::two_objects_apart;
 
     /// An object above another one, and the sun above both.
@@ -261,6 +267,38 @@ mod tests {
         }
         assert!(shown.iter().all(|pixels| *pixels > 50), "both are seen: {shown:?}");
         assert!(darker > 20, "{darker} of {shown:?} are in the shadow of the other object");
+    }
+
+    /// Each pixel gets what its voxel's ambient occlusion lets through, whatever way it faces.
+    #[test]
+    fn the_sky_lights_what_is_open_to_it() {
+        let plain = two_objects_apart(1.5).expect("assembles");
+        let camera = overview(&plain, [0.0, 1.0, 0.0], 60.0, 1.0);
+        let green = |open: u8| {
+            let octree = std::sync::Arc::new(plain.with_ambient_occlusion(|_, _| open).expect("is sound"));
+            let root = octree.objects()[0].root_slot as u32;
+            let view = View::new(&camera, octree.octree_to_mesh(0), root, (64, 64), &CastOptions::default());
+            let views = [view.expect("is valid")];
+            let mut caster = ReferenceCaster::default();
+            caster.load(&octree).expect("is sound");
+            let nearest = Nearest::cast(&mut caster, &views).expect("is cast");
+            let picture = shade_lit(&mut caster, &octree, &views, &nearest, &[Light::Sky], true).expect("is shaded");
+            let seen = nearest.hits.iter().enumerate().filter(|(_, hit)| !hit.is_miss());
+            let seen = seen.map(|(pixel, hit)| {
+                let (x, y) = (pixel as u32 % 64, pixel as u32 / 64);
+                let color = decode_srgb(voxel_color(&octree, &views[0].ray(x, y), hit)[1]);
+                (color, decode_srgb(f32::from(picture.pixel(x, y)[1]) / 255.0))
+            });
+            seen.collect::<Vec<_>>()
+        };
+        for open in [255u8, 100, 0] {
+            let seen = green(open);
+            assert!(seen.len() > 100);
+            for (color, lit) in seen {
+                let expected = color * f32::from(open) / 255.0 * (AMBIENT + DIFFUSE);
+                assert!((lit - expected).abs() < 0.01, "{open}: {lit}, not {expected}");
+            }
+        }
     }
 
     #[test]

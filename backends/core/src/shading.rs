@@ -25,7 +25,7 @@ pub struct Surface {
 /// Light from all directions, as a share of the colour.
 pub(crate) const AMBIENT: f32 = 0.18;
 /// Light from the lamp that the surface scatters equally in all directions, as a share of the colour.
-const DIFFUSE: f32 = 0.78;
+pub(crate) const DIFFUSE: f32 = 0.78;
 /// Strength and exponent of the highlight.
 const SPECULAR: (f32, f32) = (0.12, 24.0);
 /// The sky at the top and at the bottom of the picture, sRGB-encoded.

@@ -114,6 +114,7 @@ fn boards_cast_shadows(up: bool) {
             let way = match light {
                 Light::Directional { to_light } => to_light,
                 Light::Point { position } | Light::Spot { position, .. } => position - place,
+                Light::Sky => continue,
             };
             // Where the way to the light passes the board's height.
             let over = place + way * ((2.0 - place.y) / way.y);

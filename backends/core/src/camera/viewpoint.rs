@@ -76,14 +76,10 @@ pub fn overview_of(objects: &[Object], up: [f64; 3], fov_degrees: f64, aspect: f
             (low + high) / 2.0
         }
     };
-    let up = DVec3::from(up).try_normalize().unwrap_or(DVec3::Y);
-    let front = if up == DVec3::Y { DVec3::Z } else { up.any_orthonormal_vector() };
-    let outward = (front + up.cross(front) * 0.6 + up * 0.5).normalize();
+    let (up, outward) = overview_axes(up);
     let right = up.cross(outward).normalize();
     let top = outward.cross(right);
-    // Slopes of the sides of the view pyramid, with a margin of a twentieth.
-    let tangent = (fov_degrees.to_radians() / 2.0).tan() / 1.05;
-    let tangents = [tangent * aspect.max(1.0), tangent * (1.0 / aspect).max(1.0)];
+    let tangents = half_tangents(fov_degrees, aspect);
     // How far the object reaches beyond a view pyramid whose tip is at the centre: right and left, top and bottom; to the
     // front and to the back.
     let mut beyond = [[f64::NEG_INFINITY; 2]; 2];
@@ -117,6 +113,51 @@ pub fn overview_of(objects: &[Object], up: [f64; 3], fov_degrees: f64, aspect: f
     }
 }
 
+/// A camera in mesh units that looks at the middle of all objects in the direction of [`overview`], from so far that it sees
+/// all of them from every side: wherever it is turned to around the axis `up` through the middle. The middle comes second.
+///
+/// The octrees must be [sound](Octree::sound).
+pub fn turntable(objects: &[Object], up: [f64; 3], fov_degrees: f64, aspect: f64) -> (Camera, DVec3) {
+    let (low, high) = bounds_of(objects);
+    let centre = (low + high) / 2.0;
+    let (up, outward) = overview_axes(up);
+    let sine = outward.dot(up);
+    let cosine = (1.0 - sine * sine).sqrt();
+    let [across, upright] = half_tangents(fov_degrees, aspect);
+    let mut distance = 0.0f64;
+    for object in objects {
+        coarse_cubes(object.octree(), object.root(), levels(objects), |low, high| {
+            for corner in corners(object.octree_to_mesh(), low, high) {
+                let height = (corner - centre).dot(up);
+                let radius = (corner - centre).reject_from_normalized(up).length();
+                // The most, over a turn, of how far the corner is ahead plus how far it is aside, above or below as a part of
+                // the slope of that side of the view pyramid.
+                let aside = height * sine + radius * cosine.hypot(1.0 / across);
+                let above = height * (sine + cosine / upright) + radius * (cosine - sine / upright).abs();
+                let below = height * (sine - cosine / upright) + radius * (cosine + sine / upright);
+                distance = distance.max(aside).max(above).max(below);
+            }
+        });
+    }
+    let eye = (centre + outward * distance).to_array();
+    let (near, far) = planes_of(objects, eye);
+    (Camera { eye, forward: (-outward).to_array(), up: up.to_array(), fov_degrees, near, far }, centre)
+}
+
+/// Up as a unit vector, and the unit vector from an object towards the camera of an overview: to the front, to the right and
+/// upwards.
+fn overview_axes(up: [f64; 3]) -> (DVec3, DVec3) {
+    let up = DVec3::from(up).try_normalize().unwrap_or(DVec3::Y);
+    let front = if up == DVec3::Y { DVec3::Z } else { up.any_orthonormal_vector() };
+    (up, (front + up.cross(front) * 0.6 + up * 0.5).normalize())
+}
+
+/// Slopes of the sides of the view pyramid, to the right and upwards, with a margin of a twentieth.
+fn half_tangents(fov_degrees: f64, aspect: f64) -> [f64; 2] {
+    let tangent = (fov_degrees.to_radians() / 2.0).tan() / 1.05;
+    [tangent * aspect.max(1.0), tangent * (1.0 / aspect).max(1.0)]
+}
+
 /// Near and far plane, in mesh units, for a camera at `eye`: the far plane lies beyond all objects, the near plane at a
 /// ten-thousandth of that distance.
 pub fn planes(octree: &Octree, eye: [f64; 3]) -> (f64, f64) {
@@ -140,6 +181,8 @@ fn corners(to_mesh: &DMat4, low: DVec3, high: DVec3) -> impl Iterator<Item = DVe
 
 #[cfg(test)]
 mod tests {
+    use std::f64::consts::TAU;
+
     use esvo_format::{AssembleOptions, Tree, Voxel, assemble};
 
     use super::*;
@@ -190,6 +233,38 @@ mod tests {
                 };
                 assert!(fills((left, right), width) || fills((top, bottom), height), "{what}");
             }
+        }
+    }
+
+    #[test]
+    fn a_turntable_sees_all_objects_from_every_side() {
+        let octree = two_objects_apart(3.0).unwrap();
+        let mut caster = ReferenceCaster::default();
+        caster.load(&octree).unwrap();
+        for (up, size) in [([0.0, 1.0, 0.0], (64, 48)), ([1.0, 2.0, -3.0], (40, 64)), ([0.0, 0.0, 1.0], (64, 64))] {
+            let (camera, centre) = turntable(&Object::all(&octree), up, 50.0, f64::from(size.0) / f64::from(size.1));
+            let mut least = u32::MAX;
+            for turn in 0..12 {
+                let turn = glam::DQuat::from_axis_angle(DVec3::from(up).normalize(), f64::from(turn) * TAU / 12.0);
+                let eye = centre + turn * (DVec3::from(camera.eye) - centre);
+                let turned =
+                    Camera { eye: eye.to_array(), forward: (turn * DVec3::from(camera.forward)).to_array(), ..camera };
+                for object in 0..2 {
+                    let root = octree.objects()[object].root_slot as u32;
+                    let view =
+                        View::new(&turned, octree.octree_to_mesh(object), root, size, &CastOptions::default()).unwrap();
+                    let mut hits = Vec::new();
+                    caster.cast(&view, &mut hits).unwrap();
+                    let mut seen = false;
+                    for (pixel, _) in hits.iter().enumerate().filter(|(_, hit)| !hit.is_miss()) {
+                        let (x, y) = (pixel as u32 % size.0, pixel as u32 / size.0);
+                        least = least.min(x).min(y).min(size.0 - 1 - x).min(size.1 - 1 - y);
+                        seen = true;
+                    }
+                    assert!(seen);
+                }
+            }
+            assert!((1..12).contains(&least), "{up:?}: {least} pixels are free at the sides");
         }
     }
 

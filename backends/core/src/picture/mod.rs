@@ -9,7 +9,7 @@ use std::sync::{Mutex, PoisonError};
 pub use png::{read_picture, write_png};
 
 /// Channels in `0.0..=1.0` (others are clamped) as bytes.
-fn to_bytes(color: [f32; 3]) -> [u8; 3] {
+pub(crate) fn to_bytes(color: [f32; 3]) -> [u8; 3] {
     color.map(|c| (c * 255.0 + 0.5) as u8)
 }
 
