@@ -39,7 +39,10 @@ pub(crate) fn parse_numbers(text: &str) -> Option<Vec<f64>> {
 
 /// A light of `--light`.
 pub(crate) fn parse_light(text: &str) -> Result<Light, String> {
-    let expected = "expected sun:X,Y,Z or point:X,Y,Z or spot:X,Y,Z,DX,DY,DZ,DEGREES";
+    let expected = "expected sun:X,Y,Z or point:X,Y,Z or spot:X,Y,Z,DX,DY,DZ,DEGREES or sky";
+    if text == "sky" {
+        return Ok(Light::Sky);
+    }
     let (kind, numbers) = text.split_once(':').ok_or(expected)?;
     let numbers = parse_numbers(numbers).ok_or(expected)?;
     let direction =
@@ -52,6 +55,32 @@ pub(crate) fn parse_light(text: &str) -> Result<Light, String> {
         }
         ("spot", &[_, _, _, _, _, _, degrees]) => Err(format!("an angle of {degrees} degrees is not in 0 to 360")),
         _ => Err(expected.into()),
+    }
+}
+
+/// The background of `--sky`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum SkyValue {
+    /// From the top of the picture to its bottom.
+    Screen,
+    /// By direction.
+    Dome,
+    /// One colour.
+    Plain([u8; 3]),
+}
+
+/// A background: `screen`, `dome`, or a colour in six hexadecimal digits.
+pub(crate) fn parse_sky(text: &str) -> Result<SkyValue, String> {
+    match text {
+        "screen" => Ok(SkyValue::Screen),
+        "dome" => Ok(SkyValue::Dome),
+        _ => {
+            let digits = text.strip_prefix('#').unwrap_or(text);
+            let is_color = digits.len() == 6 && digits.bytes().all(|digit| digit.is_ascii_hexdigit());
+            let number = u32::from_str_radix(digits, 16).ok().filter(|_| is_color);
+            let [_, r, g, b] = number.ok_or("expected screen, dome or a colour, e.g. 87ceeb")?.to_be_bytes();
+            Ok(SkyValue::Plain([r, g, b]))
+        }
     }
 }
 
@@ -99,6 +128,7 @@ mod tests {
             assert_eq!(parse_light(sun), Ok(Light::Directional { to_light: DVec3::Y }));
         }
         assert_eq!(parse_light("sun:0,2,0"), Ok(Light::Directional { to_light: DVec3::Y }));
+        assert_eq!(parse_light("sky"), Ok(Light::Sky));
         assert_eq!(parse_light("point:1,2,3"), Ok(Light::Point { position: DVec3::new(1.0, 2.0, 3.0) }));
         let spot = Light::Spot { position: DVec3::ZERO, direction: DVec3::NEG_Y, angle_degrees: 30.0 };
         assert_eq!(parse_light("spot:0,0,0,0,-4,0,30"), Ok(spot));
@@ -108,11 +138,22 @@ mod tests {
             "sun:1,2",
             "sun:0,0,0",
             "moon:1,2,3",
+            "sky:1,2,3",
             "point:1,2,x",
             "spot:0,0,0,0,1,0,0",
             "spot:0,0,0,0,1,0,361",
         ] {
             assert!(parse_light(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn skies() {
+        assert_eq!((parse_sky("screen"), parse_sky("dome")), (Ok(SkyValue::Screen), Ok(SkyValue::Dome)));
+        assert_eq!(parse_sky("#0a80FF"), Ok(SkyValue::Plain([10, 128, 255])));
+        assert_eq!(parse_sky("0a80ff"), parse_sky("#0a80FF"));
+        for bad in ["", "blue", "#fff", "+12345", "1234567", "ééé"] {
+            assert!(parse_sky(bad).is_err(), "{bad}");
         }
     }
 

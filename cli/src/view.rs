@@ -12,6 +12,9 @@ use glam::DVec3;
 use crate::fail::{Failure, complain};
 use crate::values::{parse_numbers, parse_size};
 
+/// Field of view without `--fov`, over the shorter side in degrees.
+pub(crate) const DEFAULT_FOV: f64 = 60.0;
+
 /// A view of an octree.
 #[derive(Debug, Args)]
 pub(crate) struct ViewArguments {
@@ -72,6 +75,46 @@ impl ViewArguments {
         camera(self, octree)
     }
 
+    /// A camera that a user wrote. `place` is where: an error starts with it.
+    pub(crate) fn camera_of(&self, key: &Key, octree: &Octree, place: &str) -> Result<Camera, Failure> {
+        let up = self.up()?;
+        let direction = key.forward.normalize_or_zero();
+        if up.normalize_or_zero().cross(direction).length() < 1e-9 {
+            let what = "is parallel to the viewing direction; give another direction, e.g. --up";
+            let place = if self.camera.is_some() { String::new() } else { format!("{place}: ") };
+            return Err(format!("{place}--up {}: {what} {}", self.up, across(direction)).into());
+        }
+        let fov_degrees = self.fov()?.or(key.fov_degrees).unwrap_or(DEFAULT_FOV);
+        let (eye, forward) = (key.eye.to_array(), key.forward.to_array());
+        let (near, far) = viewpoint::planes(octree, eye);
+        if !far.is_finite() {
+            return Err(format!("{place}: the eye is too far away").into());
+        }
+        Ok(Camera { eye, forward, up: up.to_array(), fov_degrees, near, far })
+    }
+
+    /// The direction that is up, of any length above 0.
+    pub(crate) fn up(&self) -> Result<DVec3, Failure> {
+        let up: [f64; 3] = parse_numbers(&self.up)
+            .and_then(|n| n.try_into().ok())
+            .ok_or_else(|| format!("--up {}: expected three numbers, e.g. 0,1,0", self.up))?;
+        if up == [0.0; 3] {
+            return Err(format!("--up {}: is not a direction; expected one, e.g. 0,1,0", self.up).into());
+        }
+        Ok(up.into())
+    }
+
+    /// The field of view of `--fov`.
+    pub(crate) fn fov(&self) -> Result<Option<f64>, Failure> {
+        Ok(self.fov.map(|degrees| check_fov(&format!("--fov {degrees}"), degrees)).transpose()?)
+    }
+
+    /// Width of the picture divided by its height.
+    pub(crate) fn aspect(&self) -> f64 {
+        let [width, height] = self.size.map(f64::from);
+        width / height
+    }
+
     /// The view of each object of an octree by a camera, with or without contours.
     pub(crate) fn views(
         &self,
@@ -104,49 +147,54 @@ fn across(direction: DVec3) -> &'static str {
     }
 }
 
-fn camera(arguments: &ViewArguments, octree: &Octree) -> Result<Camera, Failure> {
-    let up: [f64; 3] = parse_numbers(&arguments.up)
-        .and_then(|n| n.try_into().ok())
-        .ok_or_else(|| format!("--up {}: expected three numbers, e.g. 0,1,0", arguments.up))?;
-    if up == [0.0; 3] {
-        return Err(format!("--up {}: is not a direction; expected one, e.g. 0,1,0", arguments.up).into());
+/// Rejects an angle that is no field of view. `place`: what has it.
+fn check_fov(place: &str, degrees: f64) -> Result<f64, String> {
+    if degrees > 0.0 && degrees < 180.0 {
+        return Ok(degrees);
     }
-    let wide = |option: String, degrees: f64| -> Result<f64, Failure> {
-        let fits = degrees > 0.0 && degrees < 180.0;
-        if fits {
-            Ok(degrees)
-        } else {
-            Err(format!("{option}: the field of view must be between 0 and 180 degrees").into())
-        }
-    };
-    let fov = arguments.fov.map(|degrees| wide(format!("--fov {degrees}"), degrees)).transpose()?;
-    if let Some(text) = &arguments.camera {
-        let n = parse_numbers(text).filter(|n| n.len() == 6 || n.len() == 7).ok_or_else(|| {
+    Err(format!("{place}: the field of view must be between 0 and 180 degrees"))
+}
+
+/// A camera as a user writes it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Key {
+    pub(crate) eye: DVec3,
+    /// Any length above 0.
+    pub(crate) forward: DVec3,
+    /// Above 0 and below 180.
+    pub(crate) fov_degrees: Option<f64>,
+}
+
+impl Key {
+    /// Reads six or seven numbers. `place` is where they stand: an error starts with it.
+    pub(crate) fn parse(numbers: &str, place: &str) -> Result<Self, String> {
+        let n = parse_numbers(numbers).filter(|n| n.len() == 6 || n.len() == 7).ok_or_else(|| {
             format!(
-                "--camera {text}: expected six numbers, eye and direction, or seven with the field of view: ex,ey,ez,fx,fy,fz,60"
+                "{place}: expected six numbers, eye and direction, or seven with the field of view: ex,ey,ez,fx,fy,fz,60"
             )
         })?;
-        let (eye, forward) = ([n[0], n[1], n[2]], [n[3], n[4], n[5]]);
-        if n.len() == 7 && arguments.fov.is_some() {
-            return Err(format!("--camera {text}: has a field of view, and so has --fov; give only one of them").into());
+        let fov_degrees = n.get(6).map(|degrees| check_fov(place, *degrees)).transpose()?;
+        let forward = DVec3::new(n[3], n[4], n[5]);
+        if forward.try_normalize().is_none() {
+            return Err(format!("{place}: the direction (fourth to sixth number) is zero"));
         }
-        let own = n.get(6).map(|degrees| wide(format!("--camera {text}"), *degrees)).transpose()?;
-        let Some(direction) = DVec3::from(forward).try_normalize() else {
-            return Err(format!("--camera {text}: the direction (fourth to sixth number) is zero").into());
-        };
-        if DVec3::from(up).normalize_or_zero().cross(direction).length() < 1e-9 {
-            let what = "is parallel to the viewing direction; give another direction, e.g. --up";
-            return Err(format!("--up {}: {what} {}", arguments.up, across(direction)).into());
-        }
-        let (near, far) = viewpoint::planes(octree, eye);
-        if !far.is_finite() {
-            return Err(format!("--camera {text}: the eye is too far away").into());
-        }
-        return Ok(Camera { eye, forward, up, fov_degrees: fov.or(own).unwrap_or(60.0), near, far });
+        Ok(Self { eye: DVec3::new(n[0], n[1], n[2]), forward, fov_degrees })
     }
+}
+
+fn camera(arguments: &ViewArguments, octree: &Octree) -> Result<Camera, Failure> {
+    if let Some(text) = &arguments.camera {
+        let place = format!("--camera {text}");
+        let key = Key::parse(text, &place)?;
+        if key.fov_degrees.is_some() && arguments.fov.is_some() {
+            return Err(format!("{place}: has a field of view, and so has --fov; give only one of them").into());
+        }
+        return arguments.camera_of(&key, octree, &place);
+    }
+    let up = arguments.up()?;
+    let fov = arguments.fov()?;
     let Some(name) = &arguments.scene else {
-        let [width, height] = arguments.size.map(f64::from);
-        return Ok(viewpoint::overview(octree, up, fov.unwrap_or(60.0), width / height));
+        return Ok(viewpoint::overview(octree, up.to_array(), fov.unwrap_or(DEFAULT_FOV), arguments.aspect()));
     };
     let manifest = scene::manifest(arguments.manifest.as_deref())?;
     let entry = scene::buildable(&manifest, name)?;

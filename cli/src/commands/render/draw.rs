@@ -4,6 +4,7 @@ use std::time::{Duration, Instant};
 
 use esvo_core::filter::{Frame, code_at};
 use esvo_core::lights::{self, Light};
+use esvo_core::sky::Sky;
 use esvo_core::{Caster, Nearest, Picture, View, shading};
 use esvo_format::Octree;
 
@@ -19,17 +20,60 @@ pub(crate) struct Lighting<'a> {
     /// None: a lamp at the camera.
     pub(crate) lights: &'a [Light],
     pub(crate) shadows: bool,
+    /// None: the background of [`shading::shade_nearest`].
+    pub(crate) sky: Option<Sky>,
 }
 
 /// A picture, and what there is to say about it.
 #[derive(Debug)]
 pub(crate) struct Drawn {
     pub(crate) picture: Picture,
-    /// Pixels whose ray hits something.
-    pub(crate) hit: usize,
+    pub(crate) nearest: Nearest,
     pub(crate) casting: Duration,
     pub(crate) shading: Duration,
     pub(crate) filtering: Duration,
+}
+
+impl Drawn {
+    /// Pixels whose ray hits something.
+    pub(crate) fn hit(&self) -> usize {
+        self.nearest.hits.iter().filter(|hit| !hit.is_miss()).count()
+    }
+}
+
+/// What there is to say about several pictures of one kind.
+#[derive(Clone, Copy, Default, Debug)]
+pub(crate) struct Total {
+    pictures: u32,
+    pixels: usize,
+    hit: usize,
+    /// Of casting, shading and filtering.
+    times: [Duration; 3],
+}
+
+impl Total {
+    /// Adds a picture.
+    pub(crate) fn add(&mut self, drawn: &Drawn) {
+        self.pictures += 1;
+        self.pixels += drawn.nearest.hits.len();
+        self.hit += drawn.hit();
+        for (sum, time) in self.times.iter_mut().zip([drawn.casting, drawn.shading, drawn.filtering]) {
+            *sum += time;
+        }
+    }
+
+    /// How much of the pictures is hit.
+    pub(crate) fn hits(&self) -> String {
+        format!("{:.1} % of the pixels hit", 100.0 * self.hit as f64 / self.pixels as f64)
+    }
+
+    /// A line with the times of a picture.
+    pub(crate) fn times(&self) -> String {
+        let [casting, shading, filtering] =
+            self.times.map(|time| time.as_secs_f64() * 1e3 / f64::from(self.pictures.max(1)));
+        let each = if self.pictures > 1 { ", mean of all frames" } else { "" };
+        format!("casting {casting:.1} ms, shading {shading:.1} ms, filter {filtering:.1} ms{each}\n")
+    }
 }
 
 /// Draws the objects of the octree that the caster has loaded. With `twice`, it casts and filters twice and measures the second
@@ -62,6 +106,9 @@ pub(crate) fn draw(
         ViewMode::VoxelSize => shading::size_map(views, &nearest),
         ViewMode::Ambient => shading::ambient_map(octree, view, hits),
     };
+    if let Some(sky) = lighting.sky.filter(|_| look.mode == ViewMode::Shaded) {
+        sky.paint(&mut picture, view, octree.octree_to_mesh(0), &nearest);
+    }
     let shading = start.elapsed();
     let mut filtering = Duration::ZERO;
     if let Some(radius) = look.radius() {
@@ -76,6 +123,5 @@ pub(crate) fn draw(
             (picture, filtering) = (filtered.picture, filtered.time);
         }
     }
-    let hit = hits.iter().filter(|hit| !hit.is_miss()).count();
-    Ok(Drawn { picture, hit, casting, shading, filtering })
+    Ok(Drawn { picture, nearest, casting, shading, filtering })
 }

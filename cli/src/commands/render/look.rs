@@ -2,7 +2,7 @@
 
 use clap::ValueEnum;
 use esvo_core::filter::Radius;
-use esvo_engines::{EngineId, InstructionSet, OpenOptions};
+use esvo_engines::EngineId;
 
 /// How a picture is made: all that two pictures of one camera can differ by.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -15,13 +15,6 @@ pub(crate) struct Look {
 }
 
 impl Look {
-    /// How its engine is opened.
-    pub(crate) fn open_options(&self) -> OpenOptions {
-        // Packets of rays have one number of iterations.
-        let instructions = (self.mode == ViewMode::Iterations).then_some(InstructionSet::Scalar);
-        OpenOptions { instructions, ..OpenOptions::default() }
-    }
-
     /// How far pixels are blurred; `None` for not at all. Only shaded pictures are.
     pub(crate) fn radius(&self) -> Option<Radius> {
         match self.filter {

@@ -1,31 +1,43 @@
 //! `esvo render`.
 
+mod casters;
+mod compare;
 mod draw;
+mod frames;
 mod look;
+mod path;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use clap::Args;
+use clap::{ArgGroup, Args};
 use esvo_bench::Progress;
 use esvo_core::camera::viewpoint;
 use esvo_core::lights::Light;
 use esvo_core::picture::write_png;
-use esvo_core::{Camera, Hit};
+use esvo_core::sky::Sky;
+use esvo_core::{Camera, Hit, Object};
 use esvo_engines::EngineId;
 use esvo_format::Octree;
 use glam::DVec3;
 
 use crate::fail::{Failure, complain, print};
-use crate::files::{check_extension, check_not_input, check_output, name_file, open};
+use crate::files::{check_extension, check_not_input, check_output, open};
 use crate::memory::check_memory;
-use crate::values::{engine, parse_light};
-use crate::view::ViewArguments;
-use draw::{Lighting, draw};
+use crate::values::{SkyValue, engine, parse_light, parse_sky};
+use crate::view::{DEFAULT_FOV, Key, ViewArguments};
+use casters::Casters;
+use compare::{Comparison, Difference, compare, parse_comparison};
+use draw::{Lighting, Total, draw};
 use look::{Filter, Look, ViewMode};
+use path::CameraPath;
 
-/// Render a picture of an octree.
+/// Frames of a path or a turn without `--frames`.
+const DEFAULT_FRAMES: u32 = 120;
+
+/// Render a picture of an octree, a comparison of two, or the frames of a film.
 #[derive(Debug, Args)]
+#[command(group = ArgGroup::new("moves").args(["path", "turn"]))]
 #[command(after_help = "\
 Without a camera, the picture shows the whole object from outside. Cameras are in the units of the
 mesh.
@@ -33,15 +45,36 @@ mesh.
 Where voxels are larger than a pixel, the picture is blurred by the paper's post-process filter
 (section 4.3); --filter off shows the voxels.
 
+--compare A,B writes one picture: A, B, and how different they look (FLIP) from black, not at all,
+over violet, red and yellow to white, as different as black and white; beside it the scale, 1 on top.
+The mean is printed, with the number of pixels that differ. A side is one name or several with plus
+signs between them; what it does not name is as the other options say. The names:
+  shaded, iterations, normals, depth, levels, voxel-size, ambient    --view-mode
+  reference, cpu, wgpu, ash                                          --backend
+  filter, own-filter, no-filter                                      --filter adapted, own, off
+  contours, no-contours, beam, no-beam
+
+A file for --path has one camera a line, as for --camera, with its time in seconds and a colon before
+it, or without times: then each is as far from the next. Empty lines and lines after # say nothing. The
+frames follow each other in equal times, on smooth curves through all cameras:
+  # from the door to the altar
+  0: -15,-9,0,1,0.2,0
+  4: -5,-9,0,1,0.1,0.1
+  6: 5,-11,0,1,0,0,40
+
 Examples:
   esvo render sibenik.esvo -o nave.png --scene sibenik --view 2
   esvo render sibenik.esvo -o nave.png --camera=-15,-9,0,1,0.2,0 --fov 60 --size 1920x1080
   esvo render sibenik.esvo -o sun.png --light sun:1,2,0.5 --light point:0,-12,0
-  esvo render sibenik.esvo -o steps.png --view-mode iterations --backend reference")]
+  esvo render sibenik.esvo -o steps.png --view-mode iterations --backend reference
+  esvo render sibenik.esvo -o contours.png --compare contours,no-contours+no-filter
+  esvo render sibenik.esvo -o same.png --compare cpu,wgpu+beam
+  esvo render sibenik.esvo -o turn.png --turn --frames 120        # turn-001.png to turn-120.png
+  esvo render sibenik.esvo -o walk.png --path walk.txt --sky dome")]
 pub(crate) struct RenderArguments {
     /// The octree
     pub(crate) file: PathBuf,
-    /// The PNG to write
+    /// The PNG to write. Frames of a film have their number before the extension: -o turn.png writes turn-001.png and so on
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: PathBuf,
     /// The engine that casts the rays
@@ -55,17 +88,35 @@ pub(crate) struct RenderArguments {
     /// What to show
     #[arg(long, value_enum, default_value_t = ViewMode::Shaded)]
     pub(crate) view_mode: ViewMode,
+    /// Show two pictures beside each other, and how different they look: see below
+    #[arg(long, value_name = "A,B", value_parser = parse_comparison)]
+    pub(crate) compare: Option<Comparison>,
+    /// Move the camera through those of this file: see below
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["camera", "scene"])]
+    pub(crate) path: Option<PathBuf>,
+    /// Move the camera once around the objects: that of --camera or --scene, else one that sees all of them
+    #[arg(long)]
+    pub(crate) turn: bool,
+    /// Frames of the path or of the turn [default: 120]
+    #[arg(long, value_name = "N", requires = "moves", value_parser = clap::value_parser!(u32).range(1..=99_999))]
+    pub(crate) frames: Option<u32>,
     /// Light a shaded picture by this light and not by the lamp at the camera; may be given several times. In the units of the mesh:
-    /// sun:X,Y,Z (the direction to it), point:X,Y,Z, or spot:X,Y,Z,DX,DY,DZ,DEGREES (place, axis, full angle of the cone)
+    /// sun:X,Y,Z (the direction to it), point:X,Y,Z, spot:X,Y,Z,DX,DY,DZ,DEGREES (place, axis, full angle of the cone), or sky:
+    /// from all directions, as far as the stored ambient occlusion lets it through (see `esvo ambient`)
     #[arg(long = "light", value_name = "LIGHT", value_parser = parse_light)]
     pub(crate) lights: Vec<Light>,
     /// Lights cast no shadows
     #[arg(long, requires = "lights")]
     pub(crate) no_shadows: bool,
+    /// Background of a shaded picture: screen (blue on top of the picture, white at its bottom), dome (blue above, white at the
+    /// horizon, grey below, so that it stays in its place when the camera turns), or a colour, RRGGBB
+    #[arg(long, value_name = "SKY", default_value = "screen", value_parser = parse_sky)]
+    pub(crate) sky: SkyValue,
     /// Blur a shaded picture where voxels are larger than a pixel
     #[arg(long, value_enum, default_value_t = Filter::Adapted)]
     pub(crate) filter: Filter,
-    /// Print how long casting, shading and filtering take; casts and filters twice and measures the second time
+    /// Print how long casting, shading and filtering take; the first picture is cast and filtered twice, and measured the second
+    /// time
     #[arg(long)]
     pub(crate) times: bool,
     /// Do not compare the checksums of the blocks: for a file that was verified before, e.g. by `esvo validate`. Only what
@@ -75,67 +126,201 @@ pub(crate) struct RenderArguments {
 }
 
 pub(crate) fn run_render(arguments: &RenderArguments) -> Result<(), Failure> {
-    check_output(&arguments.output)?;
-    check_extension(&arguments.output, "png", "pictures are written as PNG")?;
-    check_not_input(&arguments.output, &arguments.file)?;
-    arguments.rays.check()?;
-    if !arguments.lights.is_empty() && arguments.view_mode != ViewMode::Shaded {
-        return Err("--light: only shaded pictures are lit; leave out --view-mode".to_owned().into());
+    let outputs = arguments.outputs();
+    for output in &outputs {
+        check_output(output)?;
+        check_extension(output, "png", "pictures are written as PNG")?;
+        check_not_input(output, &arguments.file)?;
     }
+    arguments.rays.check()?;
+    let looks = arguments.looks()?;
+    let path = arguments.path.as_deref().map(|path| CameraPath::read(path, DEFAULT_FOV)).transpose()?;
     let octree = Arc::new(open(&arguments.file, !arguments.no_verify)?);
-    let look = arguments.look();
-    let camera = arguments.rays.camera(&octree)?;
-    let views = arguments.rays.views(&camera, &octree, look.contours, look.beam)?;
-    let view = views[0];
+    arguments.warn_of_missing_ambient(&octree, &looks);
+    let cameras = arguments.cameras(&octree, path.as_ref())?;
     let progress = Progress::terminal();
     progress.say("rendering");
-    let mut caster = look.engine.open(&look.open_options())?;
-    caster.load(&octree).map_err(|e| name_file(&arguments.file, e))?;
-    // Nearest hits, those of an object, whose they are; the picture, with its radii, with margins, filtered, and its encoded form.
-    let bytes = view.pixels().saturating_mul(2 * size_of::<Hit>() + 4 + 3 * 3 + 4 + 8);
-    check_memory(bytes, &format!("--size {}x{}", view.width, view.height))?;
-    let lighting = Lighting { lights: &arguments.lights, shadows: !arguments.no_shadows };
-    let drawn = draw(&mut *caster, &octree, &views, &look, &lighting, arguments.times)?;
-    write_png(&arguments.output, &drawn.picture).map_err(|e| format!("{}: {e}", arguments.output.display()))?;
+    let mut casters = Casters::default();
+    for look in &looks {
+        casters.load(look, &octree, &arguments.file)?;
+    }
+    let size = arguments.rays.size;
+    check_memory(bytes(size, looks.len()), &format!("--size {}x{}", size[0], size[1]))?;
+    let mut totals = vec![Total::default(); looks.len()];
+    let mut differences = Vec::new();
+    let mut empty = Vec::new();
+    for (number, (camera, output)) in cameras.iter().zip(&outputs).enumerate() {
+        if outputs.len() > 1 {
+            let note = format!("frame {} of {}", number + 1, outputs.len());
+            progress.fraction("rendering", number as f64 / outputs.len() as f64, &note);
+        }
+        let lighting = arguments.lighting(camera);
+        let mut drawn = Vec::with_capacity(looks.len());
+        for (look, total) in looks.iter().zip(&mut totals) {
+            let views = arguments.rays.views(camera, &octree, look.contours, look.beam)?;
+            let caster = casters.of(look)?;
+            let one = draw(caster, &octree, &views, look, &lighting, arguments.times && number == 0)?;
+            total.add(&one);
+            drawn.push(one);
+        }
+        if drawn.iter().all(|one| one.hit() == 0) {
+            empty.push(number);
+        }
+        let compared;
+        let picture = match &drawn[..] {
+            [one] => &one.picture,
+            [a, b] => {
+                let difference;
+                (compared, difference) = compare(a, b)?;
+                differences.push(difference);
+                &compared
+            }
+            _ => return Err("there is nothing to draw".to_owned().into()),
+        };
+        write_png(output, picture).map_err(|e| format!("{}: {e}", output.display()))?;
+    }
     progress.finish();
-    if drawn.hit == 0 {
-        warn_of_nothing(&octree, &camera);
+    if let Some(first) = empty.first() {
+        warn_of_nothing(&octree, (empty.len(), cameras.len()), &outputs[*first], &cameras[*first]);
     }
-    print(&format!(
-        "{}: {}x{}, {:.1} % of the pixels hit, cast by {} on {}\n",
-        arguments.output.display(),
-        view.width,
-        view.height,
-        100.0 * drawn.hit as f64 / view.pixels() as f64,
-        caster.name(),
-        caster.device().name
-    ))?;
-    if arguments.times {
-        let [casting, shading, filtering] =
-            [drawn.casting, drawn.shading, drawn.filtering].map(|time| time.as_secs_f64() * 1e3);
-        print(&format!("casting {casting:.1} ms, shading {shading:.1} ms, filter {filtering:.1} ms\n"))?;
-    }
-    Ok(())
+    arguments.report(&outputs, &looks, &casters, &totals, &differences)
 }
 
 impl RenderArguments {
-    /// How the picture is made.
-    fn look(&self) -> Look {
-        Look {
+    /// The files that are written.
+    fn outputs(&self) -> Vec<PathBuf> {
+        if self.path.is_none() && !self.turn {
+            return vec![self.output.clone()];
+        }
+        frames::names(&self.output, self.frames.unwrap_or(DEFAULT_FRAMES))
+    }
+
+    /// How the picture is made, or both of a comparison.
+    fn looks(&self) -> Result<Vec<Look>, Failure> {
+        let look = Look {
             engine: self.backend,
             mode: self.view_mode,
             filter: self.filter,
             contours: !self.rays.no_contours,
             beam: self.beam,
+        };
+        let looks = match &self.compare {
+            None => vec![look],
+            Some(Comparison { sides }) => sides.iter().map(|side| side.look(&look)).collect::<Result<_, _>>()?,
+        };
+        let shaded = looks.iter().any(|look| look.mode == ViewMode::Shaded);
+        if !self.lights.is_empty() && !shaded {
+            return Err("--light: only shaded pictures are lit; leave out --view-mode".to_owned().into());
         }
+        if self.sky != SkyValue::Screen && !shaded {
+            return Err("--sky: only shaded pictures have a sky; leave out --view-mode".to_owned().into());
+        }
+        Ok(looks)
+    }
+
+    /// The cameras of all frames, with planes around what they see.
+    fn cameras(&self, octree: &Octree, path: Option<&CameraPath>) -> Result<Vec<Camera>, Failure> {
+        let frames = self.frames.unwrap_or(DEFAULT_FRAMES);
+        if let (Some(path), Some(file)) = (path, &self.path) {
+            let name = file.display().to_string();
+            let keys = path.frames(&name, frames)?;
+            let camera = |(number, key): (usize, &Key)| {
+                self.rays.camera_of(key, octree, &format!("{name}: frame {}", number + 1))
+            };
+            return keys.iter().enumerate().map(camera).collect();
+        }
+        if !self.turn {
+            return Ok(vec![self.rays.camera(octree)?]);
+        }
+        let (low, high) = viewpoint::bounds_in_mesh(octree);
+        let (camera, centre) = if self.rays.camera.is_some() || self.rays.scene.is_some() {
+            (self.rays.camera(octree)?, (low + high) / 2.0)
+        } else {
+            let fov = self.rays.fov()?.unwrap_or(DEFAULT_FOV);
+            viewpoint::turntable(&Object::all(octree), self.rays.up()?.to_array(), fov, self.rays.aspect())
+        };
+        let mut cameras = path::turn(&camera, centre, frames);
+        for camera in &mut cameras {
+            (camera.near, camera.far) = viewpoint::planes(octree, camera.eye);
+        }
+        Ok(cameras)
+    }
+
+    fn lighting(&self, camera: &Camera) -> Lighting<'_> {
+        let sky = match self.sky {
+            SkyValue::Screen => None,
+            SkyValue::Dome => Some(Sky::Dome { up: camera.up.into() }),
+            SkyValue::Plain(color) => Some(Sky::Plain(color)),
+        };
+        Lighting { lights: &self.lights, shadows: !self.no_shadows, sky }
+    }
+
+    /// Says that the picture shows ambient occlusion, which the octree has not.
+    fn warn_of_missing_ambient(&self, octree: &Octree, looks: &[Look]) {
+        let shown = looks.iter().any(|look| look.mode == ViewMode::Ambient) || self.lights.contains(&Light::Sky);
+        if shown && !octree.needs().ambient {
+            let name = self.file.display();
+            let what = "has no ambient occlusion, so all of it is shown as open; compute it: esvo ambient";
+            complain("warning", &format!("{name}: {what} {name}"));
+        }
+    }
+
+    /// Prints what was written.
+    fn report(
+        &self,
+        outputs: &[PathBuf],
+        looks: &[Look],
+        casters: &Casters,
+        totals: &[Total],
+        differences: &[Difference],
+    ) -> Result<(), Failure> {
+        let [width, height] = self.rays.size;
+        let mut text = match outputs {
+            [] => String::new(),
+            [one] => format!("{}: ", one.display()),
+            [first, .., last] => {
+                format!("{} to {}: {} frames of ", first.display(), last.display(), outputs.len())
+            }
+        };
+        text += &format!("{width}x{height}, ");
+        if let Some(Comparison { sides: [a, b] }) = &self.compare {
+            text += &format!("{}, {} and their difference\n", a.name, b.name);
+        }
+        for (number, (look, total)) in looks.iter().zip(totals).enumerate() {
+            if let Some(Comparison { sides }) = &self.compare {
+                text += &format!("{}: ", sides[number].name);
+            }
+            text += &format!("{}, cast by {}\n", total.hits(), casters.name(look));
+            if self.times {
+                text += &total.times();
+            }
+        }
+        if !differences.is_empty() {
+            text += &Difference::of_all(differences).text();
+            text.push('\n');
+        }
+        print(&text)
     }
 }
 
-/// Says that a picture is empty, and where the object is.
-fn warn_of_nothing(octree: &Octree, camera: &Camera) {
+/// Bytes that one picture of this size, or two and their comparison, need at most.
+fn bytes([width, height]: [u32; 2], pictures: usize) -> usize {
+    // Nearest hits, whose they are, the picture; hits of an object, the picture's radii, with margins, filtered, and its encoded form.
+    let (kept, working) = (size_of::<Hit>() + 4 + 3, size_of::<Hit>() + 3 * 2 + 4 + 8);
+    let compared = if pictures > 1 { compare::BYTES_PER_PIXEL } else { 0 };
+    let pixels = width as usize * height as usize;
+    pixels.saturating_mul(pictures * kept + working.max(compared))
+}
+
+/// Says that frames are empty, and where the objects are.
+fn warn_of_nothing(octree: &Octree, (empty, all): (usize, usize), first: &Path, camera: &Camera) {
     let (low, high) = viewpoint::bounds_in_mesh(octree);
+    let frames = match all {
+        1 => String::new(),
+        _ => format!(" in {empty} of {all} frames, the first of which is {}", first.display()),
+    };
     let what = format!(
-        "no ray hits anything: the object lies between {:.4} and {:.4}; the camera is at {:.4} and looks along {:.4}",
+        "no ray hits anything{frames}: the object lies between {:.4} and {:.4}; the camera is at {:.4} and looks along {:.4}",
         low,
         high,
         DVec3::from(camera.eye),
