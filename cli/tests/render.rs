@@ -160,3 +160,34 @@ fn light_of_the_sky_needs_ambient_occlusion() {
     assert!(darker > 300 && flat.rgb8.iter().zip(&occluded.rgb8).all(|(a, b)| a >= b), "{darker}");
     assert!(render("box.esvo", &["--view-mode", "ambient"]).1.contains(what));
 }
+
+#[test]
+fn the_engines_agree_on_every_map_of_several_objects() {
+    let folder = Folder::new();
+    let two = esvo_core::testing::sample::two_objects_apart(1.2).unwrap();
+    let open = |slot: u32, child: u8| (slot * 40 + u32::from(child) * 30) as u8;
+    two.with_ambient_occlusion(open).unwrap().write(&folder.path("two.esvo")).unwrap();
+    // As in the tests of the casters: without a device this is skipped, unless a device is required.
+    let gpu = std::env::var_os("ESVO_REQUIRE_GPU").is_some();
+    let engines: &[&str] = if gpu { &["reference", "wgpu", "ash"] } else { &["reference"] };
+    let draw = |mode: &str, compare: &str| {
+        let options = ["--size", "80x60", "--view-mode", mode, "--compare", compare];
+        let said = folder.ok(&[&["render", "two.esvo", "-o", "p.png"][..], &options].concat());
+        (said, picture(&folder, "p.png"))
+    };
+    for mode in ["shaded", "iterations", "normals", "depth", "levels", "voxel-size", "ambient"] {
+        for engine in engines {
+            let (said, whole) = draw(mode, &format!("cpu,{engine}"));
+            assert!(
+                said.contains("; 0 of 4800 pixels differ, by 0 of 255 at most; 0 show another voxel"),
+                "{mode}: {said}"
+            );
+            let colors: std::collections::HashSet<_> = part(&whole, 0, 80).into_iter().collect();
+            assert!(colors.len() > 2, "{mode} shows nothing");
+        }
+    }
+    assert!(
+        !draw("normals", "normals,depth").0.contains("; 0 of 4800 pixels differ"),
+        "the comparison sees differences"
+    );
+}
