@@ -84,7 +84,7 @@ impl ViewArguments {
             let place = if self.camera.is_some() { String::new() } else { format!("{place}: ") };
             return Err(format!("{place}--up {}: {what} {}", self.up, across(direction)).into());
         }
-        let fov_degrees = self.fov()?.or(key.fov_degrees).unwrap_or(DEFAULT_FOV);
+        let fov_degrees = key.fov_degrees.or(self.fov()?).unwrap_or(DEFAULT_FOV);
         let (eye, forward) = (key.eye.to_array(), key.forward.to_array());
         let (near, far) = viewpoint::planes(octree, eye);
         if !far.is_finite() {

@@ -87,7 +87,13 @@ fn a_path_goes_from_camera_to_camera() {
         let (whole, alone) = (picture(&folder, &format!("p-00{frame}.png")), picture(&folder, "p.png"));
         assert_eq!(part(&whole, 0, 40), part(&alone, 0, 40), "{frame}");
     }
-    folder.ok(&with(&["--path", "walk.txt", "--frames", "1", "--fov", "30"]));
+    // A field of view is for cameras that have none.
+    folder.ok(&with(&["--path", "walk.txt", "--frames", "5", "--fov", "30"]));
+    for (frame, camera) in [(1, "1,0.5,6,0,0,-1,30"), (5, "6,0.5,1,-1,0,0,50")] {
+        folder.ok(&with(&[&format!("--camera={camera}")]));
+        assert_eq!(picture(&folder, &format!("p-00{frame}.png")), picture(&folder, "p.png"), "{frame}");
+    }
+    folder.fails(&with(&["--path", "walk.txt", "--fov", "200"]), 1, "--fov 200: the field of view");
 }
 
 #[test]

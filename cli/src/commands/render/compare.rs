@@ -130,7 +130,7 @@ impl Difference {
     /// One line.
     pub(crate) fn text(&self) -> String {
         format!(
-            "FLIP {:.5} (0: equal, 1: black and white); {} of {} pixels differ, by {} of 255 at most; {} show another voxel",
+            "FLIP {:.5} (0: equal, 1: like black beside white); {} of {} pixels differ, by {} of 255 at most; {} show another voxel",
             self.flip, self.differ, self.pixels, self.most, self.other_voxel
         )
     }

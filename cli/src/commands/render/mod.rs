@@ -45,18 +45,18 @@ mesh.
 Where voxels are larger than a pixel, the picture is blurred by the paper's post-process filter
 (section 4.3); --filter off shows the voxels.
 
---compare A,B writes one picture: A, B, and how different they look (FLIP) from black, not at all,
-over violet, red and yellow to white, as different as black and white; beside it the scale, 1 on top.
-The mean is printed, with the number of pixels that differ. A side is one name or several with plus
-signs between them; what it does not name is as the other options say. The names:
-  shaded, iterations, normals, depth, levels, voxel-size, ambient    --view-mode
-  reference, cpu, wgpu, ash                                          --backend
-  filter, own-filter, no-filter                                      --filter adapted, own, off
+--compare A,B writes one picture: A, B, and how different they look (FLIP), from black, not at
+all, over violet, red and yellow to white, like black beside white. The scale is on its right, 1 on
+top. The mean is printed, and the number of pixels that differ. A side is a name, or several with
+plus signs between them; what it does not name is as the other options say. The names:
+  shaded, iterations, normals, depth, levels, voxel-size, ambient: --view-mode
+  reference, cpu, wgpu, ash: --backend
+  filter, own-filter, no-filter: --filter adapted, own, off
   contours, no-contours, beam, no-beam
 
-A file for --path has one camera a line, as for --camera, with its time in seconds and a colon before
-it, or without times: then each is as far from the next. Empty lines and lines after # say nothing. The
-frames follow each other in equal times, on smooth curves through all cameras:
+A file for --path has one camera a line, as for --camera. Before it there may be its time in
+seconds and a colon; without times, all are equally far apart. Empty lines and lines that start
+with # are ignored. Frames are taken at equal times, on smooth curves through all cameras:
   # from the door to the altar
   0: -15,-9,0,1,0.2,0
   4: -5,-9,0,1,0.1,0.1
@@ -91,7 +91,7 @@ pub(crate) struct RenderArguments {
     /// Show two pictures beside each other, and how different they look: see below
     #[arg(long, value_name = "A,B", value_parser = parse_comparison)]
     pub(crate) compare: Option<Comparison>,
-    /// Move the camera through those of this file: see below
+    /// Move the camera through those of this file, with --fov where they have none of their own: see below
     #[arg(long, value_name = "FILE", conflicts_with_all = ["camera", "scene"])]
     pub(crate) path: Option<PathBuf>,
     /// Move the camera once around the objects: that of --camera or --scene, else one that sees all of them
@@ -134,7 +134,8 @@ pub(crate) fn run_render(arguments: &RenderArguments) -> Result<(), Failure> {
     }
     arguments.rays.check()?;
     let looks = arguments.looks()?;
-    let path = arguments.path.as_deref().map(|path| CameraPath::read(path, DEFAULT_FOV)).transpose()?;
+    let fov = arguments.rays.fov()?.unwrap_or(DEFAULT_FOV);
+    let path = arguments.path.as_deref().map(|path| CameraPath::read(path, fov)).transpose()?;
     let octree = Arc::new(open(&arguments.file, !arguments.no_verify)?);
     arguments.warn_of_missing_ambient(&octree, &looks);
     let cameras = arguments.cameras(&octree, path.as_ref())?;
