@@ -11,6 +11,7 @@ use crate::commands::diff::DiffArguments;
 use crate::commands::dump::DumpArguments;
 use crate::commands::hits::HitsArguments;
 use crate::commands::info::InfoArguments;
+use crate::commands::join::JoinArguments;
 use crate::commands::kernel::KernelArguments;
 use crate::commands::man::ManArguments;
 use crate::commands::rays::RaysArguments;
@@ -45,6 +46,7 @@ pub(crate) enum Command {
     Diff(DiffArguments),
     Validate(ValidateArguments),
     Convert(ConvertArguments),
+    Join(JoinArguments),
     Ambient(AmbientArguments),
     Render(RenderArguments),
     Rays(RaysArguments),

@@ -6,6 +6,7 @@ mod fail;
 mod files;
 mod memory;
 mod signals;
+mod stage;
 mod values;
 mod version;
 mod view;
@@ -41,6 +42,7 @@ fn main() -> ExitCode {
         Command::Diff(arguments) => commands::diff::run_diff(&arguments),
         Command::Validate(arguments) => commands::validate::run_validate(&arguments),
         Command::Convert(arguments) => commands::convert::run_convert(&arguments),
+        Command::Join(arguments) => commands::join::run_join(&arguments),
         Command::Ambient(arguments) => commands::ambient::run_ambient(&arguments),
         Command::Render(arguments) => commands::render::run_render(&arguments),
         Command::Rays(arguments) => commands::rays::run_rays(&arguments),

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use esvo_bench::scene::{self, SceneSource};
 use esvo_core::camera::viewpoint;
-use esvo_core::{Camera, CastOptions, View};
+use esvo_core::{Camera, CastOptions, Object, View};
 use esvo_format::Octree;
 use glam::DVec3;
 
@@ -65,18 +65,19 @@ impl ViewArguments {
 
     /// The camera and the view of the first object of an octree.
     pub(crate) fn view(&self, octree: &Octree, beam: bool) -> Result<(Camera, View), Failure> {
-        let camera = self.camera(octree)?;
-        let view = self.view_of(&camera, octree, 0, &self.options(!self.no_contours, beam))?;
+        let objects = Object::all(octree);
+        let camera = self.camera(&objects)?;
+        let view = objects[0].view(&camera, self.size.into(), &self.options(!self.no_contours, beam))?;
         Ok((camera, view))
     }
 
     /// The camera.
-    pub(crate) fn camera(&self, octree: &Octree) -> Result<Camera, Failure> {
-        camera(self, octree)
+    pub(crate) fn camera(&self, objects: &[Object]) -> Result<Camera, Failure> {
+        camera(self, objects)
     }
 
     /// A camera that a user wrote. `place` is where: an error starts with it.
-    pub(crate) fn camera_of(&self, key: &Key, octree: &Octree, place: &str) -> Result<Camera, Failure> {
+    pub(crate) fn camera_of(&self, key: &Key, objects: &[Object], place: &str) -> Result<Camera, Failure> {
         let up = self.up()?;
         let direction = key.forward.normalize_or_zero();
         if up.normalize_or_zero().cross(direction).length() < 1e-9 {
@@ -86,7 +87,7 @@ impl ViewArguments {
         }
         let fov_degrees = key.fov_degrees.or(self.fov()?).unwrap_or(DEFAULT_FOV);
         let (eye, forward) = (key.eye.to_array(), key.forward.to_array());
-        let (near, far) = viewpoint::planes(octree, eye);
+        let (near, far) = viewpoint::planes_of(objects, eye);
         if !far.is_finite() {
             return Err(format!("{place}: the eye is too far away").into());
         }
@@ -115,25 +116,20 @@ impl ViewArguments {
         width / height
     }
 
-    /// The view of each object of an octree by a camera, with or without contours.
+    /// The view of each object by a camera, with or without contours.
     pub(crate) fn views(
         &self,
         camera: &Camera,
-        octree: &Octree,
+        objects: &[Object],
         contours: bool,
         beam: bool,
     ) -> Result<Vec<View>, Failure> {
         let options = self.options(contours, beam);
-        (0..octree.objects().len()).map(|object| self.view_of(camera, octree, object, &options)).collect()
+        Ok(objects.iter().map(|object| object.view(camera, self.size.into(), &options)).collect::<Result<_, _>>()?)
     }
 
     fn options(&self, contours: bool, beam: bool) -> CastOptions {
         CastOptions { contours, beam, max_voxel_pixels: self.max_voxel_pixels }
-    }
-
-    fn view_of(&self, camera: &Camera, octree: &Octree, object: usize, options: &CastOptions) -> Result<View, Failure> {
-        let root = octree.objects()[object].root_slot as u32;
-        Ok(View::new(camera, octree.octree_to_mesh(object), root, self.size.into(), options)?)
     }
 }
 
@@ -182,19 +178,19 @@ impl Key {
     }
 }
 
-fn camera(arguments: &ViewArguments, octree: &Octree) -> Result<Camera, Failure> {
+fn camera(arguments: &ViewArguments, objects: &[Object]) -> Result<Camera, Failure> {
     if let Some(text) = &arguments.camera {
         let place = format!("--camera {text}");
         let key = Key::parse(text, &place)?;
         if key.fov_degrees.is_some() && arguments.fov.is_some() {
             return Err(format!("{place}: has a field of view, and so has --fov; give only one of them").into());
         }
-        return arguments.camera_of(&key, octree, &place);
+        return arguments.camera_of(&key, objects, &place);
     }
     let up = arguments.up()?;
     let fov = arguments.fov()?;
     let Some(name) = &arguments.scene else {
-        return Ok(viewpoint::overview(octree, up.to_array(), fov.unwrap_or(DEFAULT_FOV), arguments.aspect()));
+        return Ok(viewpoint::overview_of(objects, up.to_array(), fov.unwrap_or(DEFAULT_FOV), arguments.aspect()));
     };
     let manifest = scene::manifest(arguments.manifest.as_deref())?;
     let entry = scene::buildable(&manifest, name)?;

@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 use common::Folder;
 
 /// All commands, by the names of their pages.
-const PAGES: [&str; 21] = [
+const PAGES: [&str; 22] = [
     "esvo",
     "esvo-ambient",
     "esvo-bench",
@@ -24,6 +24,7 @@ const PAGES: [&str; 21] = [
     "esvo-dump",
     "esvo-hits",
     "esvo-info",
+    "esvo-join",
     "esvo-kernel",
     "esvo-man",
     "esvo-rays",

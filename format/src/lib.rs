@@ -81,6 +81,7 @@
 //! | find out which rules a file breaks | [`validate_file`], [`validate_bytes`], [`Report`] |
 //! | make an octree | [`Tree`], [`assemble`]; block by block, with little memory: [`pack`](pack()), [`BlockStore`] |
 //! | encode and decode values | [`Contour`], [`ColorBlock`], [`NormalBlock`], [`RawNormal`], [`AmbientBlock`] |
+//! | join several octrees into one | [`join`] |
 //! | convert between sRGB and linear light | [`srgb`] |
 //! | read the fields of a descriptor | [`ChildDescriptor`] |
 //! | upload to a device | [`Octree::slots`], unchanged; [`Octree::needs`] |
@@ -146,6 +147,7 @@ pub use file::write::{WriteOptions, remove_temporaries, write_atomically};
 pub use inspect::stats::{Bytes, Stats, stats};
 pub use inspect::{diff, dump};
 pub use layout::assemble::assemble;
+pub use layout::join::join;
 pub use layout::pack::{BlockStore, BlockSummary, PackedBlock, pack};
 pub use layout::plan::AssembleOptions;
 pub use layout::tree::{Tree, TreeNode, Voxel};

@@ -18,16 +18,19 @@
 //!
 //! # What is where
 //! - `manifest`: reading and checking manifests, [`SceneManifest`] and [`SceneEntry`]. `camera`: their viewpoints.
+//! - `list`: octrees and where they stand, [`SceneList`].
 //! - `locate`: finding the files of real meshes and comparing their hashes.
 //! - [`generate`]: the procedural meshes, one file for each scene.
 
 mod camera;
 pub mod generate;
+mod list;
 mod locate;
 mod manifest;
 
 pub use camera::CameraSpec;
 pub use generate::procedural;
+pub use list::{LIST_VERSION, ListError, Place, SceneList};
 pub use locate::{
     DEFAULT_SCENES_DIR, FileIdentity, FoundScene, SCENES_VARIABLE, SceneVariant, find_scene_file, known_sha256_of,
     locate_scene, locate_scene_in, scene_dirs, sha256_of,

@@ -9,6 +9,7 @@ pub(crate) mod diff;
 pub(crate) mod dump;
 pub(crate) mod hits;
 pub(crate) mod info;
+pub(crate) mod join;
 pub(crate) mod kernel;
 pub(crate) mod man;
 pub(crate) mod rays;

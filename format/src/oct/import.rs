@@ -6,9 +6,9 @@ use glam::{DMat4, DVec4, Vec3};
 
 use super::clusters::{Clusters, MESHES, OCTREE_CHUNK, SLICES};
 use super::layers::{BLOCK_WORDS, LEAF, Layers, Node};
-use super::merge::merge;
 use super::values::{Attributes, own_values};
 use super::{Imported, fault, kind};
+use crate::layout::join::join;
 use crate::values::plain::{OWN_CUBE, slots};
 use crate::{
     AssembleOptions, ColorBlock, Contour, CornerValue, FormatError, NodeCorners, NormalBlock, Octree, RawNormal, Tree,
@@ -46,7 +46,11 @@ pub(super) fn import<R: Read + Seek>(mut file: Clusters<R>) -> Result<Imported, 
     if octrees.is_empty() {
         return Err(fault("octree chunk", "no object has voxels"));
     }
-    Ok(Imported { octree: merge(octrees)?, lost })
+    let octree = match octrees.len() {
+        1 => octrees.remove(0),
+        _ => join(&octrees.iter().collect::<Vec<_>>())?,
+    };
+    Ok(Imported { octree, lost })
 }
 
 fn read_objects(words: &[u32]) -> Result<Vec<Object>, FormatError> {

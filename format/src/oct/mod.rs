@@ -25,7 +25,6 @@ mod export;
 mod export_values;
 mod import;
 mod layers;
-mod merge;
 mod slice;
 mod values;
 

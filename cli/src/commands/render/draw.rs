@@ -5,8 +5,7 @@ use std::time::{Duration, Instant};
 use esvo_core::filter::{Frame, code_at};
 use esvo_core::lights::{self, Light};
 use esvo_core::sky::Sky;
-use esvo_core::{Caster, Nearest, Picture, View, shading};
-use esvo_format::Octree;
+use esvo_core::{Caster, Instances, Nearest, Object, Picture, View, shading};
 
 use super::look::{Look, ViewMode};
 use crate::fail::Failure;
@@ -76,38 +75,41 @@ impl Total {
     }
 }
 
-/// Draws the objects of the octree that the caster has loaded. With `twice`, it casts and filters twice and measures the second
+/// Draws objects of the octree that the caster has loaded: one for each view. With `twice`, it casts and filters twice and measures the second
 /// time: the first time, kernels are compiled and memory is touched.
 pub(crate) fn draw(
     caster: &mut dyn Caster,
-    octree: &Octree,
+    objects: &[Object<'_>],
     views: &[View],
     look: &Look,
     lighting: &Lighting<'_>,
     twice: bool,
 ) -> Result<Drawn, Failure> {
+    let octree = objects[0].octree();
+    let clipped = |object: &Object<'_>| if look.contours { *object } else { object.without_contours() };
+    let objects: Vec<Object<'_>> = objects.iter().map(clipped).collect();
     if twice {
-        Nearest::cast(caster, views)?;
+        cast(caster, views)?;
     }
     let start = Instant::now();
-    let nearest = Nearest::cast(caster, views)?;
+    let nearest = cast(caster, views)?;
     let casting = start.elapsed();
     let (view, hits) = (&views[0], &nearest.hits);
     let start = Instant::now();
     let mut picture = match look.mode {
         ViewMode::Shaded if !lighting.lights.is_empty() => {
-            lights::shade_lit(caster, octree, views, &nearest, lighting.lights, lighting.shadows)?
+            lights::shade_placed_lit(caster, &objects, views, &nearest, lighting.lights, lighting.shadows)?
         }
-        ViewMode::Shaded => shading::shade_nearest(octree, views, &nearest),
+        ViewMode::Shaded => shading::shade_placed(&objects, views, &nearest),
         ViewMode::Iterations => shading::iteration_map(view, hits, MOST_ITERATIONS),
-        ViewMode::Normals => shading::normal_map(octree, views, &nearest),
+        ViewMode::Normals => shading::normal_map_placed(&objects, views, &nearest),
         ViewMode::Depth => shading::depth_map(view, hits),
         ViewMode::Levels => shading::level_map(view, hits, octree.needs().levels),
         ViewMode::VoxelSize => shading::size_map(views, &nearest),
         ViewMode::Ambient => shading::ambient_map(octree, view, hits),
     };
     if let Some(sky) = lighting.sky.filter(|_| look.mode == ViewMode::Shaded) {
-        sky.paint(&mut picture, view, octree.octree_to_mesh(0), &nearest);
+        sky.paint(&mut picture, view, *objects[0].octree_to_mesh(), &nearest);
     }
     let shading = start.elapsed();
     let mut filtering = Duration::ZERO;
@@ -124,4 +126,14 @@ pub(crate) fn draw(
         }
     }
     Ok(Drawn { picture, nearest, casting, shading, filtering })
+}
+
+/// The nearest hits. One object alone is cast whole, and so is each with the beam, which instances do without.
+fn cast(caster: &mut dyn Caster, views: &[View]) -> Result<Nearest, Failure> {
+    if views.len() == 1 || views.iter().any(View::beam) {
+        return Ok(Nearest::cast(caster, views)?);
+    }
+    let mut nearest = Nearest::default();
+    caster.cast_instances(&Instances::new(views.to_vec())?, &mut nearest)?;
+    Ok(nearest)
 }

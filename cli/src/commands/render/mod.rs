@@ -8,7 +8,6 @@ mod look;
 mod path;
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 use clap::{ArgGroup, Args};
 use esvo_bench::Progress;
@@ -22,8 +21,9 @@ use esvo_format::Octree;
 use glam::DVec3;
 
 use crate::fail::{Failure, complain, print};
-use crate::files::{check_extension, check_not_input, check_output, open};
+use crate::files::{check_extension, check_not_input, check_output, extension};
 use crate::memory::check_memory;
+use crate::stage::{LIST, Stage};
 use crate::values::{SkyValue, engine, parse_light, parse_sky};
 use crate::view::{DEFAULT_FOV, Key, ViewArguments};
 use casters::Casters;
@@ -35,12 +35,21 @@ use path::CameraPath;
 /// Frames of a path or a turn without `--frames`.
 const DEFAULT_FRAMES: u32 = 120;
 
-/// Render a picture of an octree, a comparison of two, or the frames of a film.
+/// Render a picture of an octree or of many at their places, a comparison of two, or the frames of a film.
 #[derive(Debug, Args)]
 #[command(group = ArgGroup::new("moves").args(["path", "turn"]))]
 #[command(after_help = "\
 Without a camera, the picture shows the whole object from outside. Cameras are in the units of the
 mesh.
+
+A scene list places octrees, each as often as wanted, in TOML (scenes/README.md says more):
+  version = 1
+  [[place]]
+  file = \"tree.esvo\"
+  scale = 0.5
+  rotation = { axis = [0, 1, 0], degrees = 30 }
+  translation = [4, 0, -2]
+Cameras and lights are in the units of the scene then.
 
 Where voxels are larger than a pixel, the picture is blurred by the paper's post-process filter
 (section 4.3); --filter off shows the voxels.
@@ -66,13 +75,14 @@ Examples:
   esvo render sibenik.esvo -o nave.png --scene sibenik --view 2
   esvo render sibenik.esvo -o nave.png --camera=-15,-9,0,1,0.2,0 --fov 60 --size 1920x1080
   esvo render sibenik.esvo -o sun.png --light sun:1,2,0.5 --light point:0,-12,0
+  esvo render list.toml -o place.png --light sun:1,2,0.5
   esvo render sibenik.esvo -o steps.png --view-mode iterations --backend reference
   esvo render sibenik.esvo -o contours.png --compare contours,no-contours+no-filter
   esvo render sibenik.esvo -o same.png --compare cpu,wgpu+beam
   esvo render sibenik.esvo -o turn.png --turn --frames 120        # turn-001.png to turn-120.png
   esvo render sibenik.esvo -o walk.png --path walk.txt --sky dome")]
 pub(crate) struct RenderArguments {
-    /// The octree
+    /// The octree, or a scene list (.toml): octrees and where they stand
     pub(crate) file: PathBuf,
     /// The PNG to write. Frames of a film have their number before the extension: -o turn.png writes turn-001.png and so on
     #[arg(short, long, value_name = "FILE")]
@@ -136,14 +146,15 @@ pub(crate) fn run_render(arguments: &RenderArguments) -> Result<(), Failure> {
     let looks = arguments.looks()?;
     let fov = arguments.rays.fov()?.unwrap_or(DEFAULT_FOV);
     let path = arguments.path.as_deref().map(|path| CameraPath::read(path, fov)).transpose()?;
-    let octree = Arc::new(open(&arguments.file, !arguments.no_verify)?);
-    arguments.warn_of_missing_ambient(&octree, &looks);
-    let cameras = arguments.cameras(&octree, path.as_ref())?;
+    let stage = Stage::open(&arguments.file, !arguments.no_verify)?;
+    arguments.warn_of_missing_ambient(&stage.octree, &looks);
+    let objects = stage.objects();
+    let cameras = arguments.cameras(&objects, path.as_ref())?;
     let progress = Progress::terminal();
     progress.say("rendering");
     let mut casters = Casters::default();
     for look in &looks {
-        casters.load(look, &octree, &arguments.file)?;
+        casters.load(look, &stage.octree, &arguments.file)?;
     }
     let size = arguments.rays.size;
     check_memory(bytes(size, looks.len()), &format!("--size {}x{}", size[0], size[1]))?;
@@ -158,9 +169,9 @@ pub(crate) fn run_render(arguments: &RenderArguments) -> Result<(), Failure> {
         let lighting = arguments.lighting(camera);
         let mut drawn = Vec::with_capacity(looks.len());
         for (look, total) in looks.iter().zip(&mut totals) {
-            let views = arguments.rays.views(camera, &octree, look.contours, look.beam)?;
+            let views = arguments.rays.views(camera, &objects, look.contours, look.beam)?;
             let caster = casters.of(look)?;
-            let one = draw(caster, &octree, &views, look, &lighting, arguments.times && number == 0)?;
+            let one = draw(caster, &objects, &views, look, &lighting, arguments.times && number == 0)?;
             total.add(&one);
             drawn.push(one);
         }
@@ -182,7 +193,7 @@ pub(crate) fn run_render(arguments: &RenderArguments) -> Result<(), Failure> {
     }
     progress.finish();
     if let Some(first) = empty.first() {
-        warn_of_nothing(&octree, (empty.len(), cameras.len()), &outputs[*first], &cameras[*first]);
+        warn_of_nothing(&objects, (empty.len(), cameras.len()), &outputs[*first], &cameras[*first]);
     }
     arguments.report(&outputs, &looks, &casters, &totals, &differences)
 }
@@ -220,29 +231,29 @@ impl RenderArguments {
     }
 
     /// The cameras of all frames, with planes around what they see.
-    fn cameras(&self, octree: &Octree, path: Option<&CameraPath>) -> Result<Vec<Camera>, Failure> {
+    fn cameras(&self, objects: &[Object], path: Option<&CameraPath>) -> Result<Vec<Camera>, Failure> {
         let frames = self.frames.unwrap_or(DEFAULT_FRAMES);
         if let (Some(path), Some(file)) = (path, &self.path) {
             let name = file.display().to_string();
             let keys = path.frames(&name, frames)?;
             let camera = |(number, key): (usize, &Key)| {
-                self.rays.camera_of(key, octree, &format!("{name}: frame {}", number + 1))
+                self.rays.camera_of(key, objects, &format!("{name}: frame {}", number + 1))
             };
             return keys.iter().enumerate().map(camera).collect();
         }
         if !self.turn {
-            return Ok(vec![self.rays.camera(octree)?]);
+            return Ok(vec![self.rays.camera(objects)?]);
         }
-        let (low, high) = viewpoint::bounds_in_mesh(octree);
+        let (low, high) = viewpoint::bounds_of(objects);
         let (camera, centre) = if self.rays.camera.is_some() || self.rays.scene.is_some() {
-            (self.rays.camera(octree)?, (low + high) / 2.0)
+            (self.rays.camera(objects)?, (low + high) / 2.0)
         } else {
             let fov = self.rays.fov()?.unwrap_or(DEFAULT_FOV);
-            viewpoint::turntable(&Object::all(octree), self.rays.up()?.to_array(), fov, self.rays.aspect())
+            viewpoint::turntable(objects, self.rays.up()?.to_array(), fov, self.rays.aspect())
         };
         let mut cameras = path::turn(&camera, centre, frames);
         for camera in &mut cameras {
-            (camera.near, camera.far) = viewpoint::planes(octree, camera.eye);
+            (camera.near, camera.far) = viewpoint::planes_of(objects, camera.eye);
         }
         Ok(cameras)
     }
@@ -261,8 +272,12 @@ impl RenderArguments {
         let shown = looks.iter().any(|look| look.mode == ViewMode::Ambient) || self.lights.contains(&Light::Sky);
         if shown && !octree.needs().ambient {
             let name = self.file.display();
-            let what = "has no ambient occlusion, so all of it is shown as open; compute it: esvo ambient";
-            complain("warning", &format!("{name}: {what} {name}"));
+            let what = "no ambient occlusion, so all of it is shown as open; compute it: esvo ambient";
+            let text = match extension(&self.file).as_str() {
+                LIST => format!("{name}: none of the octrees has {what}"),
+                _ => format!("{name}: has {what} {name}"),
+            };
+            complain("warning", &text);
         }
     }
 
@@ -314,8 +329,8 @@ fn bytes([width, height]: [u32; 2], pictures: usize) -> usize {
 }
 
 /// Says that frames are empty, and where the objects are.
-fn warn_of_nothing(octree: &Octree, (empty, all): (usize, usize), first: &Path, camera: &Camera) {
-    let (low, high) = viewpoint::bounds_in_mesh(octree);
+fn warn_of_nothing(objects: &[Object], (empty, all): (usize, usize), first: &Path, camera: &Camera) {
+    let (low, high) = viewpoint::bounds_of(objects);
     let frames = match all {
         1 => String::new(),
         _ => format!(" in {empty} of {all} frames, the first of which is {}", first.display()),

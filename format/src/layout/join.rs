@@ -1,17 +1,35 @@
-//! Merges several octrees into one.
+//! Joins several octrees into one.
 
+use crate::file::{MAX_IMAGE_SLOTS, NO_PARENT};
+use crate::octree::{Image, Stored};
 use crate::{FormatError, Octree};
 
-/// An octree with the objects of all these octrees, in order. Pointers are distances within an object, so only the
-/// tables and the block numbers in the info sections change.
+/// An octree with the objects of all these octrees, in order, at their places. Blocks are copied with all their attachments.
+/// Pointers are distances within an object, so only the tables and the block numbers in the info sections change. Metadata and
+/// unknown sections are left out: they say something about a file.
+///
+/// The checksums of files are compared first, whatever [`OpenOptions::verify`](crate::OpenOptions::verify) says.
 ///
 /// # Errors
-/// The image would have more than 2^32 slots.
-pub(super) fn merge(mut octrees: Vec<Octree>) -> Result<Octree, FormatError> {
-    if octrees.len() == 1 {
-        return Ok(octrees.remove(0));
+/// No octree; a damaged one (B006, D009); an image of more than 2^32 slots, before anything is copied.
+pub fn join(octrees: &[&Octree]) -> Result<Octree, FormatError> {
+    if octrees.is_empty() {
+        return Err(FormatError::Limit("no octrees were given: an octree has at least one object".into()));
     }
-    let (mut objects, mut blocks, mut image) = (Vec::new(), Vec::new(), Vec::<u64>::new());
+    let slots: u64 = octrees.iter().map(|octree| octree.slots().len() as u64).sum();
+    if slots > MAX_IMAGE_SLOTS {
+        return Err(FormatError::Limit(format!(
+            "the octrees have {slots} slots together, expected at most 2^32: join fewer"
+        )));
+    }
+    let mut made = true;
+    for octree in octrees {
+        if let Stored::File { .. } = octree.stored {
+            octree.compared()?;
+        }
+        made &= matches!(octree.stored, Stored::Made);
+    }
+    let (mut objects, mut blocks, mut image) = (Vec::new(), Vec::new(), Vec::<u64>::with_capacity(slots as usize));
     for octree in octrees {
         let (first_object, first_block, first_slot) = (objects.len() as u32, blocks.len() as u32, image.len());
         image.extend_from_slice(octree.slots());
@@ -19,7 +37,7 @@ pub(super) fn merge(mut octrees: Vec<Octree>) -> Result<Octree, FormatError> {
             let mut block = *block;
             block.object += first_object;
             block.image_offset += first_slot as u64 * 8;
-            if block.parent != crate::file::NO_PARENT {
+            if block.parent != NO_PARENT {
                 block.parent += first_block;
             }
             blocks.push(block);
@@ -34,7 +52,10 @@ pub(super) fn merge(mut octrees: Vec<Octree>) -> Result<Octree, FormatError> {
             objects.push(object);
         }
     }
-    Octree::from_parts(objects, blocks, image)
+    crate::check::tables::check_objects(&objects, 0)?;
+    crate::check::tables::check_blocks(&blocks, 0, &objects, Some(image.len() as u64 * 8))?;
+    let stored = if made { Stored::Made } else { Stored::Taken };
+    Octree::new(objects, blocks, String::new(), Vec::new(), Image::Owned(image), None, stored)
 }
 
 #[cfg(test)]
@@ -87,17 +108,32 @@ mod tests {
     #[test]
     fn objects_stay_what_they_are() {
         let octrees = || vec![chain(20, true), chain(1, false), chain(23, true)];
-        let merged = merge(octrees()).expect("three octrees");
-        assert!(merged.blocks().len() > 4, "more blocks than objects");
-        assert!(validate(&merged).is_ok(), "{:?}", validate(&merged).findings);
+        let joined = join(&octrees().iter().collect::<Vec<_>>()).expect("three octrees");
+        assert!(joined.blocks().len() > 4, "more blocks than objects");
+        assert!(validate(&joined).is_ok(), "{:?}", validate(&joined).findings);
         let mut bytes = Vec::new();
-        let lost = oct::write_to(&merged, &mut bytes).expect("a sound octree");
+        let lost = oct::write_to(&joined, &mut bytes).expect("a sound octree");
         assert!(lost.is_empty(), "{lost:?}");
         let back = oct::from_bytes(&bytes).expect("our own file");
         assert!(back.lost.is_empty(), "{:?}", back.lost);
         for (index, octree) in octrees().iter().enumerate() {
-            assert_eq!(contents(&merged, index), contents(octree, 0), "merged object {index}");
+            assert_eq!(contents(&joined, index), contents(octree, 0), "joined object {index}");
             assert_eq!(contents(&back.octree, index), contents(octree, 0), "object {index}, there and back");
+        }
+    }
+
+    #[test]
+    fn what_is_damaged_or_nothing_is_refused() {
+        assert!(matches!(join(&[]), Err(FormatError::Limit(_))));
+        let mut bytes = Vec::new();
+        chain(20, true).write_to(&mut bytes).expect("writes");
+        let last = bytes.len() - 1;
+        bytes[last] ^= 1;
+        for verify in [true, false] {
+            let options = crate::OpenOptions { verify, ..crate::OpenOptions::default() };
+            let damaged = Octree::from_bytes_with(&bytes, &options).expect("only a checksum is wrong");
+            let result = join(&[&chain(1, false), &damaged]);
+            assert!(matches!(result, Err(FormatError::Broken(broken)) if broken.rule == crate::ids::BLOCK_CHECKSUM));
         }
     }
 }
