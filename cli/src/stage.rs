@@ -91,9 +91,8 @@ impl Stage {
     /// The objects.
     pub(crate) fn objects(&self) -> Vec<Object<'_>> {
         let all = Object::all(&self.octree);
-        let object = |(number, place): &(usize, Option<DMat4>)| {
-            place.map_or(all[*number], |place| all[*number].placed(place))
-        };
+        let object =
+            |(number, place): &(usize, Option<DMat4>)| place.map_or(all[*number], |place| all[*number].placed(place));
         self.placed.iter().map(object).collect()
     }
 }

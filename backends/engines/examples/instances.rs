@@ -2,15 +2,15 @@
 //!
 //! ```text
 //! cargo run --release -p esvo-engines --features wgpu,ash --example instances -- \
-//!     FILE.esvo [--count 1000] [--size 320x240] [--frames 3] [--engines cpu,wgpu,ash]
+//!     FILE.esvo [--count 1000] [--size 320x240] [--frames 3] [--engines cpu,wgpu,ash] [--list list.toml]
 //! ```
 //!
 //! The octree's first object is placed `count` times in a cloud, turned and scaled, each moving from frame to frame. Every frame is
 //! cast with the hierarchy (`Caster::cast_instances`) and with each instance cast whole and the nearest hit taken
-//! (`Nearest::cast`). Printed are the medians of the frames' wall times, with the copies of hits, how often a ray is cast into an
-//! instance, the pixels that differ (another voxel, `t` or instance: none may), and the memory of the octree on the device. The
+//! (`Nearest::cast`). Printed are the medians of the frames' wall times, with the copies of hits, how many instances' rectangles a
+//! pixel is in, the pixels that differ (another voxel, `t` or instance: none may), and the memory of the octree and the hierarchy. The
 //! last column is a negative control: the pixels that differ from the frame before. Exit code 1 if any pixel differs, or if the
-//! control shows none.
+//! control shows none. `--list` writes the first frame as a scene list for `esvo render` and measures nothing.
 
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -45,6 +45,15 @@ fn places(octree: &Octree, count: usize, frame: u32) -> Vec<DMat4> {
         .collect()
 }
 
+/// A scene list of these places.
+fn scene_list(file: &str, places: &[DMat4]) -> String {
+    let place = |place: &DMat4| {
+        let rows = place.transpose().to_cols_array_2d();
+        format!("\n[[place]]\nfile = {file:?}\nobject = 1\nmatrix = {rows:?}\n")
+    };
+    "version = 1\n".to_owned() + &places.iter().map(place).collect::<String>()
+}
+
 /// Pixels that end otherwise.
 fn differences(a: &Nearest, b: &Nearest) -> usize {
     let pixels = a.hits.iter().zip(&b.hits).zip(a.views.iter().zip(&b.views));
@@ -60,12 +69,14 @@ fn main() -> Result<ExitCode, Error> {
     let mut arguments = std::env::args().skip(1);
     let file = arguments.next().ok_or("give an octree")?;
     let (mut count, mut size, mut frames, mut engines) = (1000, (320, 240), 3, "cpu,wgpu,ash".to_owned());
+    let mut list = None;
     while let Some(option) = arguments.next() {
         let value = arguments.next().ok_or_else(|| format!("{option}: give a value"))?;
         match option.as_str() {
             "--count" => count = value.parse()?,
             "--frames" => frames = value.parse::<u32>()?.max(2),
             "--engines" => engines = value,
+            "--list" => list = Some(value),
             "--size" => {
                 let (width, height) = value.split_once('x').ok_or("--size: expected WxH")?;
                 size = (width.parse()?, height.parse()?);
@@ -75,6 +86,10 @@ fn main() -> Result<ExitCode, Error> {
     }
     let octree = Arc::new(Octree::open(file.as_ref())?);
     let first = places(&octree, count, 0);
+    if let Some(list) = list {
+        std::fs::write(list, scene_list(&std::fs::canonicalize(&file)?.to_string_lossy(), &first))?;
+        return Ok(ExitCode::SUCCESS);
+    }
     let objects: Vec<Object> = first.iter().map(|place| Object::of(&octree, 0).placed(*place)).collect();
     let camera = overview_of(&objects, [0.0, 1.0, 0.0], 60.0, f64::from(size.0) / f64::from(size.1));
     let views = |frame: u32| -> Result<Vec<View>, Error> {
@@ -83,16 +98,16 @@ fn main() -> Result<ExitCode, Error> {
     };
     println!("{count} instances of {file}, {} x {} pixels, {frames} frames\n", size.0, size.1);
     println!(
-        "| engine | device | octree, MB | hierarchy, ms | cast, ms | each alone, ms | times faster | casts per ray | hit | differ | control |"
+        "| engine | device | octree, MB | hierarchy, kB | hierarchy, ms | cast, ms | each alone, ms | times faster | rectangles per pixel | hit | differ | control |"
     );
-    println!("|---|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|");
+    println!("|---|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|");
     let mut right = true;
     for name in engines.split(',') {
         let engine: EngineId = name.parse()?;
         let mut caster = engine.open(&OpenOptions::default())?;
         caster.load(&octree)?;
         let (mut building, mut together, mut alone) = (Vec::new(), Vec::new(), Vec::new());
-        let (mut differ, mut control, mut casts, mut hits) = (0, 0, 0, 0);
+        let (mut differ, mut control, mut casts, mut hits, mut nodes) = (0, 0, 0, 0, 0);
         let mut before = Nearest::default();
         // The first time, kernels are compiled and memory is touched.
         caster.cast_instances(&Instances::new(views(0)?)?, &mut before)?;
@@ -113,16 +128,18 @@ fn main() -> Result<ExitCode, Error> {
             differ += differences(&ours, &theirs);
             control += differences(&before, &theirs);
             hits += ours.hits.iter().filter(|hit| !hit.is_miss()).count();
-            casts += casts_of(&instances)?;
+            casts += casts_of(&instances);
+            nodes = size_of_val(instances.nodes());
             before = ours;
         }
         let pixels = f64::from(size.0 * size.1) * f64::from(frames);
         let (cast, each) = (median(together), median(alone));
         println!(
-            "| {} | {} | {:.1} | {:.2} | {cast:.1} | {each:.0} | {:.0} | {:.2} | {:.0} % | {differ} | {control} |",
+            "| {} | {} | {:.1} | {:.0} | {:.2} | {cast:.1} | {each:.0} | {:.0} | {:.2} | {:.0} % | {differ} | {control} |",
             caster.name(),
             caster.device().name,
             caster.resident_bytes() as f64 / 1e6,
+            nodes as f64 / 1e3,
             median(building),
             each / cast,
             casts as f64 / pixels,
@@ -134,7 +151,7 @@ fn main() -> Result<ExitCode, Error> {
 }
 
 /// How many rectangles the pixels are in: as often a ray would be cast if none ended at a hit.
-fn casts_of(instances: &Instances) -> Result<usize, Error> {
+fn casts_of(instances: &Instances) -> usize {
     let areas = instances.nodes().iter().filter(|node| node.number != esvo_core::instances::NO_INSTANCE);
-    Ok(areas.map(|node| ((node.high[0] - node.low[0] + 1) * (node.high[1] - node.low[1] + 1)) as usize).sum())
+    areas.map(|node| ((node.high[0] - node.low[0] + 1) * (node.high[1] - node.low[1] + 1)) as usize).sum()
 }

@@ -86,8 +86,10 @@ pub(crate) fn draw(
     twice: bool,
 ) -> Result<Drawn, Failure> {
     let octree = objects[0].octree();
-    let clipped = |object: &Object<'_>| if look.contours { *object } else { object.without_contours() };
-    let objects: Vec<Object<'_>> = objects.iter().map(clipped).collect();
+    let mut objects = objects.to_vec();
+    if !look.contours {
+        objects.iter_mut().for_each(|object| *object = object.without_contours());
+    }
     if twice {
         cast(caster, views)?;
     }
