@@ -50,7 +50,6 @@ fn a_list_is_drawn_in_every_mode_and_lights_reach_it() {
     for mode in ["iterations", "normals", "depth", "levels", "voxel-size", "ambient"] {
         draw("mode.png", &["--view-mode", mode]);
     }
-    // The beam casts each object whole: the same picture.
     assert_eq!(draw("beam.png", &["--beam"]), shaded);
     assert_eq!(draw("reference.png", &["--backend", "reference"]), shaded);
     assert_eq!(draw("unverified.png", &["--no-verify"]), shaded);

@@ -130,9 +130,9 @@ pub(crate) fn draw(
     Ok(Drawn { picture, nearest, casting, shading, filtering })
 }
 
-/// The nearest hits. One object alone is cast whole, and so is each with the beam, which instances do without.
+/// The nearest hits. One object alone is cast whole, with the beam if that is wanted; instances do without.
 fn cast(caster: &mut dyn Caster, views: &[View]) -> Result<Nearest, Failure> {
-    if views.len() == 1 || views.iter().any(View::beam) {
+    if views.len() == 1 {
         return Ok(Nearest::cast(caster, views)?);
     }
     let mut nearest = Nearest::default();

@@ -92,7 +92,7 @@ pub(crate) struct RenderArguments {
     pub(crate) backend: EngineId,
     #[command(flatten)]
     pub(crate) rays: ViewArguments,
-    /// Use the beam optimization
+    /// Use the beam optimization, of one object; several are cast without it
     #[arg(long)]
     pub(crate) beam: bool,
     /// What to show
