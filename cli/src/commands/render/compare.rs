@@ -214,8 +214,11 @@ mod tests {
 
         let mut other = hits();
         (other[5].slot, other[6].raw_t) = (2, 0.75);
-        let (whole, one) = compare(&drawn(grey, hits()), &drawn(one_pixel, other)).unwrap();
-        assert_eq!((one.differ, one.most, one.other_voxel), (1, 102, 1));
+        // The same voxel of another object, too.
+        let mut changed = drawn(one_pixel, other);
+        changed.nearest.views[9] = 1;
+        let (whole, one) = compare(&drawn(grey, hits()), &changed).unwrap();
+        assert_eq!((one.differ, one.most, one.other_voxel), (1, 102, 2));
         assert!(one.flip > 1e-4);
         assert_eq!((whole.pixel(7, 11), whole.pixel(48 + 7, 11)), ([102; 3], [204, 102, 102]));
         assert!(whole.pixel(2 * 48 + 7, 11)[0] > whole.pixel(2 * 48 + 30, 25)[0]);
@@ -223,7 +226,7 @@ mod tests {
         assert!(whole.pixel(whole.width - 1, 0)[2] > 230 && whole.pixel(whole.width - 1, 29)[0] < 10);
 
         let both = Difference::of_all(&[none, one]);
-        assert_eq!((both.pixels, both.differ, both.most, both.other_voxel), (2400, 1, 102, 1));
+        assert_eq!((both.pixels, both.differ, both.most, both.other_voxel), (2400, 1, 102, 2));
         assert!((both.flip - (none.flip + one.flip) / 2.0).abs() < 1e-12);
     }
 }
