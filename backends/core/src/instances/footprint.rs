@@ -156,6 +156,9 @@ fn step_back(view: &View, low: DVec2, high: DVec2) -> f64 {
 
 /// The same for one ray of a view: a ray that is cast up to this far behind a `t` finds every hit before that `t` that it
 /// would find without an end, and finds it first.
+///
+/// The end decides only whether a voxel is entered. One that it forbids is entered behind the end; what is in it or comes after
+/// it is met later still, or earlier by no more than this. And where no voxel is forbidden, both rays take the same steps.
 pub(crate) fn ray_margin(view: &View, direction: glam::Vec3) -> f32 {
     let axis = |axis: usize| (view.origin[axis].abs() + 5.0) / direction[axis].abs().max(EPSILON);
     axis(0).max(axis(1)).max(axis(2)) * ROUNDING as f32

@@ -28,12 +28,14 @@ pub fn instances_agree(subject: &Subject) -> Result<(), Fault> {
     let octree = two_objects()?;
     let mut caster = subject.open()?;
     caster.load(&octree)?;
+    let bytes = caster.resident_bytes();
     let mut all = Comparison::default();
     for frame in 0..4 {
         let options = options()[[1, 4, 5, 3][frame as usize]];
         let views = views(&octree, &moving(COUNT, frame), &camera(frame % 2 == 1), SIZE, &options)?;
         all = all.and(against_each_alone(&mut *caster, &views)?);
     }
+    demand(caster.resident_bytes() == bytes, || "instances take memory of their own for the octree".into())?;
     demand_agreement(&*caster, &all)
 }
 
