@@ -25,6 +25,7 @@
 //! # What is where
 //! - `caster`: [`AshCaster`], the caster: octree and picture buffers, passes.
 //! - `filter`: the post-process filter.
+//! - `triangles`: [`AshTriangles`], the same for triangles: closest and any hits.
 //! - `rays`: buffers and submission of lists of rays.
 //! - `instances`: buffers and submission of pictures of many placed objects.
 //! - `pipeline`: descriptor sets and compute pipelines.
@@ -45,8 +46,10 @@ mod instances;
 mod pipeline;
 mod rays;
 mod spirv;
+mod triangles;
 
 pub use caster::AshCaster;
 pub use esvo_core::gpu::kernel::GpuOptions;
 pub use instance::adapters;
 pub use spirv::{forbid_contraction, module};
+pub use triangles::AshTriangles;

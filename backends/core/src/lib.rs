@@ -68,7 +68,7 @@
 //! | compute ambient occlusion | [`ambient`] |
 //! | know what a correct hit is | [`mod@reference`]: the paper's Figure 8 |
 //! | write an engine | the methods of [`Caster`] that end in `_checked`, [`Checked`], [`Roots`] |
-//! | write an engine for a GPU | [`gpu::choice`], [`gpu::kernel`], [`gpu::resident`] |
+//! | write an engine for a GPU | [`gpu::choice`], [`gpu::kernel`], [`gpu::resident`]; for triangles: [`gpu::triangles`] |
 //! | test an engine | [`testing::conformance`]: one macro makes its tests |
 //! | compare two engines | [`testing::compare`], [`testing::sample`] |
 //!

@@ -5,6 +5,7 @@ use std::mem::offset_of;
 
 use esvo_core::filter::kernel::{FILTER_WGSL, Params};
 use esvo_core::gpu::kernel::{CAST_WGSL, INSTANCES_WGSL, NearestHit};
+use esvo_core::gpu::triangles::{TRIANGLES_WGSL, TriangleRay, TriangleRecord, TriangleView, WideNode, WideTriangle};
 use esvo_core::instances::Node;
 use esvo_core::{Hit, Ray, View};
 
@@ -96,6 +97,51 @@ fn the_kernel_s_structs_are_those_of_rust() {
     let both = structs.to_owned() + INSTANCES_WGSL;
     assert_eq!(kernel_layout(&both, "Node"), rust_layout!(Node { low, high, t, skip, number, padding, view }));
     assert_eq!(kernel_layout(&both, "NearestHit"), rust_layout!(NearestHit { hit, number }));
+}
+
+#[test]
+fn the_structs_of_triangles_are_those_of_rust() {
+    let of = |name| kernel_layout(TRIANGLES_WGSL, name);
+    assert_eq!(
+        of("View"),
+        rust_layout!(TriangleView {
+            eye,
+            t_min,
+            middle,
+            t_max,
+            dx,
+            direction_error,
+            dy,
+            width,
+            height,
+            first_row,
+            count,
+            padding
+        })
+    );
+    assert_eq!(of("Ray"), rust_layout!(TriangleRay { origin, t_min, direction, t_max }));
+    let node = rust_layout!(WideNode {
+        origin,
+        exponents,
+        first_child,
+        first_triangle,
+        kinds,
+        min_x,
+        max_x,
+        min_y,
+        max_y,
+        min_z,
+        max_z
+    });
+    assert_eq!(of("Node"), node);
+    assert_eq!(of("Triangle"), rust_layout!(WideTriangle { a, index, b, unused, c, unused_too }));
+    assert_eq!(of("Hit"), rust_layout!(TriangleRecord { t, triangle }));
+    let swapped = TRIANGLES_WGSL.replacen(
+        "    first_child: u32,\n    first_triangle: u32,\n",
+        "    first_triangle: u32,\n    first_child: u32,\n",
+        1,
+    );
+    assert_ne!(kernel_layout(&swapped, "Node"), node);
 }
 
 /// The negative control: members that are swapped, renamed, missing or of another size are noticed.

@@ -15,6 +15,7 @@
 //! - `caster`: [`WgpuCaster`], the caster: octree and picture buffers, passes.
 //! - `filter`: the post-process filter.
 //! - `instances`: buffers and submission of pictures of many placed objects.
+//! - `triangles`: [`WgpuTriangles`], the same for triangles: closest and any hits.
 //! - `rays`: buffers for lists of rays; [`PendingHits`], which were not waited for.
 //! - `esvo-device`: the device, its buffers, timestamps and errors; [`adapters`].
 //! - `esvo_core::gpu`: the kernel, its variants, and how an octree is split over bindings.
@@ -23,8 +24,10 @@ mod caster;
 mod filter;
 mod instances;
 mod rays;
+mod triangles;
 
 pub use caster::WgpuCaster;
 pub use esvo_core::gpu::kernel::GpuOptions;
 pub use esvo_device::{adapters, wgpu};
 pub use rays::PendingHits;
+pub use triangles::WgpuTriangles;

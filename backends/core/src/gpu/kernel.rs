@@ -283,6 +283,8 @@ pub struct GpuOptions {
     pub kernel: Option<String>,
     /// A text to use instead of [`INSTANCES_WGSL`].
     pub instances_kernel: Option<String>,
+    /// A text to use instead of [`TRIANGLES_WGSL`](super::triangles::TRIANGLES_WGSL).
+    pub triangles_kernel: Option<String>,
 }
 
 impl GpuOptions {

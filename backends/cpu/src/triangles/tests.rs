@@ -3,88 +3,8 @@ use esvo_core::exact::{CameraRays, ExactRay, TriangleHit};
 use glam::DVec3;
 
 use super::exact::{NOTHING, Sheared, nearer};
+use super::testing::{Random, camera, mixed, ray, sphere};
 use super::*;
-
-/// Numbers in 0..1 from a seed (xorshift).
-struct Random(u64);
-
-impl Random {
-    fn number(&mut self) -> f64 {
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 7;
-        self.0 ^= self.0 << 17;
-        (self.0 >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    fn vector(&mut self) -> DVec3 {
-        DVec3::new(self.number(), self.number(), self.number()) * 2.0 - 1.0
-    }
-}
-
-/// Triangles of all shapes in a cube: regular ones, needles, slivers, triangles without area, and some twice.
-fn mixed(random: &mut Random, count: usize) -> Vec<[[f64; 3]; 3]> {
-    let mut triangles: Vec<[[f64; 3]; 3]> = Vec::new();
-    for k in 0..count {
-        let a = random.vector();
-        let (long, short) = (random.vector() * 0.4, random.vector() * 0.3);
-        let [b, c] = match k % 6 {
-            0 | 1 => [a + long, a + short],
-            2 => [a + long, a + long + short * 1e-7],
-            3 => [a + long, a + long * 0.4 + short * 1e-9],
-            4 => [a + long, a + long * 0.5],
-            _ => {
-                triangles.push(triangles[k / 2]);
-                continue;
-            }
-        };
-        triangles.push([a, b, c].map(Into::into));
-    }
-    triangles
-}
-
-/// An icosahedron, subdivided; closed.
-fn sphere(subdivisions: u32) -> Vec<[[f64; 3]; 3]> {
-    let g = (1.0 + 5f64.sqrt()) / 2.0;
-    let mut corners = Vec::new();
-    for (a, b) in [(-1.0, g), (1.0, g), (-1.0, -g), (1.0, -g)] {
-        corners.push(DVec3::new(a, b, 0.0));
-        corners.push(DVec3::new(0.0, a, b));
-        corners.push(DVec3::new(b, 0.0, a));
-    }
-    let mut triangles = Vec::new();
-    for i in 0..12 {
-        for j in i + 1..12 {
-            for k in j + 1..12 {
-                let near = |a: usize, b: usize| (corners[a].distance(corners[b]) - 2.0).abs() < 1e-9;
-                if near(i, j) && near(j, k) && near(k, i) {
-                    triangles.push([corners[i], corners[j], corners[k]].map(DVec3::normalize));
-                }
-            }
-        }
-    }
-    assert_eq!(triangles.len(), 20);
-    for _ in 0..subdivisions {
-        let parts = |[a, b, c]: [DVec3; 3]| {
-            // The same bits from both sides of an edge.
-            let middle = |p: DVec3, q: DVec3| (p + q).normalize();
-            let (ab, bc, ca) = (middle(a, b), middle(b, c), middle(c, a));
-            [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
-        };
-        triangles = triangles.into_iter().flat_map(parts).collect();
-    }
-    triangles.into_iter().map(|t| t.map(Into::into)).collect()
-}
-
-fn camera() -> Camera {
-    Camera {
-        eye: [0.1, -0.2, 3.0],
-        forward: [0.02, 0.03, -1.0],
-        up: [0.0, 1.0, 0.0],
-        fov_degrees: 45.0,
-        near: 0.01,
-        far: 10.0,
-    }
-}
 
 /// Tests every triangle, one after the other.
 fn brute_force(scene: &TriangleScene, ray: &ExactRay) -> TriangleHit {
@@ -96,19 +16,6 @@ fn brute_force(scene: &TriangleScene, ray: &ExactRay) -> TriangleHit {
         .filter_map(|(index, triangle)| sheared.meet(triangle).map(|t| TriangleHit { t, triangle: index as u32 }));
     let hit = hits.fold(NOTHING, nearer);
     if hit.is_miss() { TriangleHit::MISS } else { hit }
-}
-
-/// Rays of all kinds: through the cube, along axes, from far away.
-fn ray(random: &mut Random, k: usize) -> ExactRay {
-    let origin = random.vector() * if k.is_multiple_of(7) { 1e4 } else { 1.5 };
-    let mut direction = if k.is_multiple_of(3) { random.vector() } else { random.vector() * 0.5 - origin };
-    if k.is_multiple_of(5) {
-        direction[k % 3] = 0.0;
-    }
-    if k.is_multiple_of(10) {
-        direction[(k + 1) % 3] = -0.0;
-    }
-    ExactRay { origin, direction, t_min: 0.0, t_max: 4.0 }
 }
 
 #[test]
