@@ -1,5 +1,6 @@
 //! Opening an engine.
 
+use esvo_core::gpu::triangles::TriangleCaster;
 use esvo_core::{CastError, Caster};
 
 use crate::options::OpenOptions;
@@ -42,5 +43,25 @@ impl EngineId {
             None => Err(OpenFailure::NotBuiltIn { feature: engine.feature.unwrap_or(engine.name) }),
         };
         opened.map_err(|reason| OpenError { engine: self, reason })
+    }
+
+    /// Opens the engine for triangles. `None` for the engines of the processor: `esvo_cpu::triangles` casts triangles there.
+    ///
+    /// # Errors
+    /// As [`open`](Self::open).
+    pub fn open_triangles(self, options: &OpenOptions) -> Result<Option<Box<dyn TriangleCaster>>, OpenError> {
+        let opened: Result<Box<dyn TriangleCaster>, CastError> = match (self, &options.gpu) {
+            (Self::Reference | Self::Cpu, _) => return Ok(None),
+            #[cfg(feature = "wgpu")]
+            (Self::Wgpu, gpu) => esvo_wgpu::WgpuTriangles::new(gpu).map(|caster| Box::new(caster) as _),
+            #[cfg(feature = "ash")]
+            (Self::Ash, gpu) => esvo_ash::AshTriangles::new(gpu).map(|caster| Box::new(caster) as _),
+            #[cfg(not(all(feature = "wgpu", feature = "ash")))]
+            (engine, _) => {
+                let feature = engine.engine().feature.unwrap_or(engine.name());
+                return Err(OpenError { engine, reason: OpenFailure::NotBuiltIn { feature } });
+            }
+        };
+        opened.map(Some).map_err(|error| OpenError { engine: self, reason: OpenFailure::Cast(error) })
     }
 }

@@ -2,9 +2,12 @@
 
 use std::sync::Arc;
 
+use esvo_core::exact::CameraRays;
+use esvo_core::gpu::triangles::TriangleCaster;
 use esvo_core::reference::ReferenceCaster;
 use esvo_core::testing::compare::{Allowed, Comparison};
 use esvo_core::{CastError, Caster, View};
+use esvo_cpu::triangles::TriangleScene;
 use esvo_format::Octree;
 use serde::{Deserialize, Serialize};
 
@@ -70,4 +73,33 @@ pub fn check(
         all = all.and(Comparison::of(&expected, &found));
     }
     Ok(Agreement::new(all, allowed))
+}
+
+/// Casts every picture with a GPU's triangle caster, which has loaded the triangles of `scene`, and with the exact caster. Returns also
+/// for how many pixels the processor decided.
+///
+/// # Errors
+/// The caster's.
+pub fn check_triangles(
+    caster: &mut dyn TriangleCaster,
+    scene: &TriangleScene,
+    pictures: &[CameraRays],
+) -> Result<(Agreement, u64), CastError> {
+    let mut all = Agreement { allowed: Allowed::EXACT, ..Agreement::default() };
+    let mut undecided = 0;
+    let mut records = Vec::new();
+    for rays in pictures {
+        caster.cast(rays, &mut records)?;
+        let found = scene.decide(rays, &records);
+        undecided += found.undecided as u64;
+        all.pixels += rays.pixels() as u64;
+        for (found, exact) in found.hits.iter().zip(&scene.cast_exact(rays)) {
+            if found.triangle != exact.triangle {
+                all.different_voxel += 1;
+            } else {
+                all.largest_t_difference = all.largest_t_difference.max((found.t - exact.t).abs());
+            }
+        }
+    }
+    Ok((all, undecided))
 }

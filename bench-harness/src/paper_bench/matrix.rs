@@ -44,7 +44,7 @@ pub struct Matrix {
 #[derive(Clone, Copy, PartialEq, Eq, Debug, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Variant {
-    /// The triangle mesh itself, through a BVH on the CPU.
+    /// The triangle mesh itself, through a BVH: two-wide on the CPU, eight-wide on GPUs.
     Triangles,
     /// An octree built without contours: cubes, full resolution everywhere.
     Cubical,

@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use esvo_builder::{BuildSettings, Mesh};
 use esvo_core::exact::{CameraRays, TriangleHit};
+use esvo_core::gpu::triangles::TriangleCaster;
 use esvo_core::shading::shade;
 use esvo_core::{Camera, CastError, CastOptions, Caster, Picture, View};
 use esvo_cpu::CpuCaster;
@@ -165,5 +166,19 @@ pub(crate) fn check(
         Ok(agreement) => (agreement, None),
         Err(e) => (Agreement { allowed, ..Agreement::default() }, Some(e.to_string())),
     };
-    CheckRow { backend, variant, levels, size: CHECK_SIZE, agreement, error }
+    CheckRow { backend, variant, levels, size: CHECK_SIZE, agreement, undecided: None, error }
+}
+
+/// Checks a GPU's answers on the triangles. If the caster fails, no pixels are compared and the check fails.
+pub(crate) fn check_triangles(
+    caster: &mut dyn TriangleCaster,
+    backend: EngineId,
+    triangles: &TriangleScene,
+    pictures: &[CameraRays],
+) -> CheckRow {
+    let (agreement, undecided, error) = match check::check_triangles(caster, triangles, pictures) {
+        Ok((agreement, undecided)) => (agreement, Some(undecided), None),
+        Err(e) => (Agreement::default(), None, Some(e.to_string())),
+    };
+    CheckRow { backend, variant: Variant::Triangles, levels: 0, size: CHECK_SIZE, agreement, undecided, error }
 }

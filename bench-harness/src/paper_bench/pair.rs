@@ -1,8 +1,9 @@
-//! The two octrees of a scene at one level, and the two casters of an engine that hold them.
+//! The two octrees of a scene at one level, and the casters of an engine that hold them and its triangles.
 
 use std::sync::Arc;
 
 use esvo_core::Caster;
+use esvo_core::gpu::triangles::TriangleCaster;
 use esvo_engines::EngineId;
 use esvo_format::Octree;
 
@@ -13,11 +14,13 @@ pub const CHECK_SIZE: [u32; 2] = [512, 384];
 /// Size of the pictures that are written.
 pub const PICTURE_SIZE: [u32; 2] = [1024, 768];
 
-/// Two casters of one engine, so that two octrees can be timed in turn.
+/// The casters of one engine, so that two octrees and the triangles can be timed in turn.
 pub(crate) struct EnginePair {
     pub(crate) backend: EngineId,
     pub(crate) cubical: Box<dyn Caster>,
     pub(crate) contours: Box<dyn Caster>,
+    /// The engine's triangle caster, with the scene's triangles; `None` if it has none, or if it could not load them.
+    pub(crate) triangles: Option<Box<dyn TriangleCaster>>,
 }
 
 impl EnginePair {

@@ -190,8 +190,11 @@ pub struct CheckRow {
     pub levels: u32,
     /// Size of the picture.
     pub size: [u32; 2],
-    /// Comparison with the reference caster.
+    /// Comparison with the reference caster; of triangles, with the exact caster.
     pub agreement: Agreement,
+    /// Of triangles on a GPU: pixels that the processor decided.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub undecided: Option<u64>,
     /// The error of the caster, if it failed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub error: Option<String>,
@@ -200,7 +203,7 @@ pub struct CheckRow {
 /// One cell of Table 2.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct TimeCell {
-    /// The engine; for triangles the CPU.
+    /// The engine.
     pub backend: EngineId,
     /// What was cast.
     pub variant: Variant,

@@ -94,6 +94,12 @@ fn views(scene: &Scene, octree: &Octree, variant: Variant, size: [u32; 2]) -> Re
     views.collect::<Result<_, CastError>>().map_err(|e| BenchError::scene(&scene.name, e))
 }
 
+/// The rays of a scene's views.
+fn pictures(scene: &Scene, size: [u32; 2]) -> Result<Vec<CameraRays>, BenchError> {
+    let rays = scene.views.iter().map(|v| CameraRays::new(&v.camera, size.into()));
+    rays.collect::<Result<_, CastError>>().map_err(|e| BenchError::scene(&scene.name, e))
+}
+
 struct PaperRun<'a> {
     options: &'a PaperBenchOptions,
     progress: &'a Progress,
@@ -168,7 +174,8 @@ impl PaperRun<'_> {
         let mut kinds = wanted_kinds;
         // The deepest level with every kind is cast. Deeper octrees of one kind are built, measured and dropped.
         let mut last: Option<OctreePair> = None;
-        for (index, &levels) in wanted.levels.iter().enumerate() {
+        let levels = if wanted_kinds == [false, false] { &[] } else { &wanted.levels[..] };
+        for (index, &levels) in levels.iter().enumerate() {
             let given_back = if kinds == wanted_kinds { last.as_ref().map_or(0, OctreePair::bytes) } else { 0 };
             let limits = Limits {
                 clock,
@@ -199,6 +206,10 @@ impl PaperRun<'_> {
             }
         }
         drop(truth);
+        if wanted_kinds == [false, false] {
+            // Triangles alone.
+            last = Some(OctreePair { levels: 0, cubical: None, contours: None });
+        }
         let Some(pair) = last else { return Ok(report) };
         self.pictures(scene, &pair, &mut report)?;
         self.cast(scene, &pair, &triangles, clock, &mut report)?;
@@ -257,6 +268,32 @@ impl PaperRun<'_> {
         Ok(())
     }
 
+    /// Loads the triangles on every GPU and checks its answers.
+    fn check_triangles(
+        &mut self,
+        scene: &Scene,
+        engines: &mut [EnginePair],
+        triangles: &TriangleScene,
+        report: &mut SceneReport,
+    ) -> Result<(), BenchError> {
+        let mut wide = None;
+        for engine in engines {
+            let backend = engine.backend;
+            let opened = backend.open_triangles(&self.options.open_options()).map_err(BenchError::Open)?;
+            let Some(mut caster) = opened else { continue };
+            self.progress.say(format!("{}: checking triangles on {}", scene.name, backend.name()));
+            let wide = wide.get_or_insert_with(|| triangles.wide());
+            if let Err(error) = caster.load(wide) {
+                self.leave_out(format!("{}, {}, triangles", scene.name, backend.name()), error.to_string());
+                continue;
+            }
+            let pictures = pictures(scene, CHECK_SIZE)?;
+            report.checks.push(measure::check_triangles(&mut *caster, backend, triangles, &pictures));
+            engine.triangles = Some(caster);
+        }
+        Ok(())
+    }
+
     /// Checks the answers, then times the rows.
     fn cast(
         &mut self,
@@ -271,7 +308,10 @@ impl PaperRun<'_> {
         let mut engines = Vec::new();
         for &backend in &self.backends {
             let open = || backend.open(&self.options.open_options()).map_err(BenchError::Open);
-            engines.push(EnginePair { backend, cubical: open()?, contours: open()? });
+            engines.push(EnginePair { backend, cubical: open()?, contours: open()?, triangles: None });
+        }
+        if variants.contains(&Variant::Triangles) {
+            self.check_triangles(scene, &mut engines, triangles, report)?;
         }
         // Check the answers first.
         let mut unloaded = Vec::new();
@@ -317,14 +357,13 @@ impl PaperRun<'_> {
             let clock = clock.share(self.options.matrix.resolutions.len() - index);
             let mut row = TimedRow::new(size);
             if variants.contains(&Variant::Triangles) {
-                let rays = (scene.views.iter())
-                    .map(|v| CameraRays::new(&v.camera, size.into()))
-                    .collect::<Result<Vec<_>, _>>()
-                    .map_err(|e| BenchError::scene(&scene.name, e))?;
-                row.add_triangles(rays);
+                row.add_triangles(None, pictures(scene, size)?);
             }
             for (index, engine) in engines.iter().enumerate() {
                 let backend = engine.backend;
+                if report.check(backend, Variant::Triangles).is_some_and(|check| check.agreement.passed()) {
+                    row.add_triangles(Some(index), pictures(scene, size)?);
+                }
                 let sound: Vec<_> = (report.checks.iter())
                     .filter(|c| c.backend == backend && c.agreement.passed())
                     .map(|c| c.variant)

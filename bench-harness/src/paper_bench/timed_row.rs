@@ -19,7 +19,7 @@ pub(crate) struct TimedRow {
 }
 
 struct TimedCell {
-    /// Index of the engine; `None` for the triangle caster.
+    /// Index of the engine; `None` for the processor's triangle caster.
     engine: Option<usize>,
     variant: Variant,
     levels: u32,
@@ -33,17 +33,10 @@ impl TimedRow {
         Self { size, cells: Vec::new() }
     }
 
-    /// Adds the triangle caster.
-    pub(crate) fn add_triangles(&mut self, rays: Vec<CameraRays>) {
+    /// Adds a triangle caster: the processor's, or that of the engine of this index, which has loaded the triangles.
+    pub(crate) fn add_triangles(&mut self, engine: Option<usize>, rays: Vec<CameraRays>) {
         let variant = Variant::Triangles;
-        self.cells.push(TimedCell {
-            engine: None,
-            variant,
-            levels: 0,
-            rays,
-            views: Vec::new(),
-            samples: Samples::default(),
-        });
+        self.cells.push(TimedCell { engine, variant, levels: 0, rays, views: Vec::new(), samples: Samples::default() });
     }
 
     /// Adds an engine, given by its index, for a variant that it has loaded.
@@ -87,6 +80,9 @@ impl TimedRow {
             levels: cell.levels,
             size,
             resident_bytes: match cell.engine {
+                Some(e) if cell.variant == Variant::Triangles => {
+                    engines[e].triangles.as_ref().map_or(0, |caster| caster.resident_bytes())
+                }
                 Some(e) => engines[e].caster(cell.variant).resident_bytes(),
                 None => triangles.resident_bytes(),
             },
@@ -102,6 +98,14 @@ impl TimedCell {
         let (mut total, mut coarse) = (Vec::new(), Vec::new());
         match self.engine {
             None => total.extend(self.rays.iter().map(|r| triangles.time(r).as_secs_f64())),
+            Some(engine) if self.variant == Variant::Triangles => {
+                let id = engines[engine].backend;
+                for rays in &self.rays {
+                    let Some(caster) = &mut engines[engine].triangles else { continue };
+                    let time = caster.time(rays).map_err(|source| BenchError::Cast { engine: id, source })?;
+                    total.push(time.as_secs_f64());
+                }
+            }
             Some(engine) => {
                 let id = engines[engine].backend;
                 let caster = engines[engine].caster(self.variant);

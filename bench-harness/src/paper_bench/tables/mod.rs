@@ -4,6 +4,7 @@ mod answers;
 mod table1;
 mod table2;
 
+use crate::paper_bench::matrix::Variant;
 use crate::paper_bench::paper::Paper;
 use crate::paper_bench::report::PaperReport;
 use crate::text::{Document, TextTable};
@@ -61,11 +62,16 @@ fn header(report: &PaperReport) -> Vec<String> {
     lines.extend(report.failures().map(|(scene, check)| {
         let a = &check.agreement;
         format!(
-            "FAILED: {scene}, {}, {}: {} of {} pixels show another voxel than the reference caster",
+            "FAILED: {scene}, {}, {}: {} of {} pixels show another {}",
             check.backend.name(),
             check.variant.title(),
             a.different_voxel,
-            a.pixels
+            a.pixels,
+            if check.variant == Variant::Triangles {
+                "triangle than the exact caster"
+            } else {
+                "voxel than the reference caster"
+            }
         )
     }));
     lines

@@ -37,6 +37,11 @@ pub(super) fn table2(report: &PaperReport, paper: &Paper, device: &DeviceRecord)
         ),
         _ => "This driver runs on the processor: its times say nothing about a GPU, so the paper's times are not shown here.".into(),
     });
+    if report.scenes.iter().any(|s| s.check(device.backend, Variant::Triangles).is_some()) {
+        table
+            .notes
+            .push("Triangles: the kernel's closest hits; pixels that it leaves undecided are counted below.".into());
+    }
     for scene in &report.scenes {
         let mut any = false;
         for &size in &report.matrix.resolutions {
