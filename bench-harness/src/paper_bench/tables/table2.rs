@@ -61,7 +61,8 @@ pub(super) fn table2(report: &PaperReport, paper: &Paper, device: &DeviceRecord)
         }
         if any {
             let levels = scene.times.iter().map(|t| t.levels).max().unwrap_or(0);
-            let mut row = vec![String::new(), format!("{levels} levels"), "error, px".into()];
+            let what = if levels == 0 { "no octree".into() } else { format!("{levels} levels") };
+            let mut row = vec![String::new(), what, "error, px".into()];
             row.extend(variants.iter().map(|&v| {
                 match (v, scene.errors.iter().find(|e| e.variant == v && e.levels == levels)) {
                     (Variant::Triangles, _) => "exact".into(),
