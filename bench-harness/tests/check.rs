@@ -2,10 +2,13 @@
 
 use std::sync::Arc;
 
-use esvo_bench::paper_bench::check::check;
+use esvo_bench::paper_bench::check::{check, check_triangles};
 use esvo_builder::BuildSettings;
+use esvo_core::exact::{CameraRays, ExactRay};
+use esvo_core::gpu::triangles::{Question, TriangleCaster, TriangleRecord, WideTriangles};
 use esvo_core::reference::ReferenceCaster;
-use esvo_core::{CastError, CastOptions, Caster, Checked, Device, FrameTime, Hit, Rays, Roots, View};
+use esvo_core::{Camera, CastError, CastOptions, Caster, Checked, Device, FrameTime, Hit, Rays, Roots, View};
+use esvo_cpu::triangles::TriangleScene;
 use esvo_engines::{EngineId, OpenOptions};
 use esvo_format::Octree;
 
@@ -105,4 +108,64 @@ fn the_cpu_caster_agrees() {
     let agreement = check(&mut *caster, &octree, &views(&octree), EngineId::Cpu.allowed()).unwrap();
     assert!(agreement.passed(), "{agreement:?}");
     assert_eq!(agreement.pixels, 2 * 96 * 72);
+}
+
+/// A triangle caster that answers what `answer` says about the pixel's exact triangle.
+struct Triangles<F> {
+    scene: TriangleScene,
+    device: Device,
+    answer: F,
+}
+
+impl<F: Fn(u32) -> TriangleRecord> TriangleCaster for Triangles<F> {
+    fn name(&self) -> &'static str {
+        "triangles"
+    }
+    fn device(&self) -> &Device {
+        &self.device
+    }
+    fn resident_bytes(&self) -> u64 {
+        0
+    }
+    fn load(&mut self, _: &WideTriangles) -> Result<(), CastError> {
+        Ok(())
+    }
+    fn cast(&mut self, rays: &CameraRays, records: &mut Vec<TriangleRecord>) -> Result<(), CastError> {
+        *records = self.scene.cast_exact(rays).iter().map(|hit| (self.answer)(hit.triangle)).collect();
+        Ok(())
+    }
+    fn cast_rays(&mut self, _: &[ExactRay], _: Question, _: &mut Vec<TriangleRecord>) -> Result<(), CastError> {
+        Err(CastError::NotLoaded)
+    }
+    fn time(&mut self, _: &CameraRays) -> Result<std::time::Duration, CastError> {
+        Err(CastError::NotLoaded)
+    }
+}
+
+#[test]
+fn wrong_triangles_are_noticed() {
+    let corners = [[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, 0.0]];
+    let scene = || TriangleScene::new(vec![corners, corners.map(|[x, y, _]| [x, y, -1.0])]).unwrap();
+    let camera = Camera {
+        eye: [0.0, 0.0, 3.0],
+        forward: [0.0, 0.0, -1.0],
+        up: [0.0, 1.0, 0.0],
+        fov_degrees: 45.0,
+        near: 0.1,
+        far: 10.0,
+    };
+    let pictures = [CameraRays::new(&camera, (40, 30)).unwrap()];
+    let found = |answer: &dyn Fn(u32) -> TriangleRecord| {
+        let device = ReferenceCaster::default().device().clone();
+        check_triangles(&mut Triangles { scene: scene(), device, answer }, &scene(), &pictures).unwrap()
+    };
+    let right = |triangle| TriangleRecord { t: 0.5, triangle };
+    let (agreement, undecided) = found(&right);
+    assert!(agreement.passed() && undecided == 0 && agreement.pixels == 1200, "{agreement:?}");
+    let (agreement, undecided) = found(&|_| TriangleRecord::UNDECIDED);
+    assert!(agreement.passed() && undecided == 1200, "{agreement:?}");
+    for wrong in [|t: u32| if t == 0 { 1 } else { t }, |t| if t == 0 { u32::MAX } else { t }, |_| 0, |_| 7] {
+        let (agreement, _) = found(&|triangle| right(wrong(triangle)));
+        assert!(!agreement.passed() && agreement.different_voxel > 100, "{agreement:?}");
+    }
 }

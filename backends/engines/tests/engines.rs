@@ -60,6 +60,20 @@ fn each_engine_opens_or_says_what_is_missing() {
 }
 
 #[test]
+fn engines_of_gpus_cast_triangles() {
+    for &id in EngineId::ALL {
+        match id.open_triangles(&OpenOptions::default()) {
+            Ok(Some(caster)) => assert!(caster.name() == id.name() && id.engine().feature.is_some()),
+            Ok(None) => assert!(id.engine().feature.is_none(), "{id}"),
+            Err(error) => match error.reason {
+                OpenFailure::NotBuiltIn { .. } => assert!(!id.engine().is_built_in(), "{id}"),
+                OpenFailure::Cast(error) => assert!(std::env::var_os("ESVO_REQUIRE_GPU").is_none(), "{error}"),
+            },
+        }
+    }
+}
+
+#[test]
 fn options_reach_the_engine() {
     let caster = EngineId::Cpu.open(&OpenOptions { threads: Some(3), ..OpenOptions::default() }).unwrap();
     assert!(caster.device().detail.contains("3 threads"), "{}", caster.device().detail);
