@@ -8,7 +8,7 @@ use esvo_core::CastError;
 use crate::gpu::Gpu;
 
 /// Kinds of memory for the device, the one that it reads fastest first.
-const ON_DEVICE: [vk::MemoryPropertyFlags; 2] =
+pub(crate) const ON_DEVICE: [vk::MemoryPropertyFlags; 2] =
     [vk::MemoryPropertyFlags::DEVICE_LOCAL, vk::MemoryPropertyFlags::empty()];
 /// Kinds of memory that the processor reads and writes, the best first: cached, since the processor reads results from it.
 const ON_HOST: [vk::MemoryPropertyFlags; 2] = [
@@ -65,20 +65,9 @@ impl Buffer {
             Self { handle, bytes, memory: vk::DeviceMemory::null(), address: std::ptr::null_mut(), gpu: gpu.clone() };
         // SAFETY: the buffer was just made.
         let needs = unsafe { gpu.device.get_buffer_memory_requirements(handle) };
-        let types = &gpu.memory.memory_types[..gpu.memory.memory_type_count as usize];
-        let find = |kind: vk::MemoryPropertyFlags| {
-            (0u32..).zip(types).find(|(index, memory)| {
-                needs.memory_type_bits >> index & 1 != 0 && memory.property_flags.contains(kind)
-            })
-        };
-        let (index, _) = (kinds.iter().find_map(|&kind| find(kind)))
-            .ok_or_else(|| gpu.error(&"the device has no memory of the kind that a buffer needs"))?;
-        let info = vk::MemoryAllocateInfo::default().allocation_size(needs.size).memory_type_index(index);
-        // SAFETY: the memory type exists and suits the buffer; the memory is bound once, to a buffer that has none.
-        unsafe {
-            buffer.memory = gpu.device.allocate_memory(&info, None).map_err(failed)?;
-            gpu.device.bind_buffer_memory(handle, buffer.memory, 0).map_err(failed)?;
-        }
+        buffer.memory = allocate(gpu, &needs, kinds).map_err(failed)?;
+        // SAFETY: the memory suits the buffer and is bound once, to a buffer that has none.
+        unsafe { gpu.device.bind_buffer_memory(handle, buffer.memory, 0) }.map_err(failed)?;
         Ok(buffer)
     }
 
@@ -101,6 +90,24 @@ impl Drop for Buffer {
             self.gpu.device.free_memory(self.memory, None);
         }
     }
+}
+
+/// Memory of the first of these kinds that suits `needs`. The error is `ERROR_FEATURE_NOT_PRESENT` if the device has none.
+pub(crate) fn allocate(
+    gpu: &Gpu,
+    needs: &vk::MemoryRequirements,
+    kinds: &[vk::MemoryPropertyFlags],
+) -> Result<vk::DeviceMemory, vk::Result> {
+    let types = &gpu.memory.memory_types[..gpu.memory.memory_type_count as usize];
+    let find = |kind: vk::MemoryPropertyFlags| {
+        (0u32..)
+            .zip(types)
+            .find(|(index, memory)| needs.memory_type_bits >> index & 1 != 0 && memory.property_flags.contains(kind))
+    };
+    let (index, _) = kinds.iter().find_map(|&kind| find(kind)).ok_or(vk::Result::ERROR_FEATURE_NOT_PRESENT)?;
+    let info = vk::MemoryAllocateInfo::default().allocation_size(needs.size).memory_type_index(index);
+    // SAFETY: the device is alive and has the memory type.
+    unsafe { gpu.device.allocate_memory(&info, None) }
 }
 
 /// Copies `slots` to a new buffer on the device, in pieces as large as `staging`, a buffer on the host.

@@ -8,8 +8,9 @@ use ash::vk;
 use ash::vk::{BufferUsageFlags as Usage, DescriptorType};
 use esvo_core::filter::kernel::Band;
 use esvo_core::filter::{Frame, Radius};
-use esvo_core::gpu::kernel::{self, Bands, GpuOptions, Pass, Placement, Variant, WORKGROUP};
+use esvo_core::gpu::kernel::{self, Bands, GpuOptions, Pass, Placement, SlotLimits, Variant, WORKGROUP};
 use esvo_core::gpu::resident::{Resident, SlotMap};
+use esvo_core::gpu::slots::Slots;
 use esvo_core::{
     CastError, Caster, Checked, Device, Filtered, FrameTime, Hit, Instances, Nearest, Ray, Rays, Roots, View,
 };
@@ -21,6 +22,7 @@ use crate::gpu::{Gpu, TIMESTAMPS};
 use crate::instances::InstanceBuffers;
 use crate::pipeline::{BufferSet, Pipeline};
 use crate::rays::RayBuffers;
+use crate::texture::Texture;
 
 /// Octree data is copied in pieces of this many bytes.
 const STAGING_BYTES: u64 = 64 << 20;
@@ -45,6 +47,7 @@ struct Loaded {
     pipelines: HashMap<(Pass, Variant), Pipeline>,
     set: BufferSet,
     _parts: Vec<Buffer>,
+    _texture: Option<Texture>,
     roots: Roots,
     map: SlotMap,
     placement: Placement,
@@ -314,17 +317,36 @@ impl Loaded {
         let limits = &gpu.adapter.limits;
         let bindings = limits.max_per_stage_descriptor_storage_buffers.min(limits.max_descriptor_set_storage_buffers);
         let max_bytes = u64::from(limits.max_storage_buffer_range).min(gpu.adapter.max_allocation);
-        let max_bytes = options.max_part_bytes.unwrap_or(u64::MAX).min(max_bytes);
-        let placement = Placement::new(octree, slots, max_bytes, bindings).map_err(|error| gpu.error(&error))?;
-        let mut staging = Buffer::on_host(gpu, STAGING_BYTES.min(placement.bytes), Usage::TRANSFER_SRC)?;
-        let buffers: Vec<Buffer> = placement
-            .parts(slots)
-            .map(|part| upload(gpu, part, Usage::STORAGE_BUFFER, &mut staging))
-            .collect::<Result<_, _>>()?;
-        let bindings: Vec<_> = buffers.iter().map(|buffer| (DescriptorType::STORAGE_BUFFER, buffer)).collect();
-        let set = BufferSet::new(gpu, &bindings)?;
+        let slot_limits = SlotLimits {
+            binding_bytes: options.max_part_bytes.unwrap_or(u64::MAX).min(max_bytes),
+            storage_buffers: bindings,
+            texture_edge: options.texture_edge(gpu.about().kind, gpu.adapter.texture_edge),
+        };
+        let placement = Placement::new(octree, slots, &slot_limits).map_err(|error| gpu.error(&error))?;
+        let row_bytes = if let Slots::Texture { row_shift } = placement.slots { 8 << row_shift } else { 8 };
+        let staging_bytes = STAGING_BYTES.min(placement.bytes.next_multiple_of(row_bytes));
+        let mut staging = Buffer::on_host(gpu, staging_bytes, Usage::TRANSFER_SRC)?;
+        let mut parts = Vec::new();
+        let mut texture = None;
+        let set = if let Slots::Texture { row_shift } = placement.slots {
+            BufferSet::of_texture(gpu, texture.insert(Texture::upload(gpu, slots, row_shift, &mut staging)?))?
+        } else {
+            parts = (placement.parts(slots))
+                .map(|part| upload(gpu, part, Usage::STORAGE_BUFFER, &mut staging))
+                .collect::<Result<Vec<_>, _>>()?;
+            let bindings: Vec<_> = parts.iter().map(|buffer| (DescriptorType::STORAGE_BUFFER, buffer)).collect();
+            BufferSet::new(gpu, &bindings)?
+        };
         gpu.check()?;
-        Ok(Self { pipelines: HashMap::new(), set, _parts: buffers, roots, map: resident.into_map(), placement })
+        Ok(Self {
+            pipelines: HashMap::new(),
+            set,
+            _parts: parts,
+            _texture: texture,
+            roots,
+            map: resident.into_map(),
+            placement,
+        })
     }
 
     /// Makes the pipeline of a pass unless it exists.

@@ -35,7 +35,9 @@ impl Gpu {
         let failed = |error: vk::Result| CastError::Device(format!("{}: {error}", adapter.about.name));
         let queues =
             [vk::DeviceQueueCreateInfo::default().queue_family_index(adapter.queue_family).queue_priorities(&[1.0])];
-        let info = vk::DeviceCreateInfo::default().queue_create_infos(&queues);
+        let features =
+            vk::PhysicalDeviceFeatures::default().shader_storage_image_extended_formats(adapter.texture_edge > 0);
+        let info = vk::DeviceCreateInfo::default().queue_create_infos(&queues).enabled_features(&features);
         // SAFETY: the adapter is of this instance and has the queue family; `info` lives until the call returns.
         let device = unsafe { instance.handle.create_device(adapter.handle, &info, None) }.map_err(failed)?;
         // SAFETY: as above.

@@ -8,6 +8,8 @@ use esvo_core::gpu::choice::{INSTALL_DRIVER, choose};
 use esvo_core::gpu::kernel::GpuOptions;
 use esvo_core::{CastError, Device, DeviceKind};
 
+use crate::texture::FORMAT;
+
 const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 
 /// Messages of the validation layer.
@@ -30,6 +32,8 @@ pub(crate) struct Adapter {
     pub(crate) limits: vk::PhysicalDeviceLimits,
     /// Largest allocation in bytes.
     pub(crate) max_allocation: u64,
+    /// Most rows and columns of a texture of [`FORMAT`] that the kernel reads; 0 if there cannot be one.
+    pub(crate) texture_edge: u32,
     /// First queue family with compute support.
     pub(crate) queue_family: u32,
     /// Significant bits of its timestamps; 0 if it has none.
@@ -118,6 +122,19 @@ impl Instance {
         Ok(adapters.swap_remove(choose(&devices, options.adapter.as_deref())?))
     }
 
+    fn texture_edge(&self, handle: vk::PhysicalDevice, limits: &vk::PhysicalDeviceLimits) -> u32 {
+        // SAFETY: `handle` comes from this instance.
+        let (features, format) = unsafe {
+            (
+                self.handle.get_physical_device_features(handle),
+                self.handle.get_physical_device_format_properties(handle, FORMAT),
+            )
+        };
+        let is_there = features.shader_storage_image_extended_formats == vk::TRUE
+            && format.optimal_tiling_features.contains(vk::FormatFeatureFlags::STORAGE_IMAGE);
+        if is_there { limits.max_image_dimension2_d } else { 0 }
+    }
+
     fn adapter(&self, handle: vk::PhysicalDevice) -> Option<Adapter> {
         // SAFETY: `handle` comes from this instance.
         let version = unsafe { self.handle.get_physical_device_properties(handle) }.api_version;
@@ -164,6 +181,7 @@ impl Instance {
             handle,
             about: Device { name, kind, detail },
             limits: properties.limits,
+            texture_edge: self.texture_edge(handle, &properties.limits),
             max_allocation: maintenance.max_memory_allocation_size,
             queue_family,
             timestamp_bits: family.timestamp_valid_bits,

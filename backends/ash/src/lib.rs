@@ -47,6 +47,7 @@ mod pipeline;
 mod rays;
 mod spirv;
 mod triangles;
+mod texture;
 
 pub use caster::AshCaster;
 pub use esvo_core::gpu::kernel::GpuOptions;

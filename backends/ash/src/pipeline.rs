@@ -9,8 +9,9 @@ use esvo_core::CastError;
 use crate::buffers::Buffer;
 use crate::gpu::Gpu;
 use crate::spirv;
+use crate::texture::Texture;
 
-/// A descriptor set and its layout: binding `i` is the `i`-th buffer.
+/// A descriptor set and its layout: binding `i` is the `i`-th buffer, or binding 0 is a texture.
 pub(crate) struct BufferSet {
     pub(crate) layout: vk::DescriptorSetLayout,
     pub(crate) handle: vk::DescriptorSet,
@@ -27,28 +28,47 @@ impl BufferSet {
             pool: vk::DescriptorPool::null(),
             gpu: gpu.clone(),
         };
-        set.make(buffers).map_err(|error| gpu.error(&error))?;
+        let infos: Vec<[vk::DescriptorBufferInfo; 1]> = (buffers.iter())
+            .map(|(_, buffer)| [vk::DescriptorBufferInfo { buffer: buffer.handle, offset: 0, range: vk::WHOLE_SIZE }])
+            .collect();
+        let writes = (buffers.iter().zip(&infos))
+            .map(|(&(kind, _), info)| vk::WriteDescriptorSet::default().descriptor_type(kind).buffer_info(info));
+        set.make(writes.collect()).map_err(|error| gpu.error(&error))?;
         Ok(set)
     }
 
-    fn make(&mut self, buffers: &[(vk::DescriptorType, &Buffer)]) -> Result<(), vk::Result> {
+    /// Binds a texture that is read. It must live as long as the set is used.
+    pub(crate) fn of_texture(gpu: &Arc<Gpu>, texture: &Texture) -> Result<Self, CastError> {
+        let mut set = Self {
+            layout: vk::DescriptorSetLayout::null(),
+            handle: vk::DescriptorSet::null(),
+            pool: vk::DescriptorPool::null(),
+            gpu: gpu.clone(),
+        };
+        let info = [vk::DescriptorImageInfo::default().image_view(texture.view).image_layout(vk::ImageLayout::GENERAL)];
+        let kind = vk::DescriptorType::STORAGE_IMAGE;
+        let write = vk::WriteDescriptorSet::default().descriptor_type(kind).image_info(&info);
+        set.make(vec![write]).map_err(|error| gpu.error(&error))?;
+        Ok(set)
+    }
+
+    /// Makes the objects. `writes` say what each binding is.
+    fn make(&mut self, writes: Vec<vk::WriteDescriptorSet<'_>>) -> Result<(), vk::Result> {
         let bindings: Vec<_> = (0..)
-            .zip(buffers)
-            .map(|(binding, &(kind, _))| {
+            .zip(&writes)
+            .map(|(binding, write)| {
                 vk::DescriptorSetLayoutBinding::default()
                     .binding(binding)
-                    .descriptor_type(kind)
+                    .descriptor_type(write.descriptor_type)
                     .descriptor_count(1)
                     .stage_flags(vk::ShaderStageFlags::COMPUTE)
             })
             .collect();
-        let sizes: Vec<_> =
-            (buffers.iter()).map(|&(ty, _)| vk::DescriptorPoolSize { ty, descriptor_count: 1 }).collect();
-        let infos: Vec<[vk::DescriptorBufferInfo; 1]> = (buffers.iter())
-            .map(|(_, buffer)| [vk::DescriptorBufferInfo { buffer: buffer.handle, offset: 0, range: vk::WHOLE_SIZE }])
+        let sizes: Vec<_> = (writes.iter())
+            .map(|write| vk::DescriptorPoolSize { ty: write.descriptor_type, descriptor_count: 1 })
             .collect();
         let device = &self.gpu.device;
-        // SAFETY: the buffers are of this device; `drop` destroys every object, also if a later step fails; the set is
+        // SAFETY: the buffers and textures are of this device; `drop` destroys every object, also if a later step fails; the set is
         // new, so nothing uses it while it is written.
         unsafe {
             let layout = vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings);
@@ -58,17 +78,8 @@ impl BufferSet {
             let layouts = [self.layout];
             let sets = vk::DescriptorSetAllocateInfo::default().descriptor_pool(self.pool).set_layouts(&layouts);
             self.handle = device.allocate_descriptor_sets(&sets)?.first().copied().unwrap_or_default();
-            let writes: Vec<_> = (0..)
-                .zip(buffers)
-                .zip(&infos)
-                .map(|((binding, &(kind, _)), info)| {
-                    vk::WriteDescriptorSet::default()
-                        .dst_set(self.handle)
-                        .dst_binding(binding)
-                        .descriptor_type(kind)
-                        .buffer_info(info)
-                })
-                .collect();
+            let writes: Vec<_> =
+                (0..).zip(writes).map(|(binding, write)| write.dst_set(self.handle).dst_binding(binding)).collect();
             device.update_descriptor_sets(&writes, &[]);
         }
         Ok(())

@@ -82,6 +82,7 @@ mod tests {
     use std::collections::HashSet;
 
     use esvo_core::gpu::kernel::{ENTRY_CAST, ENTRY_COARSE, ENTRY_INSTANCES, ENTRY_RAYS, ENTRY_TIME, Variant};
+    use esvo_core::gpu::slots::Slots;
 
     use super::*;
 
@@ -156,7 +157,10 @@ mod tests {
     #[test]
     fn all_variants_compile() {
         for bits in 0..16u32 {
-            for (levels, parts) in [(1, 1), (12, 2), (23, 30)] {
+            let several = |parts| Slots::Buffers { parts, part_shift: 24 };
+            for (levels, slots) in
+                [(1, Slots::ONE_BUFFER), (12, several(2)), (23, several(30)), (12, Slots::Texture { row_shift: 11 })]
+            {
                 let variant = Variant {
                     contours: bits & 1 != 0,
                     far_pointers: bits & 2 != 0,
@@ -165,8 +169,7 @@ mod tests {
                     rays: false,
                     instances: false,
                     levels,
-                    parts,
-                    part_shift: 24,
+                    slots,
                     workgroup: (8, 8),
                 };
                 for entry in [ENTRY_CAST, ENTRY_TIME] {

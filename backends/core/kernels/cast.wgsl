@@ -151,7 +151,10 @@ fn cast_ray(ray: Ray) -> Hit {
 
     // 5-7
     var parent = ray.root;
-    var descriptor = slot_at(parent);
+    var descriptor = vec2<u32>(0u);
+    // Whether `descriptor` is not that of `parent`. It is read in one place, since devices that run both branches of an `if`
+    // would read it twice from PUSH and POP.
+    var stale = true;
     var stack_parent: array<u32, LEVELS>;
     var stack_t_max: array<f32, LEVELS>;
     // Bit s: the frame of scale s was written. Rounding can make a ray POP to a frame that was not: the ray then misses.
@@ -163,6 +166,10 @@ fn cast_ray(ray: Ray) -> Hit {
     var pos = vec3<f32>(1.0) + select(vec3<f32>(0.0), vec3<f32>(0.5), upper);
 
     for (var iteration = 1u; iteration <= MAX_ITERATIONS; iteration++) {
+        if stale {
+            descriptor = slot_at(parent);
+            stale = false;
+        }
         // 9
         let t_corner = mad3(pos, coef, -bias);
         let tc_max = least(t_corner);
@@ -214,7 +221,7 @@ fn cast_ray(ray: Ray) -> Hit {
                 }
                 let nonleaf = (descriptor.x >> 8u) & ~descriptor.x;
                 parent += first + countOneBits(nonleaf & ((1u << child) - 1u));
-                descriptor = slot_at(parent);
+                stale = true;
                 scale -= 1u;
                 size = half;
                 upper = t_centre > vec3<f32>(tv_min);
@@ -248,7 +255,7 @@ fn cast_ray(ray: Ray) -> Hit {
             } else {
                 return miss(iteration);
             }
-            descriptor = slot_at(parent);
+            stale = true;
             let path = bitcast<vec3<u32>>(pos) >> vec3<u32>(scale);
             pos = bitcast<vec3<f32>>(path << vec3<u32>(scale));
             idx = axes((path & vec3<u32>(1u)) != vec3<u32>(0u));

@@ -35,6 +35,7 @@
 //! - `gpu`: [`Gpu`], an open device: submitting, waiting, limits, and turning what wgpu reports into errors.
 //! - `buffers`: making, filling and reading buffers.
 //! - `pipelines`: shaders, bind groups and compute pipelines. [`Gpu::checked`] makes everything else.
+//! - `textures`: textures that shaders read by texel.
 //! - `timestamps`: [`Timestamps`], how long passes take by the device's own clock.
 //! - `error`: [`DeviceError`].
 //!
@@ -48,6 +49,7 @@ mod buffers;
 mod error;
 mod gpu;
 mod pipelines;
+mod textures;
 mod timestamps;
 
 pub use adapter::adapters;
@@ -55,6 +57,7 @@ pub use buffers::Reading;
 pub use error::DeviceError;
 pub use gpu::Gpu;
 pub use pipelines::{storage, uniform};
+pub use textures::read_texture;
 pub use timestamps::{PassTimes, Timestamps};
 pub use wgpu;
 pub use wgpu::BufferUsages as Usage;

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
 use esvo_core::DeviceKind;
-use esvo_device::{DeviceError, Gpu, Usage, adapters, storage, uniform, wgpu};
+use esvo_device::{DeviceError, Gpu, Usage, adapters, read_texture, storage, uniform, wgpu};
 
 /// The device, if there is one. The environment variable `ESVO_REQUIRE_GPU` demands one.
 fn gpu() -> Option<Gpu> {
@@ -72,6 +72,61 @@ fn a_shader_computes() -> Result<(), DeviceError> {
     assert!(found.iter().zip(0..).all(|(&found, number)| found == expected(number, 12345)));
     assert_eq!(gpu.read::<u32>(&work.numbers, 3)?, found[..3]);
     assert!(gpu.read::<u32>(&work.numbers, 0)?.is_empty());
+    Ok(())
+}
+
+/// Copies texels: `found[i]` is that of slot `wanted[i]`, in rows of 1024.
+const TEXELS: &str = "
+    @group(0) @binding(0) var<storage, read> wanted: array<u32>;
+    @group(0) @binding(1) var<storage, read_write> found: array<vec2<u32>>;
+    @group(1) @binding(0) var texels: texture_storage_2d<rg32uint, read>;
+    @compute @workgroup_size(64) fn copy(@builtin(global_invocation_id) id: vec3<u32>) {
+        if id.x < arrayLength(&wanted) {
+            let slot = wanted[id.x];
+            found[id.x] = textureLoad(texels, vec2<u32>(slot & 1023u, slot >> 10u)).xy;
+        }
+    }";
+
+#[test]
+fn textures_arrive_in_pieces() -> Result<(), DeviceError> {
+    let Some(gpu) = gpu() else { return Ok(()) };
+    let format = wgpu::TextureFormat::Rg32Uint;
+    // More than the device is given at once; the last row is not full.
+    let data: Vec<[u32; 2]> = (0..(9 << 20) - 500).map(|i| [i, !i]).collect();
+    if gpu.limits().max_texture_dimension_2d < 9 << 10 {
+        eprintln!("skipped: textures of this device are too small");
+        return Ok(());
+    }
+    let texture = gpu.upload_texture("numbers", format, 1024, &data)?;
+    let last = data.len() as u32 - 1;
+    let wanted: Vec<u32> = (0..=last).step_by(99_991).chain([1023, 1024, (8 << 20) - 1, 8 << 20, last]).collect();
+    let layout = gpu.bind_group_layout("buffers", &[storage(0, true), storage(1, false)])?;
+    let texels = gpu.bind_group_layout("texels", &[read_texture(0, format)])?;
+    let pipeline = gpu.compute_pipeline(&gpu.shader("copy", TEXELS)?, "copy", &[&layout, &texels])?;
+    let slots = gpu.upload("wanted", &wanted, Usage::STORAGE)?;
+    let found = gpu.buffer("found", 8 * wanted.len() as u64, Usage::STORAGE | Usage::COPY_SRC)?;
+    let groups = [gpu.bind_group(&layout, &[&slots, &found])?, gpu.bind_texture(&texels, &texture)?];
+    gpu.run(|commands| {
+        let mut pass = commands.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+        pass.set_pipeline(&pipeline);
+        for (number, group) in (0..).zip(&groups) {
+            pass.set_bind_group(number, group, &[]);
+        }
+        pass.dispatch_workgroups((wanted.len() as u32).div_ceil(64), 1, 1);
+    })?;
+    let expected: Vec<_> = wanted.iter().map(|&slot| data[slot as usize]).collect();
+    assert_eq!(gpu.read::<[u32; 2]>(&found, wanted.len())?, expected);
+    Ok(())
+}
+
+#[test]
+fn impossible_textures_are_errors() -> Result<(), DeviceError> {
+    let Some(gpu) = gpu() else { return Ok(()) };
+    let format = wgpu::TextureFormat::Rg32Uint;
+    assert!(gpu.upload_texture("texels of another size", format, 8, &[0u32; 8]).is_err());
+    assert!(gpu.upload_texture("no columns", format, 0, &[0u64; 8]).is_err());
+    assert!(gpu.upload_texture("too wide", format, 1 << 20, &[0u64; 8]).is_err());
+    gpu.upload_texture("as the device allows", format, 8, &[0u64; 9])?;
     Ok(())
 }
 

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use esvo_core::filter::kernel::FILTER_WGSL;
 use esvo_core::gpu::kernel::{Variant, WORKGROUP};
+use esvo_core::gpu::slots::Slots;
 
 use crate::fail::{Failure, print};
 use crate::files::open;
@@ -13,7 +14,7 @@ use crate::values::parse_size;
 /// Print the WGSL of a GPU kernel, as the engines compile it.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-A browser or another engine can take it as it is: it is core WebGPU. Its comments name the structs and
+A browser or another engine can take it as it is: it is core WebGPU, but for --texture. Its comments name the structs and
 bindings. A feature that is left out is a constant that is false, so that compilers remove its code.
 
 Examples:
@@ -47,6 +48,10 @@ pub(crate) struct KernelArguments {
     /// With several bindings, each but the last holds 2^N slots of 8 bytes
     #[arg(long, value_name = "N", default_value_t = 24, value_parser = clap::value_parser!(u32).range(0..=31))]
     pub(crate) part_shift: u32,
+    /// The octree is in a storage texture, each row of which holds 2^N slots: for drivers that run on the processor. Needs
+    /// WGSL's language feature readonly_and_readwrite_storage_textures, which is not in every browser
+    #[arg(long, value_name = "N", conflicts_with_all = ["parts", "part_shift"], value_parser = clap::value_parser!(u32).range(5..=14))]
+    pub(crate) texture: Option<u32>,
     /// Size of a workgroup, powers of two
     #[arg(long, value_name = "WxH", value_parser = parse_size)]
     pub(crate) workgroup: Option<[u32; 2]>,
@@ -88,8 +93,10 @@ pub(crate) fn run_kernel(arguments: &KernelArguments) -> Result<(), Failure> {
         rays,
         instances,
         levels: arguments.levels.or(needs.map(|needs| needs.levels)).unwrap_or(23),
-        parts: arguments.parts,
-        part_shift: arguments.part_shift,
+        slots: match arguments.texture {
+            Some(row_shift) => Slots::Texture { row_shift },
+            None => Slots::Buffers { parts: arguments.parts, part_shift: arguments.part_shift },
+        },
         workgroup: (width, height),
     };
     match arguments.pass {

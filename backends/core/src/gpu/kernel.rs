@@ -9,9 +9,10 @@ use std::fmt::Write as _;
 use bytemuck::{Pod, Zeroable};
 use esvo_format::{Needs, Octree};
 
+use super::slots::{Slots, SlotsIn};
 use crate::gpu::resident::SlotMap;
 use crate::instances::{NO_INSTANCE, Node};
-use crate::{CastError, Hit, Instances, Nearest, Ray, View};
+use crate::{CastError, DeviceKind, Hit, Instances, Nearest, Ray, View};
 
 /// The kernel without its prelude.
 pub const CAST_WGSL: &str = include_str!("../../kernels/cast.wgsl");
@@ -122,10 +123,8 @@ pub struct Variant {
     pub instances: bool,
     /// Level of the deepest voxel, 1 to 23: the number of frames of the stack.
     pub levels: u32,
-    /// Number of bindings that hold the octree, at least 1.
-    pub parts: u32,
-    /// With several bindings, each except the last holds `2^part_shift` slots.
-    pub part_shift: u32,
+    /// Where the octree is.
+    pub slots: Slots,
     /// Width and height of a workgroup in pixels: powers of two.
     pub workgroup: (u32, u32),
 }
@@ -160,23 +159,7 @@ impl Variant {
         for (name, value) in numbers {
             let _ = writeln!(text, "const {name}: u32 = {value}u;");
         }
-        for part in 0..self.parts {
-            let _ = writeln!(
-                text,
-                "@group({GROUP_OCTREE}) @binding({part}) var<storage, read> part_{part}: array<vec2<u32>>;"
-            );
-        }
-        text.push_str("fn slot_at(slot: u32) -> vec2<u32> {\n");
-        if self.parts == 1 {
-            text.push_str("    return part_0[slot];\n}\n");
-        } else {
-            let _ = writeln!(text, "    let within = slot & {}u;", (1u32 << self.part_shift) - 1);
-            let _ = writeln!(text, "    switch slot >> {}u {{", self.part_shift);
-            for part in 0..self.parts - 1 {
-                let _ = writeln!(text, "        case {part}u: {{ return part_{part}[within]; }}");
-            }
-            let _ = writeln!(text, "        default: {{ return part_{}[within]; }}\n    }}\n}}", self.parts - 1);
-        }
+        self.slots.declare(&mut text);
         text += body;
         if self.instances {
             text += instances;
@@ -185,16 +168,16 @@ impl Variant {
     }
 }
 
-/// How an octree of `slots` slots is split over bindings of at most `max_bytes` each: number of parts and
-/// [`Variant::part_shift`]. `None` if it takes more than `max_parts`.
-pub fn split(slots: usize, max_bytes: u64, max_parts: u32) -> Option<(u32, u32)> {
-    let max_slots = (max_bytes / 8).max(1);
-    if slots as u64 <= max_slots {
-        return (max_parts > 0).then_some((1, 31));
-    }
-    let shift = max_slots.ilog2().min(31);
-    let parts = u32::try_from((slots as u64).div_ceil(1 << shift)).ok()?;
-    (parts <= max_parts).then_some((parts, shift))
+/// What a device allows for the data of an octree.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct SlotLimits {
+    /// Bytes in one binding of a storage buffer.
+    pub binding_bytes: u64,
+    /// Storage buffers that one shader may have.
+    pub storage_buffers: u32,
+    /// Width and height of a texture in texels; `None` if the octree must not be in a texture. See
+    /// [`GpuOptions::texture_edge`].
+    pub texture_edge: Option<u32>,
 }
 
 /// How the [resident](crate::gpu::resident::Resident) image of an octree lies in bindings.
@@ -202,33 +185,36 @@ pub fn split(slots: usize, max_bytes: u64, max_parts: u32) -> Option<(u32, u32)>
 pub struct Placement {
     /// Bytes of the image.
     pub bytes: u64,
-    /// Number of bindings, see [`split`].
-    pub parts: u32,
+    /// The bindings.
+    pub slots: Slots,
     needs: Needs,
-    part_shift: u32,
 }
 
 impl Placement {
-    /// Splits the `slots` of the octree's resident image over bindings of at most `max_bytes`, for a device whose shaders may
-    /// have `max_storage_buffers`.
+    /// Places the `slots` of the octree's resident image in a texture if there may be one and they fit, else in buffers.
     ///
     /// # Errors
     /// What to do about an octree that does not fit. The caster puts the device's name in front of the text.
-    pub fn new(octree: &Octree, slots: &[u64], max_bytes: u64, max_storage_buffers: u32) -> Result<Self, String> {
-        let max_parts = max_storage_buffers.saturating_sub(OTHER_STORAGE_BUFFERS).min(32);
+    pub fn new(octree: &Octree, slots: &[u64], limits: &SlotLimits) -> Result<Self, String> {
+        let SlotLimits { binding_bytes, storage_buffers, texture_edge } = *limits;
+        let max_parts = storage_buffers.saturating_sub(OTHER_STORAGE_BUFFERS).min(32);
         let bytes = size_of_val(slots) as u64;
-        let (parts, part_shift) = split(slots.len(), max_bytes, max_parts).ok_or_else(|| {
+        let texture = texture_edge.and_then(|edge| Slots::texture(slots.len(), edge));
+        let slots = texture.or_else(|| Slots::split(slots.len(), binding_bytes, max_parts)).ok_or_else(|| {
             format!(
-                "the octree takes {bytes} bytes without attachments, more than {max_parts} bindings of {max_bytes} bytes: \
-                 build it with fewer levels, or cast it on the processor"
+                "the octree takes {bytes} bytes without attachments, more than {max_parts} bindings of {binding_bytes} \
+                 bytes: build it with fewer levels, or cast it on the processor"
             )
         })?;
-        Ok(Self { bytes, parts, needs: octree.needs(), part_shift })
+        Ok(Self { bytes, slots, needs: octree.needs() })
     }
 
-    /// The slots of each binding, in order.
+    /// The slots of each buffer, in order; all in one piece for a texture.
     pub fn parts<'a>(&self, slots: &'a [u64]) -> impl Iterator<Item = &'a [u64]> {
-        slots.chunks(if self.parts == 1 { slots.len().max(1) } else { 1 << self.part_shift })
+        slots.chunks(match self.slots {
+            Slots::Buffers { parts: 2.., part_shift } => 1 << part_shift,
+            Slots::Buffers { .. } | Slots::Texture { .. } => slots.len().max(1),
+        })
     }
 
     /// The main pass's kernel for a view.
@@ -241,8 +227,7 @@ impl Placement {
             rays: false,
             instances: false,
             levels: self.needs.levels,
-            parts: self.parts,
-            part_shift: self.part_shift,
+            slots: self.slots,
             workgroup: WORKGROUP,
         }
     }
@@ -262,8 +247,7 @@ impl Placement {
             rays: true,
             instances: false,
             levels: self.needs.levels,
-            parts: self.parts,
-            part_shift: self.part_shift,
+            slots: self.slots,
             workgroup: WORKGROUP,
         }
     }
@@ -285,9 +269,18 @@ pub struct GpuOptions {
     pub instances_kernel: Option<String>,
     /// A text to use instead of [`TRIANGLES_WGSL`](super::triangles::TRIANGLES_WGSL).
     pub triangles_kernel: Option<String>,
+    /// Where the octree is put. `None`: in a texture on devices of the kind [`DeviceKind::SoftwareGpu`], in buffers on others.
+    pub slots_in: Option<SlotsIn>,
 }
 
 impl GpuOptions {
+    /// [`SlotLimits::texture_edge`] for a device of this kind whose textures may have `max_edge` rows and columns. With
+    /// [`max_part_bytes`](Self::max_part_bytes), octrees are in buffers unless a texture is demanded.
+    pub fn texture_edge(&self, kind: DeviceKind, max_edge: u32) -> Option<u32> {
+        let by_kind = kind == DeviceKind::SoftwareGpu && self.max_part_bytes.is_none();
+        self.slots_in.map_or(by_kind, |slots_in| slots_in == SlotsIn::Texture).then_some(max_edge)
+    }
+
     /// The source of a variant, of [`kernel`](Self::kernel) and [`instances_kernel`](Self::instances_kernel) if these are set.
     pub fn source(&self, variant: &Variant) -> String {
         let kernel = self.kernel.as_deref().unwrap_or(CAST_WGSL);
@@ -410,17 +403,6 @@ mod tests {
     use crate::testing::sample::cameras;
 
     #[test]
-    fn octrees_are_split_only_when_they_must_be() {
-        assert_eq!(split(1000, 8000, 4), Some((1, 31)));
-        assert_eq!(split(1001, 8000, 4), Some((2, 9)));
-        assert_eq!(split(2048, 8000, 4), Some((4, 9)));
-        assert_eq!(split(2049, 8000, 4), None);
-        assert_eq!(split(1 << 24, 1 << 27, 1), Some((1, 31)));
-        assert_eq!(split((1 << 24) + 1, 1 << 27, 2), Some((2, 24)));
-        assert_eq!(split(1, 8, 0), None);
-    }
-
-    #[test]
     fn large_pictures_are_cast_in_bands() {
         let view = |width, height, beam| {
             let options = CastOptions { beam, ..CastOptions::default() };
@@ -451,6 +433,18 @@ mod tests {
     }
 
     #[test]
+    fn software_drivers_get_a_texture_unless_told_otherwise() {
+        let edge = |kind, options: GpuOptions| options.texture_edge(kind, 8192);
+        let of = |slots_in| GpuOptions { slots_in, ..GpuOptions::default() };
+        assert_eq!(edge(DeviceKind::SoftwareGpu, of(None)), Some(8192));
+        assert_eq!(edge(DeviceKind::Gpu, of(None)), None);
+        assert_eq!(edge(DeviceKind::SoftwareGpu, of(Some(SlotsIn::Buffers))), None);
+        assert_eq!(edge(DeviceKind::Gpu, of(Some(SlotsIn::Texture))), Some(8192));
+        let small_parts = GpuOptions { max_part_bytes: Some(64), ..GpuOptions::default() };
+        assert_eq!(edge(DeviceKind::SoftwareGpu, small_parts), None);
+    }
+
+    #[test]
     fn every_part_is_bound_and_read() {
         let variant = Variant {
             contours: true,
@@ -460,8 +454,7 @@ mod tests {
             rays: false,
             instances: false,
             levels: 9,
-            parts: 3,
-            part_shift: 24,
+            slots: Slots::Buffers { parts: 3, part_shift: 24 },
             workgroup: (8, 8),
         };
         let source = variant.source();
@@ -470,7 +463,9 @@ mod tests {
             assert!(source.contains(&format!("return part_{part}[within];")), "{source}");
         }
         assert!(source.contains("slot >> 24u") && source.contains("slot & 16777215u"));
-        assert!(!Variant { parts: 1, ..variant }.source().contains("switch"));
+        assert!(!Variant { slots: Slots::ONE_BUFFER, ..variant }.source().contains("switch"));
+        let texture = Variant { slots: Slots::Texture { row_shift: 12 }, ..variant }.source();
+        assert!(texture.contains("vec2<u32>(slot & 4095u, slot >> 12u)") && !texture.contains("part_0"), "{texture}");
     }
 
     #[test]

@@ -5,3 +5,4 @@ pub mod choice;
 pub mod kernel;
 pub mod resident;
 pub mod triangles;
+pub mod slots;

@@ -4,6 +4,7 @@ use super::checks::{demand_agreement, view_of};
 use super::{Fault, Subject, demand};
 use crate::CastError;
 use crate::gpu::kernel::{CAST_WGSL, GpuOptions};
+use crate::gpu::slots::SlotsIn;
 use crate::testing::compare::Allowed;
 use crate::testing::sample::{Sample, against_reference};
 
@@ -27,6 +28,20 @@ pub fn several_bindings_agree(subject: &Subject) -> Result<(), Fault> {
     let mut caster = subject.open_with(&GpuOptions { max_part_bytes: Some(part), ..GpuOptions::default() })??;
     let comparison = against_reference(&mut *caster, &octree, (64, 48))?;
     demand_agreement(&*caster, &comparison)
+}
+
+/// An octree in buffers and one in a texture give the reference's hits, wherever the device's kind would have it.
+///
+/// # Errors
+/// Rays that end elsewhere; what the caster said.
+pub fn octrees_in_buffers_and_in_textures_agree(subject: &Subject) -> Result<(), Fault> {
+    let octree = Sample::scattered(6, true).octree()?;
+    for slots_in in [SlotsIn::Buffers, SlotsIn::Texture] {
+        let mut caster = subject.open_with(&GpuOptions { slots_in: Some(slots_in), ..GpuOptions::default() })??;
+        let comparison = against_reference(&mut *caster, &octree, (64, 48))?;
+        demand_agreement(&*caster, &comparison)?;
+    }
+    Ok(())
 }
 
 /// The comparison has teeth: a kernel with any of several mistakes in it does not pass.
