@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use esvo_core::lights::{Light, unit};
+use esvo_core::{BEAM_BLOCK, WIDE_BEAM_BLOCK};
 use esvo_engines::EngineId;
 use glam::DVec3;
 
@@ -35,6 +36,14 @@ pub(crate) fn parse_size(text: &str) -> Result<[u32; 2], String> {
 /// Finite numbers separated by commas; `None` for anything else.
 pub(crate) fn parse_numbers(text: &str) -> Option<Vec<f64>> {
     text.split(',').map(|s| s.trim().parse::<f64>().ok().filter(|x| x.is_finite())).collect()
+}
+
+/// Edge of a block of the beam optimization.
+pub(crate) fn parse_beam_block(text: &str) -> Result<u32, String> {
+    match text.parse() {
+        Ok(block @ (BEAM_BLOCK | WIDE_BEAM_BLOCK)) => Ok(block),
+        _ => Err(format!("expected {BEAM_BLOCK} or {WIDE_BEAM_BLOCK}")),
+    }
 }
 
 /// A light of `--light`.

@@ -110,15 +110,8 @@ pub(crate) fn allocate(
     unsafe { gpu.device.allocate_memory(&info, None) }
 }
 
-/// Copies `slots` to a new buffer on the device, in pieces as large as `staging`, a buffer on the host.
-pub(crate) fn upload(
-    gpu: &Arc<Gpu>,
-    slots: &[u64],
-    usage: vk::BufferUsageFlags,
-    staging: &mut Buffer,
-) -> Result<Buffer, CastError> {
-    let usage = usage | vk::BufferUsageFlags::TRANSFER_DST;
-    let buffer = Buffer::on_device(gpu, size_of_val(slots) as u64, usage)?;
+/// Copies `slots` to the start of a buffer with usage `TRANSFER_DST`, in pieces as large as `staging`, a buffer on the host.
+pub(crate) fn fill(gpu: &Gpu, buffer: &Buffer, slots: &[u64], staging: &mut Buffer) -> Result<(), CastError> {
     let piece_slots = (staging.bytes / 8).max(1) as usize;
     for (piece, offset) in slots.chunks(piece_slots).zip((0u64..).step_by(piece_slots * 8)) {
         let bytes: &[u8] = bytemuck::cast_slice(piece);
@@ -129,7 +122,7 @@ pub(crate) fn upload(
             unsafe { device.cmd_copy_buffer(commands, staging.handle, buffer.handle, &copy) };
         })?;
     }
-    Ok(buffer)
+    Ok(())
 }
 
 #[cfg(test)]
@@ -155,13 +148,14 @@ mod tests {
         let Some(gpu) = gpu() else { return };
         let slots: Vec<u64> = (0..1000).map(|i| i * 0x1_0000_0001).collect();
         let mut staging = Buffer::on_host(&gpu, 24, vk::BufferUsageFlags::TRANSFER_SRC).expect("is made");
-        let usage = vk::BufferUsageFlags::STORAGE_BUFFER | vk::BufferUsageFlags::TRANSFER_SRC;
+        let usage = vk::BufferUsageFlags::TRANSFER_DST | vk::BufferUsageFlags::TRANSFER_SRC;
         let copy = |from: &Buffer, to: &Buffer| {
             let region = [vk::BufferCopy { src_offset: 0, dst_offset: 0, size: 8000 }];
             // SAFETY: both buffers have 8000 bytes and outlive the submission.
             gpu.run(|device, commands| unsafe { device.cmd_copy_buffer(commands, from.handle, to.handle, &region) })
         };
-        let there = upload(&gpu, &slots, usage, &mut staging).expect("uploads");
+        let there = Buffer::on_device(&gpu, 8000, usage).expect("is made");
+        fill(&gpu, &there, &slots, &mut staging).expect("uploads");
         let mut back = Buffer::on_host(&gpu, 8000, vk::BufferUsageFlags::TRANSFER_DST).expect("is made");
         copy(&there, &back).expect("copies");
         assert_eq!(back.contents(), bytemuck::cast_slice::<u64, u8>(&slots));

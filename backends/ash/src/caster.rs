@@ -16,7 +16,7 @@ use esvo_core::{
 };
 use esvo_format::Octree;
 
-use crate::buffers::{Buffer, upload};
+use crate::buffers::{Buffer, fill};
 use crate::filter::Filter;
 use crate::gpu::{Gpu, TIMESTAMPS};
 use crate::instances::InstanceBuffers;
@@ -87,7 +87,7 @@ impl AshCaster {
         let limits = &self.gpu.adapter.limits;
         let max_bytes = u64::from(limits.max_storage_buffer_range).min(self.gpu.adapter.max_allocation);
         let max_groups = limits.max_compute_work_group_count[0].min(limits.max_compute_work_group_count[1]);
-        let bands = Bands::new(view, pass, max_bytes, max_groups)?;
+        let bands = Bands::new(view, pass, max_bytes, max_groups, loaded.placement.workgroup)?;
         let Bands { coarse_bytes, out_bytes, .. } = bands;
         let fits = |frame: &FrameBuffers| frame.coarse.bytes >= coarse_bytes && frame.out.bytes >= out_bytes;
         if !self.frame.as_ref().is_some_and(fits) {
@@ -134,7 +134,7 @@ impl AshCaster {
             }
             let timed = |first, pipeline: &Pipeline, set, (width, height)| {
                 stamp(first, vk::PipelineStageFlags::TOP_OF_PIPE);
-                pipeline.dispatch(commands, &[set, &loaded.set], kernel::workgroups(width, height, WORKGROUP));
+                pipeline.dispatch(commands, &[set, &loaded.set], kernel::workgroups(width, height, variant.workgroup));
                 stamp(first + 1, vk::PipelineStageFlags::BOTTOM_OF_PIPE);
             };
             if let Some(coarse) = coarse {
@@ -261,7 +261,7 @@ impl Caster for AshCaster {
         let limits = &self.gpu.adapter.limits;
         let max_bytes = u64::from(limits.max_storage_buffer_range).min(self.gpu.adapter.max_allocation);
         let max_groups = limits.max_compute_work_group_count[0].min(limits.max_compute_work_group_count[1]);
-        let bands = Bands::new(view, Pass::Instances, max_bytes, max_groups)?;
+        let bands = Bands::new(view, Pass::Instances, max_bytes, max_groups, WORKGROUP)?;
         nearest.resize(view);
         let count = instances.nodes().len().max(1);
         let buffers = InstanceBuffers::take(&self.gpu, self.instances.take(), count, bands)?;
@@ -321,8 +321,11 @@ impl Loaded {
             binding_bytes: options.max_part_bytes.unwrap_or(u64::MAX).min(max_bytes),
             storage_buffers: bindings,
             texture_edge: options.texture_edge(gpu.about().kind, gpu.adapter.texture_edge),
+            memory_bytes: options.memory_bytes.or_else(|| gpu.memory_bytes()),
         };
-        let placement = Placement::new(octree, slots, &slot_limits).map_err(|error| gpu.error(&error))?;
+        let placement = Placement::new(octree, slots, &slot_limits)
+            .and_then(|placement| placement.with(options))
+            .map_err(|error| gpu.error(&error))?;
         let row_bytes = if let Slots::Texture { row_shift } = placement.slots { 8 << row_shift } else { 8 };
         let staging_bytes = STAGING_BYTES.min(placement.bytes.next_multiple_of(row_bytes));
         let mut staging = Buffer::on_host(gpu, staging_bytes, Usage::TRANSFER_SRC)?;
@@ -331,9 +334,14 @@ impl Loaded {
         let set = if let Slots::Texture { row_shift } = placement.slots {
             BufferSet::of_texture(gpu, texture.insert(Texture::upload(gpu, slots, row_shift, &mut staging)?))?
         } else {
+            // All memory is there before anything is copied.
+            let usage = Usage::STORAGE_BUFFER | Usage::TRANSFER_DST;
             parts = (placement.parts(slots))
-                .map(|part| upload(gpu, part, Usage::STORAGE_BUFFER, &mut staging))
+                .map(|part| Buffer::on_device(gpu, size_of_val(part) as u64, usage))
                 .collect::<Result<Vec<_>, _>>()?;
+            for (buffer, part) in parts.iter().zip(placement.parts(slots)) {
+                fill(gpu, buffer, part, &mut staging)?;
+            }
             let bindings: Vec<_> = parts.iter().map(|buffer| (DescriptorType::STORAGE_BUFFER, buffer)).collect();
             BufferSet::new(gpu, &bindings)?
         };

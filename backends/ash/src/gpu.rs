@@ -83,6 +83,13 @@ impl Gpu {
         &self.adapter.about
     }
 
+    /// Bytes of the largest heap of memory of its own; `None` without one.
+    pub(crate) fn memory_bytes(&self) -> Option<u64> {
+        let heaps = &self.memory.memory_heaps[..self.memory.memory_heap_count as usize];
+        let own = heaps.iter().filter(|heap| heap.flags.contains(vk::MemoryHeapFlags::DEVICE_LOCAL));
+        own.map(|heap| heap.size).max()
+    }
+
     /// An error of this device.
     pub(crate) fn error(&self, what: &dyn std::fmt::Display) -> CastError {
         CastError::Device(format!("{}: {what}", self.adapter.about.name))

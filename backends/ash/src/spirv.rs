@@ -169,6 +169,7 @@ mod tests {
                     rays: false,
                     instances: false,
                     levels,
+                    beam_block: 4 + 4 * (bits & 1),
                     slots,
                     workgroup: (8, 8),
                 };

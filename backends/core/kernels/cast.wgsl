@@ -4,6 +4,7 @@
 // `esvo_core::gpu::kernel` puts a prelude in front, which declares what depends on the octree and on the frame:
 //   const CONTOURS, FAR_POINTERS, LOD, BEAM, RAYS: bool   the features of this variant
 //   const LEVELS: u32                               level of the deepest voxel: the number of frames of the stack
+//   const BEAM_BLOCK: u32                           edge of a block of the coarse pass in pixels
 //   const WIDTH, HEIGHT: u32                        size of a workgroup in pixels, powers of two
 //   fn slot_at(slot: u32) -> vec2<u32>              a slot of the octree, from the bindings of group 1
 //
@@ -72,8 +73,7 @@ const INFINITY_BITS: u32 = 0x7f800000u;
 const MAGNITUDE: u32 = 0x7fffffffu;
 const MISS_T: f32 = 2.0;
 const MISS_VOXEL: u32 = 0xffffffffu;
-const BEAM_BLOCK: u32 = 4u;
-const COARSE_VOXEL_PIXELS: f32 = 11.313708498984761;
+const COARSE_VOXEL_BLOCKS: f32 = 2.8284271247461903;
 const SQRT_3: f32 = 1.7320508;
 const FAR_BIT: u32 = 1u << 16u;
 // Scale of the first frame of the stack; the last frame is that of the root's children.
@@ -291,7 +291,7 @@ fn coarse_pass(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocatio
     ray.direction = direction_through(corner.x, corner.y);
     ray.t_min = view.t_near;
     ray.t_max = bitcast<f32>(0x7f7fffffu);
-    ray.size_per_t = view.pixel_size * COARSE_VOXEL_PIXELS;
+    ray.size_per_t = view.pixel_size * (f32(BEAM_BLOCK) * COARSE_VOXEL_BLOCKS);
     let hit = cast_ray(ray);
     var start = 1.0;
     if hit.voxel != MISS_VOXEL {

@@ -12,7 +12,8 @@ use crate::{Camera, CastError, Ray};
 pub struct CastOptions {
     /// Clip voxels by their contours; otherwise they are cubes.
     pub contours: bool,
-    /// Beam optimization (paper section 4.2): a coarse pass finds where rays may start.
+    /// Beam optimization (paper section 4.2): a coarse pass finds where rays may start. Has no effect on views in which it could
+    /// change hits: of octrees that are smaller than a few blocks of pixels, or whose transform does not keep pixels square.
     pub beam: bool,
     /// Rays end at voxels that are at most this many pixels large where the ray leaves them (paper section 4.1). At least
     /// 0; 0 casts down to the leaves.
@@ -43,6 +44,8 @@ impl Default for CastOptions {
 
 /// Edge of a block of the coarse pass in pixels.
 pub const BEAM_BLOCK: u32 = 4;
+/// Edge of a block of the coarse pass in pixels with [`FLAG_WIDE_BEAM`].
+pub const WIDE_BEAM_BLOCK: u32 = 8;
 
 /// Most pixels of a picture.
 pub const MAX_PIXELS: u64 = 1 << 28;
@@ -80,7 +83,7 @@ pub struct View {
     pub height: u32,
     /// Slot of the root's child descriptor: the root slot of one of the octree's objects.
     pub root: u32,
-    /// [`FLAG_CONTOURS`] and [`FLAG_BEAM`]; the other bits are 0.
+    /// [`FLAG_CONTOURS`], [`FLAG_BEAM`] and [`FLAG_WIDE_BEAM`]; the other bits are 0.
     pub flags: u32,
     /// First row of the band that one dispatch of a GPU kernel casts (see [`band_view`](crate::gpu::kernel::band_view)).
     /// 0 in the view of a whole picture, which is what callers pass.
@@ -93,6 +96,9 @@ pub struct View {
 pub const FLAG_CONTOURS: u32 = 1;
 /// Bit of [`View::flags`]: beam optimization, so that rays start where the coarse pass found that nothing comes before.
 pub const FLAG_BEAM: u32 = 2;
+/// Bit of [`View::flags`], read with [`FLAG_BEAM`]: blocks of the coarse pass are [`WIDE_BEAM_BLOCK`] pixels wide and high. Its
+/// rays are a quarter as many, but end at voxels that are twice as large.
+pub const FLAG_WIDE_BEAM: u32 = 4;
 
 impl View {
     /// The view of an octree whose root descriptor is at slot `root`.
@@ -118,6 +124,7 @@ impl View {
         let dy = vector(-up * pixel);
         let base = vector(forward * camera.far) - dx * (f64::from(width) / 2.0) - dy * (f64::from(height) / 2.0);
         let origin = mesh_to_octree.transform_point3(DVec3::from(camera.eye)) + DVec3::ONE;
+        let beam = options.beam && beam_is_safe(origin, base, dx, dy);
         let view = Self {
             origin: origin.as_vec3().into(),
             t_near: (camera.near / camera.far) as f32,
@@ -130,7 +137,7 @@ impl View {
             width,
             height,
             root,
-            flags: (u32::from(options.contours) * FLAG_CONTOURS) | (u32::from(options.beam) * FLAG_BEAM),
+            flags: (u32::from(options.contours) * FLAG_CONTOURS) | (u32::from(beam) * FLAG_BEAM),
             first_row: 0,
             padding: [0; 3],
         };
@@ -161,8 +168,9 @@ impl View {
                 return Err(CastError::View(format!("{name} is {number}; it must be a finite number, at least 0")));
             }
         }
-        if self.flags & !(FLAG_CONTOURS | FLAG_BEAM) != 0 {
-            return Err(CastError::View(format!("flags is {:#x}; its bits are 1, contours, and 2, beam", self.flags)));
+        if self.flags & !(FLAG_CONTOURS | FLAG_BEAM | FLAG_WIDE_BEAM) != 0 {
+            let what = "its bits are 1, contours, 2, beam, and 4, wide blocks of the beam";
+            return Err(CastError::View(format!("flags is {:#x}; {what}", self.flags)));
         }
         if self.first_row != 0 {
             return Err(CastError::View(format!("first_row is {}; it must be 0: only engines set it", self.first_row)));
@@ -185,6 +193,16 @@ impl View {
         self.flags & FLAG_BEAM != 0
     }
 
+    /// Edge of a block of the coarse pass in pixels.
+    pub fn beam_block(&self) -> u32 {
+        if self.flags & FLAG_WIDE_BEAM != 0 { WIDE_BEAM_BLOCK } else { BEAM_BLOCK }
+    }
+
+    /// The same view, with or without wide blocks of the coarse pass.
+    pub fn with_wide_beam(self, wide: bool) -> Self {
+        Self { flags: (self.flags & !FLAG_WIDE_BEAM) | (u32::from(wide) * FLAG_WIDE_BEAM), ..self }
+    }
+
     /// Direction through a point of the picture in pixels.
     pub fn direction(&self, x: f32, y: f32) -> Vec3 {
         let component = |i: usize| mad(self.dy[i], y, mad(self.dx[i], x, self.base[i]));
@@ -203,10 +221,11 @@ impl View {
         }
     }
 
-    /// Rays of the coarse pass per row and per column: one through each corner of the blocks of [`BEAM_BLOCK`] pixels, and
+    /// Rays of the coarse pass per row and per column: one through each corner of the [blocks](Self::beam_block), and
     /// one ring more around the picture.
     pub fn coarse_size(&self) -> (u32, u32) {
-        (self.width.div_ceil(BEAM_BLOCK) + 3, self.height.div_ceil(BEAM_BLOCK) + 3)
+        let block = self.beam_block();
+        (self.width.div_ceil(block) + 3, self.height.div_ceil(block) + 3)
     }
 
     /// The coarse ray at corner `(i, j)` of the grid of [`coarse_size`](Self::coarse_size).
@@ -214,7 +233,7 @@ impl View {
     /// It ends at voxels smaller than twice the diagonal of a block. Such a voxel is the first that is small enough, so that
     /// it is still larger than the diagonal and cannot lie between the rays of the grid.
     pub fn coarse_ray(&self, i: u32, j: u32) -> Ray {
-        let at = |k: u32| (k as f32 - 1.0) * BEAM_BLOCK as f32;
+        let at = |k: u32| (k as f32 - 1.0) * self.beam_block() as f32;
         Ray {
             origin: self.origin.into(),
             direction: self.direction(at(i), at(j)),
@@ -222,7 +241,7 @@ impl View {
             // Continues beyond the far plane: on a neighbouring ray, a voxel there may reach in front of it.
             t_max: f32::MAX,
             size_at_origin: 0.0,
-            size_per_t: self.pixel_size * COARSE_VOXEL_PIXELS,
+            size_per_t: self.pixel_size * (self.beam_block() as f32 * COARSE_VOXEL_BLOCKS),
         }
     }
 
@@ -242,7 +261,7 @@ impl View {
     /// holds a corner of the grid wherever it lies; it is found at `x` = 1.22 blocks and ends 1.93 blocks from `p`. So
     /// some corner less than two blocks from `p` sees the voxel, and the 4 x 4 corners hold all of these.
     pub fn beam_start(&self, coarse: &[f32], x: u32, y: u32) -> f32 {
-        let (i, j) = (x / BEAM_BLOCK, y / BEAM_BLOCK);
+        let (i, j) = (x / self.beam_block(), y / self.beam_block());
         let columns = self.coarse_size().0;
         let mut start = 1.0f32;
         for row in j..j + 4 {
@@ -252,6 +271,22 @@ impl View {
         }
         start
     }
+}
+
+/// Whether the beam changes no hit of a view: the argument of [`View::beam_start`] holds if pixels are squares in octree space, and
+/// if the root cube is wherever it reaches so large that a coarse ray would end at it. A smaller object can lie between the rays of
+/// the coarse pass. This leaves room for [wide blocks](FLAG_WIDE_BEAM).
+fn beam_is_safe(origin: DVec3, base: DVec3, dx: DVec3, dy: DVec3) -> bool {
+    let (across, along) = (dx.length(), dy.length());
+    let squares = (across - along).abs() <= 1e-3 * across.max(along) && dx.dot(dy).abs() <= 1e-3 * across * along;
+    let normal = dx.cross(dy);
+    // `t` at the corner of the root cube that is farthest in depth, where the cube is smallest in pixels.
+    let farthest = (0..8)
+        .map(|corner: u32| DVec3::from([0, 1, 2].map(|axis| f64::from(1 + (corner >> axis & 1)))))
+        .map(|corner| (corner - origin).dot(normal) / base.dot(normal))
+        .fold(0.0, f64::max);
+    let coarse_voxel = f64::from(WIDE_BEAM_BLOCK) * f64::from(COARSE_VOXEL_BLOCKS) * across.max(along);
+    squares && farthest * coarse_voxel <= 1.0
 }
 
 /// Whether a picture can have this size.
@@ -266,8 +301,8 @@ pub fn check_size(width: u32, height: u32) -> Result<(), CastError> {
     Ok(())
 }
 
-/// Voxel size in pixels at which the coarse pass ends: twice the diagonal of a block.
-pub const COARSE_VOXEL_PIXELS: f32 = BEAM_BLOCK as f32 * 2.0 * std::f32::consts::SQRT_2;
+/// Voxel size in blocks at which the coarse pass ends: twice the diagonal of a block.
+pub const COARSE_VOXEL_BLOCKS: f32 = 2.0 * std::f32::consts::SQRT_2;
 
 /// √3.
 const SQRT_3: f32 = 1.732_050_8;

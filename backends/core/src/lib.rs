@@ -107,6 +107,7 @@ pub mod gpu;
 mod hit;
 mod hit_point;
 pub mod instances;
+mod leave_out;
 pub mod lights;
 mod nearest;
 mod object;
@@ -123,11 +124,15 @@ pub use caster::{Caster, Device, DeviceKind, Filtered, FrameTime};
 pub use checked::{Checked, Roots};
 pub use error::CastError;
 pub use fan::{Fan, Fans};
-pub use frame::{BEAM_BLOCK, COARSE_VOXEL_PIXELS, CastOptions, FLAG_BEAM, FLAG_CONTOURS, MAX_PIXELS, View, check_size};
+pub use frame::{
+    BEAM_BLOCK, COARSE_VOXEL_BLOCKS, CastOptions, FLAG_BEAM, FLAG_CONTOURS, FLAG_WIDE_BEAM, MAX_PIXELS, View,
+    WIDE_BEAM_BLOCK, check_size,
+};
 pub use glam;
 pub use hit::{Hit, exp2};
 pub use hit_point::{HitPoint, VoxelCube};
 pub use instances::Instances;
+pub use leave_out::LeaveOut;
 pub use nearest::Nearest;
 pub use object::Object;
 pub use picture::Picture;

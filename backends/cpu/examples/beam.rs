@@ -5,8 +5,8 @@
 //! ```
 //!
 //! An argument is the name of a scene of the built-in manifest and an octree of it. Every viewpoint of the manifest is cast at
-//! 1024 x 768, with contours and with cubes, down to the leaves and to voxels of one and of four pixels; with the beam and without.
-//! Printed is how many rays end in another voxel or at another `t`. The last column is the negative control: the same for the
+//! 1024 x 768, with contours and with cubes, down to the leaves and to voxels of one and of four pixels; with the beam in blocks of 4 and of 8 pixels
+//! and without. Printed is how many rays end in another voxel or at another `t`. The negative control beside each: the same for the
 //! first viewpoint with start values that are too large by a twentieth. Exit code 1 if the beam changes a hit, or if the control
 //! shows none in a whole scene.
 
@@ -28,36 +28,44 @@ fn differences(a: &[Hit], b: &[Hit]) -> usize {
 fn main() -> Result<ExitCode, Error> {
     let Arguments { scenes, .. } = Arguments::parse()?;
     title("Hits that the beam changes", "beam", "");
-    println!("| scene, mode, rays end at | rays | other hits | control |");
-    println!("|---|--:|--:|--:|");
+    println!(
+        "| scene, mode, rays end at | rays | blocks of 4: other hits | control | blocks of 8: other hits | control |"
+    );
+    println!("|---|--:|--:|--:|--:|--:|");
     let mut right = true;
     for (name, octree) in scenes {
         let mut caster = CpuCaster::new(None)?;
         caster.load(&octree)?;
-        let mut controls = 0;
+        let mut controls = [0; 2];
         for contours in [true, false] {
             for pixels in [0.0, 1.0, 4.0] {
                 let options = |beam| CastOptions { contours, beam, max_voxel_pixels: pixels };
                 let (with, without) = (views(&name, &octree, &options(true))?, views(&name, &octree, &options(false))?);
                 let (mut ours, mut theirs) = (Vec::new(), Vec::new());
-                let (mut rays, mut other, mut control) = (0, 0, 0);
+                let (mut rays, mut other, mut control) = (0, [0; 2], [0; 2]);
                 for (number, (with, without)) in with.iter().zip(&without).enumerate() {
-                    caster.cast(with, &mut ours)?;
                     caster.cast(without, &mut theirs)?;
                     rays += theirs.len();
-                    other += differences(&ours, &theirs);
-                    if number == 0 {
-                        control += too_far(&octree, with, &theirs);
+                    for (wide, (other, control)) in [false, true].into_iter().zip(other.iter_mut().zip(&mut control)) {
+                        let with = with.with_wide_beam(wide);
+                        caster.cast(&with, &mut ours)?;
+                        *other += differences(&ours, &theirs);
+                        if number == 0 {
+                            *control += too_far(&octree, &with, &theirs);
+                        }
                     }
                 }
                 let mode = if contours { "contours" } else { "cubes" };
                 let end = if pixels == 0.0 { "leaves".into() } else { format!("{pixels} pixels") };
-                println!("| {name}, {mode}, {end} | {rays} | {other} | {control} |");
-                controls += control;
-                right &= other == 0;
+                let cells = [other[0], control[0], other[1], control[1]].map(|n| n.to_string()).join(" | ");
+                println!("| {name}, {mode}, {end} | {rays} | {cells} |");
+                for (all, control) in controls.iter_mut().zip(control) {
+                    *all += control;
+                }
+                right &= other == [0; 2];
             }
         }
-        right &= controls != 0;
+        right &= !controls.contains(&0);
     }
     Ok(if right { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }

@@ -40,6 +40,7 @@ mod machine;
 mod octree;
 mod vectors;
 
+pub use esvo_core::LeaveOut;
 pub use machine::cpu_name;
 pub use octree::counters;
-pub use octree::{CpuCaster, InstructionSet, LeaveOut};
+pub use octree::{CpuCaster, InstructionSet};

@@ -37,17 +37,27 @@ impl Gpu {
         let data: &[u8] = bytemuck::cast_slice(data);
         let size = (data.len() as u64).next_multiple_of(4).max(4);
         let buffer = self.buffer(label, size, usage | Usage::COPY_DST)?;
+        self.fill(&buffer, data)?;
+        Ok(buffer)
+    }
+
+    /// Writes this data to the start of a buffer with usage `COPY_DST`, in pieces, so that staging memory stays small. Its number
+    /// of bytes is rounded up to a multiple of 4; the rest is zero.
+    ///
+    /// # Errors
+    /// More than the buffer holds, or a buffer without that usage; a lost device.
+    pub fn fill<T: Pod>(&self, buffer: &wgpu::Buffer, data: &[T]) -> Result<(), DeviceError> {
+        let data: &[u8] = bytemuck::cast_slice(data);
         let (whole, rest) = data.split_at(data.len() - data.len() % 4);
         for (piece, at) in whole.chunks(PIECE_BYTES).zip((0..).step_by(PIECE_BYTES)) {
-            self.write_now(&buffer, at, piece)?;
+            self.write_now(buffer, at, piece)?;
         }
         if !rest.is_empty() {
             let mut word = [0; 4];
             word[..rest.len()].copy_from_slice(rest);
-            self.write_now(&buffer, whole.len() as u64, &word)?;
+            self.write_now(buffer, whole.len() as u64, &word)?;
         }
-        self.check()?;
-        Ok(buffer)
+        self.check()
     }
 
     /// Writes to a buffer with usage `COPY_DST` from byte `at` on, before the next submission. `at` and the number of bytes

@@ -10,8 +10,8 @@ pub struct OpenOptions {
     pub threads: Option<usize>,
     /// Instructions of the CPU caster; `None`: the fastest that the processor has.
     pub instructions: Option<InstructionSet>,
-    /// What the CPU caster leaves out if nothing needs it; at first, all that can be.
+    /// What casters leave out if nothing needs it; at first, all that can be.
     pub leave_out: LeaveOut,
-    /// Device and kernel of the GPU casters.
+    /// Device and kernel of the GPU casters. Its `leave_out` is not read.
     pub gpu: GpuOptions,
 }

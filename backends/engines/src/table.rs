@@ -11,8 +11,13 @@ engines! {
     // Id, name, description, what may differ from the reference, cargo feature, opener.
     Reference, "reference", "The definition of a correct hit: one thread", Allowed::EXACT, always, |_| Ok(ReferenceCaster::default());
     Cpu, "cpu", "All cores", Allowed::EXACT, always, cpu;
-    Wgpu, "wgpu", "The GPU through wgpu", Allowed::GPU, "wgpu", |options| esvo_wgpu::WgpuCaster::new(&options.gpu);
-    Ash, "ash", "The GPU through Vulkan", Allowed::GPU, "ash", |options| esvo_ash::AshCaster::new(&options.gpu);
+    Wgpu, "wgpu", "The GPU through wgpu", Allowed::GPU, "wgpu", |options| esvo_wgpu::WgpuCaster::new(&gpu(options));
+    Ash, "ash", "The GPU through Vulkan", Allowed::GPU, "ash", |options| esvo_ash::AshCaster::new(&gpu(options));
+}
+
+#[cfg(any(feature = "wgpu", feature = "ash"))]
+fn gpu(options: &OpenOptions) -> esvo_core::gpu::kernel::GpuOptions {
+    esvo_core::gpu::kernel::GpuOptions { leave_out: options.leave_out, ..options.gpu.clone() }
 }
 
 fn cpu(options: &OpenOptions) -> Result<CpuCaster, CastError> {

@@ -143,7 +143,7 @@ impl WgpuCaster {
         }
         loaded.compile(&self.gpu, &self.options, pass, variant)?;
         let max_groups = self.gpu.limits().max_compute_workgroups_per_dimension;
-        let bands = Bands::new(view, pass, self.gpu.max_storage_bytes(), max_groups)?;
+        let bands = Bands::new(view, pass, self.gpu.max_storage_bytes(), max_groups, loaded.placement.workgroup)?;
         let Bands { coarse_bytes, out_bytes, .. } = bands;
         let fits = |frame: &FrameBuffers| frame.coarse_bytes >= coarse_bytes && frame.out_bytes >= out_bytes;
         if !self.frame.as_ref().is_some_and(fits) {
@@ -174,7 +174,7 @@ impl WgpuCaster {
                 compute.set_pipeline(&loaded.pipelines[&(pass, variant)]);
                 compute.set_bind_group(0, group, &[]);
                 compute.set_bind_group(1, &loaded.group, &[]);
-                let (x, y) = kernel::workgroups(width, height, WORKGROUP);
+                let (x, y) = kernel::workgroups(width, height, variant.workgroup);
                 compute.dispatch_workgroups(x, y, 1);
             };
             if view.beam() && first_row == 0 {
@@ -260,7 +260,7 @@ impl Caster for WgpuCaster {
         let variant = loaded.placement.instances_variant(view);
         loaded.compile(&self.gpu, &self.options, Pass::Instances, variant)?;
         let max_groups = self.gpu.limits().max_compute_workgroups_per_dimension;
-        let bands = Bands::new(view, Pass::Instances, self.gpu.max_storage_bytes(), max_groups)?;
+        let bands = Bands::new(view, Pass::Instances, self.gpu.max_storage_bytes(), max_groups, WORKGROUP)?;
         nearest.resize(view);
         let count = instances.nodes().len().max(1);
         let buffers = InstanceBuffers::take(&self.gpu, self.instances.take(), count, bands)?;
@@ -321,15 +321,22 @@ impl Loaded {
             binding_bytes: options.max_part_bytes.unwrap_or(u64::MAX).min(gpu.max_storage_bytes()),
             storage_buffers: gpu.limits().max_storage_buffers_per_shader_stage,
             texture_edge: options.texture_edge(gpu.about().kind, gpu.limits().max_texture_dimension_2d),
+            memory_bytes: options.memory_bytes,
         };
-        let placement = Placement::new(octree, slots, &limits).map_err(|error| gpu.error(error))?;
+        let placement = Placement::new(octree, slots, &limits)
+            .and_then(|placement| placement.with(options))
+            .map_err(|error| gpu.error(error))?;
         let (layout, group) = match placement.slots {
             Slots::Buffers { parts, .. } => {
                 let entries: Vec<_> = (0..parts).map(|part| storage(part, true)).collect();
                 let layout = gpu.bind_group_layout("octree", &entries)?;
+                // All memory is there before anything is copied.
                 let buffers = (placement.parts(slots))
-                    .map(|part| gpu.upload("octree", part, Usage::STORAGE))
+                    .map(|part| gpu.buffer("octree", size_of_val(part) as u64, Usage::STORAGE | Usage::COPY_DST))
                     .collect::<Result<Vec<_>, _>>()?;
+                for (buffer, part) in buffers.iter().zip(placement.parts(slots)) {
+                    gpu.fill(buffer, part)?;
+                }
                 let group = gpu.bind_group(&layout, &buffers.iter().collect::<Vec<_>>())?;
                 (layout, group)
             }

@@ -26,7 +26,7 @@ const MOST_VOXELS: f64 = 1e9;
 pub fn run_needs_bench(options: &NeedsBenchOptions, progress: &Progress) -> Result<NeedsReport, BenchError> {
     let start = Instant::now();
     let manifest = scene::manifest(None)?;
-    let sets = sets();
+    let subjects = subjects(&options.engines);
     let mut report = NeedsReport {
         schema: SCHEMA,
         machine: Machine::detect(),
@@ -61,7 +61,7 @@ pub fn run_needs_bench(options: &NeedsBenchOptions, progress: &Progress) -> Resu
                     let cast =
                         CastOptions { contours: true, beam: false, max_voxel_pixels: if sizes { 1.0 } else { 0.0 } };
                     let case = views(&scene, &octree, options, &cast)
-                        .and_then(|views| measure(&octree, &views, &sets, options, sizes, &mut report.engines))
+                        .and_then(|views| measure(&octree, &views, &subjects, options, sizes, &mut report.engines))
                         .map_err(|e| failed(e.to_string()))?;
                     report.cases.push(Case { scene: scene.name.clone(), levels, ..case });
                 }
@@ -73,11 +73,19 @@ pub fn run_needs_bench(options: &NeedsBenchOptions, progress: &Progress) -> Resu
     Ok(report)
 }
 
-/// The instruction sets: one ray at a time, and the fastest.
-fn sets() -> Vec<InstructionSet> {
-    let mut sets = vec![InstructionSet::Scalar, InstructionSet::best()];
-    sets.dedup();
-    sets
+/// What is measured of these engines: of the CPU's instruction sets, one ray at a time and the fastest.
+fn subjects(engines: &[EngineId]) -> Vec<(EngineId, Option<InstructionSet>)> {
+    let mut subjects = Vec::new();
+    for engine in engines {
+        if *engine == EngineId::Cpu {
+            subjects.push((*engine, Some(InstructionSet::Scalar)));
+            subjects.push((*engine, Some(InstructionSet::best())));
+        } else {
+            subjects.push((*engine, None));
+        }
+    }
+    subjects.dedup();
+    subjects
 }
 
 fn views(
@@ -96,7 +104,7 @@ fn views(
 fn measure(
     octree: &Arc<Octree>,
     views: &[View],
-    sets: &[InstructionSet],
+    subjects: &[(EngineId, Option<InstructionSet>)],
     options: &NeedsBenchOptions,
     sizes: bool,
     engines: &mut Vec<EngineRow>,
@@ -105,23 +113,25 @@ fn measure(
     let needed = Needed { contours: needs.contours, far_pointers: needs.far_pointers, sizes };
     let expected = expected(octree, views)?;
     let mut running = Vec::new();
-    for (engine, set) in sets.iter().enumerate() {
-        let other = |v: &Variant| v.is_left_out_by(*set) && (*v == Variant::Everything || v.differs(needed));
+    for (engine, &(id, set)) in subjects.iter().enumerate() {
+        let other = |v: &Variant| v.is_left_out_by(set) && (*v == Variant::Everything || v.differs(needed));
         for variant in Variant::ALL.into_iter().filter(other) {
-            let mut caster = EngineId::Cpu
+            let mut caster = id
                 .open(&OpenOptions {
                     threads: options.threads,
-                    instructions: Some(*set),
+                    instructions: set,
                     leave_out: variant.leave_out(),
                     ..OpenOptions::default()
                 })
                 .map_err(|e| CastError::Device(e.to_string()))?;
             caster.load(octree)?;
             if engines.len() == engine {
-                engines.push(EngineRow { name: set.name().into(), device: caster.device().clone() });
+                engines.push(EngineRow {
+                    name: set.map_or(id.name(), InstructionSet::name).into(),
+                    device: caster.device().clone(),
+                });
             }
-            let agreement =
-                Agreement::new(Comparison::of(&cast(&mut *caster, views)?, &expected), EngineId::Cpu.allowed());
+            let agreement = Agreement::new(Comparison::of(&cast(&mut *caster, views)?, &expected), id.allowed());
             running.push((caster, Cell { engine, variant, agreement, seconds: Vec::new() }));
         }
     }

@@ -1,7 +1,8 @@
 //! `esvo bench needs`: what it costs to keep code for features that a scene does not need.
 //!
 //! An octree without contours is cast by code with and without clipping by contours, one without far pointers with and without
-//! code that follows them, and rays that end at leaves with and without the test whether a voxel is small.
+//! code that follows them, and rays that end at leaves with and without the test whether a voxel is small. GPU kernels have a stack
+//! of as many frames as the octree has levels, or of all that an octree can have.
 
 mod measure;
 mod output;
@@ -10,7 +11,7 @@ mod tables;
 use std::path::PathBuf;
 
 use esvo_core::Device;
-use esvo_engines::{InstructionSet, LeaveOut};
+use esvo_engines::{EngineId, InstructionSet, LeaveOut};
 use serde::{Deserialize, Serialize};
 
 use crate::output::to_json;
@@ -38,14 +39,16 @@ pub struct NeedsBenchOptions {
     pub views: usize,
     /// Rounds.
     pub rounds: usize,
-    /// Threads of the caster; `None`: one per core.
+    /// The engines: the CPU caster, by one ray at a time and by its fastest instructions, and GPU casters.
+    pub engines: Vec<EngineId>,
+    /// Threads of the CPU caster; `None`: one per core.
     pub threads: Option<usize>,
     /// The folder that is searched first for real meshes.
     pub scenes_dir: Option<PathBuf>,
 }
 
 impl Default for NeedsBenchOptions {
-    /// SIBENIK and CONFERENCE at 7 and 10 levels, four views of 512x384, five rounds.
+    /// SIBENIK and CONFERENCE at 7 and 10 levels, four views of 512x384, five rounds, on the CPU.
     fn default() -> Self {
         Self {
             scenes: vec!["sibenik".into(), "conference".into()],
@@ -53,6 +56,7 @@ impl Default for NeedsBenchOptions {
             size: [512, 384],
             views: 4,
             rounds: 5,
+            engines: vec![EngineId::Cpu],
             threads: None,
             scenes_dir: None,
         }
@@ -70,7 +74,7 @@ pub struct NeedsReport {
     pub size: [u32; 2],
     /// Scene, credit and identity of the meshes, as in [`Scene`](crate::scene::Scene).
     pub credits: Vec<[String; 3]>,
-    /// The instruction sets of the CPU engine.
+    /// The instruction sets of the CPU engine, and the GPU engines.
     pub engines: Vec<EngineRow>,
     /// What was cast.
     pub cases: Vec<Case>,
@@ -90,12 +94,12 @@ impl NeedsReport {
     }
 }
 
-/// One instruction set.
+/// One instruction set, or one GPU engine.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct EngineRow {
-    /// Its name, as in [`InstructionSet::name`](esvo_engines::InstructionSet::name).
+    /// Its name, as in [`InstructionSet::name`](esvo_engines::InstructionSet::name) or [`EngineId::name`].
     pub name: String,
-    /// The processor and the instructions.
+    /// The processor and the instructions, or the GPU.
     pub device: Device,
 }
 
@@ -141,13 +145,16 @@ pub enum Variant {
     FarPointers,
     /// The test for small voxels.
     Sizes,
-    /// All three.
+    /// Frames of the stack for levels that the octree does not have.
+    Frames,
+    /// All four.
     All,
 }
 
 impl Variant {
     /// All of them.
-    pub const ALL: [Self; 5] = [Self::Everything, Self::Contours, Self::FarPointers, Self::Sizes, Self::All];
+    pub const ALL: [Self; 6] =
+        [Self::Everything, Self::Contours, Self::FarPointers, Self::Sizes, Self::Frames, Self::All];
 
     /// Its name in tables.
     pub fn name(self) -> &'static str {
@@ -156,6 +163,7 @@ impl Variant {
             Self::Contours => "no contours",
             Self::FarPointers => "no far pointers",
             Self::Sizes => "no test of sizes",
+            Self::Frames => "no spare frames",
             Self::All => "only what is needed",
         }
     }
@@ -166,18 +174,27 @@ impl Variant {
             contours: matches!(self, Self::Contours | Self::All),
             far_pointers: matches!(self, Self::FarPointers | Self::All),
             sizes: matches!(self, Self::Sizes | Self::All),
+            frames: matches!(self, Self::Frames | Self::All),
         }
     }
 
     /// Whether it leaves out something that is not needed.
     fn differs(self, needed: Needed) -> bool {
         let left = self.leave_out();
-        left.contours && !needed.contours || left.far_pointers && !needed.far_pointers || left.sizes && !needed.sizes
+        let spare_frames = self == Self::Frames;
+        spare_frames
+            || left.contours && !needed.contours
+            || left.far_pointers && !needed.far_pointers
+            || left.sizes && !needed.sizes
     }
 
-    /// Whether this instruction set has other code for it. Packets leave out contours only: see [`LeaveOut`].
-    fn is_left_out_by(self, set: InstructionSet) -> bool {
-        set == InstructionSet::Scalar || matches!(self, Self::Everything | Self::Contours)
+    /// Whether this engine has other code for it. Of the CPU's, packets leave out contours only: see [`LeaveOut`].
+    fn is_left_out_by(self, set: Option<InstructionSet>) -> bool {
+        match set {
+            None => true,
+            Some(InstructionSet::Scalar) => self != Self::Frames,
+            Some(_) => matches!(self, Self::Everything | Self::Contours),
+        }
     }
 }
 

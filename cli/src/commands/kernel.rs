@@ -3,13 +3,14 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
+use esvo_core::BEAM_BLOCK;
 use esvo_core::filter::kernel::FILTER_WGSL;
 use esvo_core::gpu::kernel::{Variant, WORKGROUP};
 use esvo_core::gpu::slots::Slots;
 
 use crate::fail::{Failure, print};
 use crate::files::open;
-use crate::values::parse_size;
+use crate::values::{parse_beam_block, parse_size};
 
 /// Print the WGSL of a GPU kernel, as the engines compile it.
 #[derive(Debug, Args)]
@@ -39,6 +40,9 @@ pub(crate) struct KernelArguments {
     /// Rays start where the coarse pass found that they may
     #[arg(long)]
     pub(crate) beam: bool,
+    /// Edge of a block of pixels of the coarse pass: 4 or 8
+    #[arg(long, value_name = "PIXELS", default_value_t = BEAM_BLOCK, value_parser = parse_beam_block)]
+    pub(crate) beam_block: u32,
     /// Levels of the deepest octree [default: those of the file, else 23]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=23))]
     pub(crate) levels: Option<u32>,
@@ -92,6 +96,7 @@ pub(crate) fn run_kernel(arguments: &KernelArguments) -> Result<(), Failure> {
         beam: arguments.beam && !rays && !instances,
         rays,
         instances,
+        beam_block: arguments.beam_block,
         levels: arguments.levels.or(needs.map(|needs| needs.levels)).unwrap_or(23),
         slots: match arguments.texture {
             Some(row_shift) => Slots::Texture { row_shift },

@@ -12,7 +12,7 @@ use esvo_format::{Needs, Octree};
 use super::slots::{Slots, SlotsIn};
 use crate::gpu::resident::SlotMap;
 use crate::instances::{NO_INSTANCE, Node};
-use crate::{CastError, DeviceKind, Hit, Instances, Nearest, Ray, View};
+use crate::{BEAM_BLOCK, CastError, DeviceKind, Hit, Instances, LeaveOut, Nearest, Ray, View};
 
 /// The kernel without its prelude.
 pub const CAST_WGSL: &str = include_str!("../../kernels/cast.wgsl");
@@ -46,6 +46,8 @@ pub const GROUP_OCTREE: u32 = 1;
 
 /// Width and height in pixels of the workgroups of the project's casters.
 pub const WORKGROUP: (u32, u32) = (8, 8);
+/// Deepest level of a voxel (spec section 4).
+const MAX_LEVELS: u32 = 23;
 /// Storage buffers that are not octree data: the coarse values, the rays or the hierarchy, and the output.
 const OTHER_STORAGE_BUFFERS: u32 = 2;
 
@@ -123,6 +125,8 @@ pub struct Variant {
     pub instances: bool,
     /// Level of the deepest voxel, 1 to 23: the number of frames of the stack.
     pub levels: u32,
+    /// [Edge of a block](View::beam_block) of the coarse pass; 4 where there is none.
+    pub beam_block: u32,
     /// Where the octree is.
     pub slots: Slots,
     /// Width and height of a workgroup in pixels: powers of two.
@@ -155,7 +159,12 @@ impl Variant {
         for (name, value) in flags {
             let _ = writeln!(text, "const {name}: bool = {value};");
         }
-        let numbers = [("LEVELS", self.levels.clamp(1, 23)), ("WIDTH", self.workgroup.0), ("HEIGHT", self.workgroup.1)];
+        let numbers = [
+            ("LEVELS", self.levels.clamp(1, MAX_LEVELS)),
+            ("BEAM_BLOCK", self.beam_block),
+            ("WIDTH", self.workgroup.0),
+            ("HEIGHT", self.workgroup.1),
+        ];
         for (name, value) in numbers {
             let _ = writeln!(text, "const {name}: u32 = {value}u;");
         }
@@ -178,6 +187,8 @@ pub struct SlotLimits {
     /// Width and height of a texture in texels; `None` if the octree must not be in a texture. See
     /// [`GpuOptions::texture_edge`].
     pub texture_edge: Option<u32>,
+    /// Bytes of the device's memory; `None` if they are not known.
+    pub memory_bytes: Option<u64>,
 }
 
 /// How the [resident](crate::gpu::resident::Resident) image of an octree lies in bindings.
@@ -187,7 +198,10 @@ pub struct Placement {
     pub bytes: u64,
     /// The bindings.
     pub slots: Slots,
+    /// Width and height in pixels of the workgroups of pictures of one view.
+    pub workgroup: (u32, u32),
     needs: Needs,
+    leave_out: LeaveOut,
 }
 
 impl Placement {
@@ -196,9 +210,15 @@ impl Placement {
     /// # Errors
     /// What to do about an octree that does not fit. The caster puts the device's name in front of the text.
     pub fn new(octree: &Octree, slots: &[u64], limits: &SlotLimits) -> Result<Self, String> {
-        let SlotLimits { binding_bytes, storage_buffers, texture_edge } = *limits;
+        let SlotLimits { binding_bytes, storage_buffers, texture_edge, memory_bytes } = *limits;
         let max_parts = storage_buffers.saturating_sub(OTHER_STORAGE_BUFFERS).min(32);
         let bytes = size_of_val(slots) as u64;
+        if let Some(memory) = memory_bytes.filter(|memory| *memory < bytes) {
+            return Err(format!(
+                "the octree takes {bytes} bytes without attachments, more than the device's memory of {memory} bytes: \
+                 build it with fewer levels, or cast it on the processor"
+            ));
+        }
         let texture = texture_edge.and_then(|edge| Slots::texture(slots.len(), edge));
         let slots = texture.or_else(|| Slots::split(slots.len(), binding_bytes, max_parts)).ok_or_else(|| {
             format!(
@@ -206,7 +226,19 @@ impl Placement {
                  bytes: build it with fewer levels, or cast it on the processor"
             )
         })?;
-        Ok(Self { bytes, slots, needs: octree.needs() })
+        Ok(Self { bytes, slots, workgroup: WORKGROUP, needs: octree.needs(), leave_out: LeaveOut::ALL })
+    }
+
+    /// With the [workgroups](GpuOptions::workgroup) of these options, and leaving out [what they say](GpuOptions::leave_out).
+    ///
+    /// # Errors
+    /// Workgroups of a size that is not of powers of two, or of more than 256 invocations.
+    pub fn with(self, options: &GpuOptions) -> Result<Self, String> {
+        let (width, height) = options.workgroup.unwrap_or(WORKGROUP);
+        if !width.is_power_of_two() || !height.is_power_of_two() || width * height > 256 {
+            return Err(format!("workgroups of {width} x {height}: expected powers of two, at most 256 in all"));
+        }
+        Ok(Self { workgroup: (width, height), leave_out: options.leave_out, ..self })
     }
 
     /// The slots of each buffer, in order; all in one piece for a texture.
@@ -219,34 +251,33 @@ impl Placement {
 
     /// The main pass's kernel for a view.
     pub fn variant(&self, view: &View) -> Variant {
-        Variant {
-            contours: view.contours() && self.needs.contours,
-            far_pointers: self.needs.far_pointers,
-            lod: view.max_voxel_pixels > 0.0,
-            beam: view.beam(),
-            rays: false,
-            instances: false,
-            levels: self.needs.levels,
-            slots: self.slots,
-            workgroup: WORKGROUP,
-        }
+        let needed = self.needed(view.contours(), view.max_voxel_pixels > 0.0);
+        let beam_block = if view.beam() { view.beam_block() } else { BEAM_BLOCK };
+        Variant { beam: view.beam(), beam_block, workgroup: self.workgroup, ..needed }
     }
 
     /// The kernel for instances whose views have the options of this one.
     pub fn instances_variant(&self, view: &View) -> Variant {
-        Variant { beam: false, instances: true, ..self.variant(view) }
+        Variant { instances: true, ..self.needed(view.contours(), view.max_voxel_pixels > 0.0) }
     }
 
     /// The kernel for a buffer of rays, with or without contours; `lod`: some [have a size](Ray::has_size).
     pub fn rays_variant(&self, contours: bool, lod: bool) -> Variant {
+        Variant { rays: true, ..self.needed(contours, lod) }
+    }
+
+    /// A kernel with what is needed for rays that are clipped by contours or not, and that have a size or not.
+    fn needed(&self, contours: bool, lod: bool) -> Variant {
+        let (needs, left_out) = (&self.needs, self.leave_out);
         Variant {
-            contours: contours && self.needs.contours,
-            far_pointers: self.needs.far_pointers,
-            lod,
+            contours: contours && (needs.contours || !left_out.contours),
+            far_pointers: needs.far_pointers || !left_out.far_pointers,
+            lod: lod || !left_out.sizes,
             beam: false,
-            rays: true,
+            rays: false,
             instances: false,
-            levels: self.needs.levels,
+            levels: if left_out.frames { needs.levels } else { MAX_LEVELS },
+            beam_block: BEAM_BLOCK,
             slots: self.slots,
             workgroup: WORKGROUP,
         }
@@ -269,8 +300,15 @@ pub struct GpuOptions {
     pub instances_kernel: Option<String>,
     /// A text to use instead of [`TRIANGLES_WGSL`](super::triangles::TRIANGLES_WGSL).
     pub triangles_kernel: Option<String>,
+    /// Bytes of the device's memory, if an octree is to be refused that takes more. `None`: as many as the driver tells, if it
+    /// does.
+    pub memory_bytes: Option<u64>,
+    /// What kernels leave out if it is not needed; at first, all that can be.
+    pub leave_out: LeaveOut,
     /// Where the octree is put. `None`: in a texture on devices of the kind [`DeviceKind::SoftwareGpu`], in buffers on others.
     pub slots_in: Option<SlotsIn>,
+    /// Width and height in pixels of the workgroups of pictures of one view, powers of two. `None`: [`WORKGROUP`].
+    pub workgroup: Option<(u32, u32)>,
 }
 
 impl GpuOptions {
@@ -331,12 +369,19 @@ pub struct Bands {
 }
 
 impl Bands {
-    /// The bands of a view for a pass on a device with these limits: bytes of a buffer, workgroups per dimension.
+    /// The bands of a view for a pass in workgroups of this size, on a device with these limits: bytes of a buffer, workgroups
+    /// per dimension.
     ///
     /// # Errors
     /// As [`band_rows`].
-    pub fn new(view: &View, pass: Pass, max_bytes: u64, max_groups: u32) -> Result<Self, CastError> {
-        let rows = band_rows(view, pass.bytes_per_pixel(), max_bytes, max_groups, WORKGROUP)?;
+    pub fn new(
+        view: &View,
+        pass: Pass,
+        max_bytes: u64,
+        max_groups: u32,
+        workgroup: (u32, u32),
+    ) -> Result<Self, CastError> {
+        let rows = band_rows(view, pass.bytes_per_pixel(), max_bytes, max_groups, workgroup)?;
         let (columns, corners) = view.coarse_size();
         let beam = view.beam() && pass != Pass::Instances;
         Ok(Self {
@@ -418,7 +463,7 @@ mod tests {
         assert_eq!(rows(&view(2, 65535 * 8 + 1, true), 1 << 27), Some(65535 * 8));
         assert_eq!(rows(&view(64, 1, true), 300), None);
 
-        let bands = Bands::new(&view(100, 50, false), Pass::Time, 4 * 100 * 20, 65535).expect("fits");
+        let bands = Bands::new(&view(100, 50, false), Pass::Time, 4 * 100 * 20, 65535, WORKGROUP).expect("fits");
         assert_eq!((bands.coarse_bytes, bands.out_bytes), (4, 4 * 100 * 16));
         assert_eq!(bands.rows().collect::<Vec<_>>(), [(0, 16), (16, 16), (32, 16), (48, 2)]);
     }
@@ -454,6 +499,7 @@ mod tests {
             rays: false,
             instances: false,
             levels: 9,
+            beam_block: 4,
             slots: Slots::Buffers { parts: 3, part_shift: 24 },
             workgroup: (8, 8),
         };
@@ -479,9 +525,8 @@ mod tests {
         assert_eq!(number("EPSILON"), crate::reference::EPSILON);
         assert_eq!(bits("EPSILON_BITS").map(f32::from_bits), Ok(crate::reference::EPSILON));
         assert_eq!(bits("MAX_COMPONENT_BITS").map(f32::from_bits), Ok(crate::reference::MAX_COMPONENT));
-        assert_eq!(number("COARSE_VOXEL_PIXELS"), crate::COARSE_VOXEL_PIXELS);
+        assert_eq!(number("COARSE_VOXEL_BLOCKS"), crate::COARSE_VOXEL_BLOCKS);
         assert_eq!(number("MISS_T"), crate::Hit::MISS_T);
-        assert_eq!(constant("BEAM_BLOCK"), format!("{}u", crate::BEAM_BLOCK));
         assert_eq!(constant("MAX_ITERATIONS"), format!("1u << {}u", crate::reference::MAX_ITERATIONS.ilog2()));
     }
 }

@@ -203,7 +203,7 @@ pub fn bad_views(view: &View) -> Vec<(&'static str, View)> {
         views.push(("max_voxel_pixels", View { max_voxel_pixels: bad, ..*view }));
         views.push(("t_per_depth", View { t_per_depth: bad, ..*view }));
     }
-    views.push(("flags", View { flags: view.flags | 4, ..*view }));
+    views.push(("flags", View { flags: view.flags | 8, ..*view }));
     views.push(("first_row", View { first_row: 1, ..*view }));
     views
 }
@@ -265,7 +265,8 @@ pub fn unsound() -> Result<Arc<Octree>, FormatError> {
     Ok(Arc::new(Octree::from_parts(octree.objects().to_vec(), octree.blocks().to_vec(), image)?))
 }
 
-/// Casts pictures of this size from all [`cameras`] with all [`options`], by `caster` and by the reference.
+/// Casts pictures of this size from all [`cameras`] with all [`options`], those with the beam in blocks of both sizes, by `caster` and by the
+/// reference.
 ///
 /// # Errors
 /// What the caster said.
@@ -283,9 +284,12 @@ pub fn against_reference(
         for options in options() {
             let root = octree.objects()[0].root_slot as u32;
             let view = View::new(&camera, octree.octree_to_mesh(0), root, size, &options)?;
-            caster.cast(&view, &mut ours)?;
-            reference.cast(&view, &mut theirs)?;
-            all = all.and(Comparison::of(&ours, &theirs));
+            let wide = options.beam.then(|| view.with_wide_beam(true));
+            for view in [Some(view), wide].into_iter().flatten() {
+                caster.cast(&view, &mut ours)?;
+                reference.cast(&view, &mut theirs)?;
+                all = all.and(Comparison::of(&ours, &theirs));
+            }
         }
     }
     Ok(all)

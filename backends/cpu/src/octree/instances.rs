@@ -6,7 +6,7 @@ use esvo_format::Octree;
 use rayon::prelude::*;
 
 use super::instructions::InstructionSet;
-use super::scene::{LeaveOut, Scene};
+use super::scene::Scene;
 use super::task::Task;
 
 /// Edge of a tile in pixels. The rays of one instance in a tile are a list of their own: fewer lists cost less, smaller tiles

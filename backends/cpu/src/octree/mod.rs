@@ -27,7 +27,6 @@ use esvo_format::Octree;
 use rayon::prelude::*;
 
 pub use self::instructions::InstructionSet;
-pub use self::scene::LeaveOut;
 use self::scene::Scene;
 use self::task::{BAND_ROWS, Task};
 use crate::{filter, machine};

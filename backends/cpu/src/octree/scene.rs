@@ -1,32 +1,7 @@
 //! What of an octree the casters read.
 
-use esvo_core::{Ray, View};
+use esvo_core::{LeaveOut, Ray, View};
 use esvo_format::Octree;
-
-/// What the CPU casters leave out of their code if neither the octree nor the rays need it. To see what each costs when it is
-/// there, keep it: hits do not change.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct LeaveOut {
-    /// Clipping by contours, for octrees without any. If the rays are to meet cubes, it is left out always.
-    pub contours: bool,
-    /// Following far pointers, for octrees without any. Packets leave nothing of it out.
-    pub far_pointers: bool,
-    /// The test whether a voxel is small, for rays that end at leaves only. Packets leave nothing of it out.
-    pub sizes: bool,
-}
-
-impl Default for LeaveOut {
-    fn default() -> Self {
-        Self::ALL
-    }
-}
-
-impl LeaveOut {
-    /// All that is not needed.
-    pub const ALL: Self = Self { contours: true, far_pointers: true, sizes: true };
-    /// Nothing, needed or not.
-    pub const NOTHING: Self = Self { contours: false, far_pointers: false, sizes: false };
-}
 
 /// The image of a sound octree, and the root at which rays start.
 pub(super) struct Scene<'a> {

@@ -7,9 +7,9 @@ use super::scene::Scene;
 /// Rays of a packet.
 pub(super) const LANES: usize = 16;
 
-/// Edge of the block of pixels that a packet takes. It is the block of the coarse pass too, so that one start value serves
-/// a whole packet.
-pub(super) const BLOCK: usize = esvo_core::BEAM_BLOCK as usize;
+/// Edge of the block of pixels that a packet takes. It divides that of the blocks of the coarse pass, so that one start value
+/// serves a whole packet.
+pub(super) const BLOCK: usize = 4;
 
 /// Rows of pixels of a [`Task::Band`], a multiple of [`BLOCK`].
 pub(super) const BAND_ROWS: usize = 4 * BLOCK;

@@ -1,12 +1,13 @@
 //! `esvo bench needs`.
 
-use clap::{Args, ValueEnum};
+use clap::Args;
 use esvo_bench::Progress;
 use esvo_bench::needs_bench::{NeedsBenchOptions, run_needs_bench, to_text, write_needs_record};
+use esvo_engines::EngineId;
 
 use crate::commands::bench::casting::CastingArguments;
 use crate::fail::Failure;
-use crate::values::parse_size;
+use crate::values::{engine, parse_size};
 
 /// Measure what code costs that a scene does not need.
 #[derive(Debug, Args)]
@@ -14,12 +15,13 @@ use crate::values::parse_size;
 Builds octrees with and without contours, small enough to have no far pointers and larger; casts
 pictures of them by code that contains everything, and by code that leaves out, one by one and
 together, what neither the octree nor the rays need: clipping by contours, following far pointers,
-the test whether a voxel is small; compares the hits with the reference caster's. Prints tables and
+the test whether a voxel is small, on GPUs frames of the stack; compares the hits with the reference caster's. Prints tables and
 writes report.json and tables.md to results/<machine>/<date>-needs/. Exit code 1 if hits are wrong.
 
 Examples:
   esvo bench needs  SIBENIK and CONFERENCE at 7 and 10 levels, in a minute on two cores
-  esvo bench needs --scenes fairy --levels 6,8,11 --rounds 9")]
+  esvo bench needs --scenes fairy --levels 6,8,11 --rounds 9
+  esvo bench needs --backends cpu,wgpu,ash --views 2 --size 320x240")]
 pub(crate) struct BenchNeedsArguments {
     /// The scenes
     #[arg(long, value_name = "NAMES", value_delimiter = ',', default_value = "sibenik,conference")]
@@ -36,28 +38,26 @@ pub(crate) struct BenchNeedsArguments {
     /// Rounds
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u16).range(1..=1000))]
     pub(crate) rounds: u16,
-    /// The engines that are measured
-    #[arg(long, value_enum, value_delimiter = ',', default_value = "cpu")]
-    pub(crate) backends: Vec<Backend>,
+    /// The engines that are measured: those that can be told what to leave out. cpu is measured by one ray at a time and by its
+    /// fastest instructions
+    #[arg(long, value_name = "NAMES", value_delimiter = ',', value_parser = engine(), default_value = "cpu")]
+    pub(crate) backends: Vec<EngineId>,
     #[command(flatten)]
     pub(crate) casting: CastingArguments,
 }
 
-/// Engines that can be told what to leave out.
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub(crate) enum Backend {
-    /// The CPU caster, one ray at a time and with its fastest instructions
-    Cpu,
-}
-
 pub(crate) fn run_bench_needs(arguments: &BenchNeedsArguments) -> Result<(), Failure> {
     arguments.casting.check()?;
+    if arguments.backends.contains(&EngineId::Reference) {
+        return Err("--backends reference: always has all code; expected cpu, wgpu or ash".to_owned().into());
+    }
     let options = NeedsBenchOptions {
         scenes: arguments.scenes.clone(),
         levels: arguments.levels.clone(),
         size: arguments.size,
         views: arguments.views.into(),
         rounds: arguments.rounds.into(),
+        engines: arguments.backends.clone(),
         threads: arguments.casting.threads(),
         scenes_dir: arguments.casting.scenes_dir.clone(),
     };

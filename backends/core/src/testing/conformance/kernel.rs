@@ -86,6 +86,8 @@ pub fn what_a_device_cannot_do_is_an_error(subject: &Subject) -> Result<(), Faul
     demand_refusal("a device that does not exist", subject.open_with(&nobodys)?, "nobody's")?;
     let mut tiny = subject.open_with(&GpuOptions { max_part_bytes: Some(64), ..GpuOptions::default() })??;
     demand_refusal("a large octree", tiny.load(&Sample::plain(6, false).octree()?), "fewer levels")?;
+    let small = subject.open_with(&GpuOptions { memory_bytes: Some(64), ..GpuOptions::default() })?;
+    demand_refusal("a device without memory", small?.load(&Sample::plain(6, false).octree()?), "64 bytes")?;
     let mut broken =
         subject.open_with(&GpuOptions { kernel: Some("fn cast( {".into()), ..GpuOptions::default() })??;
     broken.load(&octree)?;

@@ -8,7 +8,6 @@ use esvo_core::{CastOptions, Caster, Hit, Ray, Rays, View};
 use esvo_format::Octree;
 
 use super::super::lockstep;
-use super::super::scene::LeaveOut;
 use super::super::task::BAND_ROWS;
 use super::packet::finest_scale;
 use super::*;
