@@ -4,36 +4,171 @@
 //! ```text
 //! git show 357f175:backends/core/kernels/cast.wgsl > old.wgsl
 //! cargo run --release -p esvo-engines --features wgpu,ash --example kernels -- \
-//!     [--engines wgpu,ash] [--rounds N] [--size 1024x768] old=old.wgsl sibenik=sibenik.esvo ...
+//!     [--engines wgpu,ash] [--rounds N] [--size 1024x768] [--experiments] old=old.wgsl sibenik=sibenik.esvo ...
 //! ```
 //!
-//! `NAME=FILE.wgsl` adds a kernel, without its prelude; the first of all is the one that is built in. `SCENE=FILE.esvo` is a
-//! scene of the built-in manifest and an octree of it. Every viewpoint of the manifest is cast with contours, with contours and
+//! Measured are the kernel that is built in, as the engines use it on this device, the [`EXPERIMENTS`] with `--experiments`, and
+//! each `NAME=FILE.wgsl`: a kernel without its prelude, with the octree in buffers. `SCENE=FILE.esvo` is a scene of the built-in manifest and an octree of it. Every viewpoint of the manifest is cast with contours, with contours and
 //! beam, and with cubes; rays end at voxels of one pixel. All kernels cast each view in turn in every round. Printed is a table
 //! of million rays per second over all viewpoints, by the least time of each view in the rounds: by the device's own clock, or of
 //! processor time where the device is a driver that runs on the processor, so that other work on the machine does not count.
 
+mod measuring;
+
 use std::sync::Arc;
 
-use esvo_core::gpu::kernel::GpuOptions;
-use esvo_core::{Camera, CastOptions, Caster, DeviceKind, Hit, View};
+use esvo_core::gpu::kernel::{CAST_WGSL, GpuOptions};
+use esvo_core::gpu::slots::SlotsIn;
+use esvo_core::{Caster, DeviceKind, Hit, View};
 use esvo_engines::{EngineId, OpenOptions};
 use esvo_format::Octree;
-use esvo_scenes::{CameraSpec, SceneManifest, SceneVariant};
 
-type Error = Box<dyn std::error::Error>;
+use self::measuring::{Error, MODES, views};
 
-const MODES: [(&str, CastOptions); 3] = [
-    ("contours", CastOptions { contours: true, beam: false, max_voxel_pixels: 1.0 }),
-    ("beam", CastOptions { contours: true, beam: true, max_voxel_pixels: 1.0 }),
-    ("cubical", CastOptions { contours: false, beam: false, max_voxel_pixels: 1.0 }),
+/// A kernel to be measured.
+struct Kernel {
+    name: String,
+    options: GpuOptions,
+    wide_beam: bool,
+}
+
+/// What was tried: name, where the octree is, workgroup, and text to be replaced in the kernel.
+type Experiment = (&'static str, Option<SlotsIn>, Option<(u32, u32)>, &'static [(&'static str, &'static str)]);
+
+/// Other ways to run the kernel than the built-in one.
+const EXPERIMENTS: &[Experiment] = &[
+    ("buffers", Some(SlotsIn::Buffers), None, &[]),
+    ("texture", Some(SlotsIn::Texture), None, &[]),
+    ("8x4", None, Some((8, 4)), &[]),
+    ("16x8", None, Some((16, 8)), &[]),
+    ("16x16", None, Some((16, 16)), &[]),
+    (
+        "rows",
+        None,
+        None,
+        &[(
+            "    return group.xy * vec2<u32>(WIDTH, HEIGHT) + vec2<u32>(x, y);",
+            "    return group.xy * vec2<u32>(WIDTH, HEIGHT) + vec2<u32>(local % WIDTH, local / WIDTH);",
+        )],
+    ),
+    (
+        "persistent",
+        None,
+        None,
+        &[(
+            "fn timing_pass(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
+    let at = place(group, local);
+    let y = at.y + view.first_row;
+    if at.x < view.width && y < view.height {
+        depths[at.y * view.width + at.x] = cast_pixel(at.x, y).raw_t;
+    }
+}",
+            // 128 of the groups do the work of all.
+            "fn timing_pass(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) local: u32,
+) {
+    for (var tile = group.y * groups.x + group.x; tile < groups.x * groups.y; tile += 128u) {
+        if group.y * groups.x + group.x >= 128u {
+            return;
+        }
+        let at = place(vec3<u32>(tile % groups.x, tile / groups.x, 0u), local);
+        let y = at.y + view.first_row;
+        if at.x < view.width && y < view.height {
+            depths[at.y * view.width + at.x] = cast_pixel(at.x, y).raw_t;
+        }
+    }
+}",
+        )],
+    ),
+    (
+        "shared stack",
+        None,
+        None,
+        &[
+            (
+                "fn cast_ray(ray: Ray) -> Hit {",
+                "var<private> lane: u32;
+var<workgroup> shared_parent: array<array<u32, 64>, LEVELS>;
+var<workgroup> shared_t_max: array<array<f32, 64>, LEVELS>;
+fn cast_ray(ray: Ray) -> Hit {",
+            ),
+            ("    var stack_parent: array<u32, LEVELS>;\n", ""),
+            ("    var stack_t_max: array<f32, LEVELS>;\n", ""),
+            ("stack_parent[scale - LOWEST_SCALE]", "shared_parent[scale - LOWEST_SCALE][lane]"),
+            ("stack_t_max[scale - LOWEST_SCALE]", "shared_t_max[scale - LOWEST_SCALE][lane]"),
+            ("    let at = place(group, local);\n", "    lane = local;\n    let at = place(group, local);\n"),
+        ],
+    ),
+    (
+        "read twice",
+        None,
+        None,
+        &[
+            ("    var descriptor = vec2<u32>(0u);", "    var descriptor = slot_at(parent);"),
+            (
+                "        if stale {\n            descriptor = slot_at(parent);\n            stale = false;\n        }\n",
+                "",
+            ),
+            ("                stale = true;\n", "                descriptor = slot_at(parent);\n"),
+            ("            stale = true;\n", "            descriptor = slot_at(parent);\n"),
+        ],
+    ),
+    (
+        "one stack for cubes",
+        None,
+        None,
+        &[
+            (
+                "                    stack_t_max[scale - LOWEST_SCALE] = t_max;",
+                "                    if CONTOURS { stack_t_max[scale - LOWEST_SCALE] = t_max; }",
+            ),
+            (
+                "                t_max = stack_t_max[scale - LOWEST_SCALE];",
+                "                if CONTOURS { t_max = stack_t_max[scale - LOWEST_SCALE]; }",
+            ),
+            (
+                "            idx = axes((path & vec3<u32>(1u)) != vec3<u32>(0u));",
+                // Without contours, that of an ancestor is where the ray leaves it.
+                "            idx = axes((path & vec3<u32>(1u)) != vec3<u32>(0u));
+            if !CONTOURS {
+                let corner = bitcast<vec3<f32>>(path >> vec3<u32>(1u) << vec3<u32>(scale + 1u));
+                t_max = min(ray.t_max, least(mad3(corner, coef, -bias)));
+            }",
+            ),
+        ],
+    ),
 ];
+
+/// The built-in kernel and, with `experiments`, the others.
+fn kernels(experiments: bool) -> Result<Vec<Kernel>, Error> {
+    let of = |name: &str, options| Kernel { name: name.to_owned(), options, wide_beam: false };
+    let mut kernels = vec![of("built-in", GpuOptions::default())];
+    if !experiments {
+        return Ok(kernels);
+    }
+    for (name, slots_in, workgroup, replaced) in EXPERIMENTS {
+        let mut text = CAST_WGSL.to_owned();
+        for (from, to) in *replaced {
+            if !text.contains(from) {
+                return Err(format!("{name}: the kernel has no {from:?}").into());
+            }
+            text = text.replace(from, to);
+        }
+        let kernel = (!replaced.is_empty()).then_some(text);
+        let (slots_in, workgroup) = (*slots_in, *workgroup);
+        kernels.push(of(name, GpuOptions { kernel, slots_in, workgroup, ..GpuOptions::default() }));
+    }
+    kernels.push(Kernel { wide_beam: true, ..of("beam 8x8", GpuOptions::default()) });
+    Ok(kernels)
+}
 
 struct Arguments {
     engines: Vec<EngineId>,
     rounds: usize,
     size: (u32, u32),
-    kernels: Vec<(String, Option<String>)>,
+    kernels: Vec<Kernel>,
     scenes: Vec<(String, Arc<Octree>)>,
 }
 
@@ -43,7 +178,7 @@ impl Arguments {
             engines: vec![EngineId::Wgpu, EngineId::Ash],
             rounds: 3,
             size: (1024, 768),
-            kernels: vec![("built-in".to_owned(), None)],
+            kernels: kernels(std::env::args().any(|argument| argument == "--experiments"))?,
             scenes: Vec::new(),
         };
         let mut arguments = std::env::args().skip(1);
@@ -51,6 +186,7 @@ impl Arguments {
             let mut value = || arguments.next().ok_or_else(|| format!("{argument}: expected a value after it"));
             match argument.as_str() {
                 "--engines" => parsed.engines = value()?.split(',').map(str::parse).collect::<Result<_, _>>()?,
+                "--experiments" => {}
                 "--rounds" => parsed.rounds = value()?.parse::<usize>()?.max(1),
                 "--size" => {
                     let text = value()?;
@@ -60,7 +196,11 @@ impl Arguments {
                 _ => match argument.split_once('=') {
                     Some((name, path)) if path.ends_with(".wgsl") => {
                         let text = std::fs::read_to_string(path).map_err(|e| format!("{path}: {e}"))?;
-                        parsed.kernels.push((name.to_owned(), Some(text)));
+                        // Now a part of the prelude.
+                        let kernel = Some(text.replace("const BEAM_BLOCK: u32 = 4u;\n", ""));
+                        let slots_in = Some(SlotsIn::Buffers);
+                        let options = GpuOptions { kernel, slots_in, ..GpuOptions::default() };
+                        parsed.kernels.push(Kernel { name: name.to_owned(), options, wide_beam: false });
                     }
                     Some((scene, path)) => {
                         let octree = Octree::open(path.as_ref()).map_err(|e| format!("{path}: {e}"))?;
@@ -75,23 +215,6 @@ impl Arguments {
         }
         Ok(parsed)
     }
-}
-
-fn views(scene: &str, octree: &Octree, size: (u32, u32), options: &CastOptions) -> Result<Vec<View>, Error> {
-    let manifest = SceneManifest::builtin()?;
-    let entry = manifest.scene(scene).ok_or_else(|| format!("{scene}: the manifest has no such scene"))?;
-    let mut cameras = entry.cameras(SceneVariant::Real);
-    // The real HAIRBALL is not free to use: octrees of it are of the stand-in.
-    if cameras.is_empty() || scene == "hairball" {
-        cameras = entry.cameras(SceneVariant::StandIn);
-    }
-    let root = octree.objects()[0].root_slot as u32;
-    let view = |spec: &CameraSpec| {
-        let &CameraSpec { eye, forward, up, fov_degrees, near, far, .. } = spec;
-        let camera = Camera { eye, forward, up, fov_degrees, near, far };
-        Ok(View::new(&camera, octree.octree_to_mesh(0), root, size, options)?)
-    };
-    cameras.iter().map(view).collect()
 }
 
 /// Seconds that casting a view takes.
@@ -130,8 +253,8 @@ fn main() -> Result<(), Error> {
     let Arguments { engines, rounds, size, kernels, scenes } = Arguments::parse()?;
     for engine in engines {
         let mut casters = Vec::new();
-        for (_, kernel) in &kernels {
-            let gpu = GpuOptions { kernel: kernel.clone(), ..GpuOptions::default() };
+        for kernel in &kernels {
+            let gpu = kernel.options.clone();
             casters.push(engine.open(&OpenOptions { gpu, ..OpenOptions::default() })?);
         }
         println!(
@@ -141,7 +264,7 @@ fn main() -> Result<(), Error> {
             size.0,
             size.1
         );
-        let names: Vec<_> = kernels.iter().map(|(name, _)| name.as_str()).collect();
+        let names: Vec<_> = kernels.iter().map(|kernel| kernel.name.as_str()).collect();
         println!("| scene, mode, views | {} | differ |", names.join(" | "));
         println!("|---|{}--:|", "--:|".repeat(names.len()));
         for (scene, octree) in &scenes {
@@ -157,14 +280,16 @@ fn main() -> Result<(), Error> {
                     processor.cast(view, hits)?;
                 }
                 let mut different = Vec::new();
-                for caster in &mut casters {
+                for (caster, kernel) in casters.iter_mut().zip(&kernels) {
+                    let views: Vec<_> = views.iter().map(|view| view.with_wide_beam(kernel.wide_beam)).collect();
                     different.push(differences(&mut **caster, &views, &expected)?.to_string());
                 }
                 let mut best = vec![vec![f64::MAX; views.len()]; casters.len()];
                 for _ in 0..rounds {
                     for (k, view) in views.iter().enumerate() {
-                        for (caster, best) in casters.iter_mut().zip(&mut best) {
-                            best[k] = seconds(&mut **caster, view)?.min(best[k]);
+                        for ((caster, best), kernel) in casters.iter_mut().zip(&mut best).zip(&kernels) {
+                            let view = view.with_wide_beam(kernel.wide_beam);
+                            best[k] = seconds(&mut **caster, &view)?.min(best[k]);
                         }
                     }
                 }

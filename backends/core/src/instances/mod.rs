@@ -70,8 +70,8 @@ impl Instances {
             if (view.width, view.height) != (first.width, first.height) {
                 return bad("views of one picture must have the same size");
             }
-            if (view.flags, view.max_voxel_pixels) != (first.flags, first.max_voxel_pixels) {
-                return bad("views of one picture must have the same flags and max_voxel_pixels");
+            if (view.contours(), view.max_voxel_pixels) != (first.contours(), first.max_voxel_pixels) {
+                return bad("views of one picture must have the same contours flag and max_voxel_pixels");
             }
         }
         let nodes = hierarchy::build(&views);
@@ -204,8 +204,8 @@ mod tests {
         for (what, bad) in [
             ("there is none", vec![]),
             ("same size", vec![good[0], View { width: 9, ..good[1] }]),
-            ("same flags", vec![good[0], View { flags: good[1].flags ^ FLAG_CONTOURS, ..good[1] }]),
-            ("same flags", vec![good[0], View { max_voxel_pixels: 2.0, ..good[1] }]),
+            ("same contours", vec![good[0], View { flags: good[1].flags ^ FLAG_CONTOURS, ..good[1] }]),
+            ("same contours", vec![good[0], View { max_voxel_pixels: 2.0, ..good[1] }]),
             ("origin", vec![good[0], View { origin: [f32::NAN; 3], ..good[1] }]),
         ] {
             let error = Instances::new(bad).unwrap_err().to_string();

@@ -1,7 +1,7 @@
 //! Pictures of many placed objects, tile by tile.
 
 use esvo_core::instances::Batch;
-use esvo_core::{CastError, Hit, Instances, Nearest};
+use esvo_core::{CastError, Hit, Instances, LeaveOut, Nearest};
 use esvo_format::Octree;
 use rayon::prelude::*;
 

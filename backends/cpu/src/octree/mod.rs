@@ -20,8 +20,8 @@ use std::time::{Duration, Instant};
 
 use esvo_core::filter::{Frame, Radius};
 use esvo_core::{
-    CastError, Caster, Checked, Device, DeviceKind, Fans, Filtered, FrameTime, Hit, Instances, Nearest, Ray, Rays,
-    Roots, View,
+    CastError, Caster, Checked, Device, DeviceKind, Fans, Filtered, FrameTime, Hit, Instances, LeaveOut, Nearest, Ray,
+    Rays, Roots, View,
 };
 use esvo_format::Octree;
 use rayon::prelude::*;

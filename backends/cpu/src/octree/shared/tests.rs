@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use esvo_core::reference::{ReferenceCaster, cast_coarse, cast_fine};
 use esvo_core::testing::sample::{Sample, cameras, strange_views};
-use esvo_core::{CastOptions, Caster, Hit, Ray, Rays, View};
+use esvo_core::{CastOptions, Caster, Hit, LeaveOut, Ray, Rays, View};
 use esvo_format::Octree;
 
 use super::super::lockstep;
