@@ -57,6 +57,27 @@ fn what_is_not_needed_is_left_out_timed_written_and_read_back() {
     assert!(!report.passed());
 }
 
+/// GPU kernels leave out each thing by itself, and have a stack of as many frames as there are levels.
+#[cfg(feature = "ash")]
+#[test]
+fn gpu_kernels_leave_out_what_is_not_needed() {
+    let options = NeedsBenchOptions { engines: vec![esvo_engines::EngineId::Ash], rounds: 1, ..small() };
+    let report = match run_needs_bench(&options, &Progress::hidden()) {
+        Err(error) if std::env::var_os("ESVO_REQUIRE_GPU").is_none() => return eprintln!("skipped: {error}"),
+        result => result.unwrap(),
+    };
+    assert!(report.passed() && report.engines.len() == 1 && report.engines[0].name == "ash");
+    for case in &report.cases {
+        let variants: Vec<Variant> = case.cells.iter().map(|cell| cell.variant).collect();
+        let mut expected = vec![Variant::Everything];
+        expected.extend((!case.needs.contours).then_some(Variant::Contours));
+        expected.push(Variant::FarPointers);
+        expected.extend((!case.needs.sizes).then_some(Variant::Sizes));
+        expected.extend([Variant::Frames, Variant::All]);
+        assert_eq!(variants, expected, "{:?}", case.needs);
+    }
+}
+
 #[test]
 fn what_cannot_be_measured_is_an_error() {
     let fails = |options: NeedsBenchOptions, what: &str| {

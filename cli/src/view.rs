@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use esvo_bench::scene::{self, SceneSource};
 use esvo_core::camera::viewpoint;
-use esvo_core::{Camera, CastOptions, Object, View};
+use esvo_core::{Camera, CastOptions, Object, View, WIDE_BEAM_BLOCK};
 use esvo_format::Octree;
 use glam::DVec3;
 
@@ -63,11 +63,11 @@ impl ViewArguments {
         Err(format!("--max-voxel-pixels {pixels}: expected 0 or a positive number").into())
     }
 
-    /// The camera and the view of the first object of an octree.
-    pub(crate) fn view(&self, octree: &Octree, beam: bool) -> Result<(Camera, View), Failure> {
+    /// The camera and the view of the first object of an octree, without the beam.
+    pub(crate) fn view(&self, octree: &Octree) -> Result<(Camera, View), Failure> {
         let objects = Object::all(octree);
         let camera = self.camera(&objects)?;
-        let view = objects[0].view(&camera, self.size.into(), &self.options(!self.no_contours, beam))?;
+        let view = objects[0].view(&camera, self.size.into(), &self.options(!self.no_contours, false))?;
         Ok((camera, view))
     }
 
@@ -116,16 +116,20 @@ impl ViewArguments {
         width / height
     }
 
-    /// The view of each object by a camera, with or without contours.
+    /// The view of each object by a camera, with or without contours; with the beam in blocks of so many pixels, or without.
     pub(crate) fn views(
         &self,
         camera: &Camera,
         objects: &[Object],
         contours: bool,
-        beam: bool,
+        beam: Option<u32>,
     ) -> Result<Vec<View>, Failure> {
-        let options = self.options(contours, beam);
-        Ok(objects.iter().map(|object| object.view(camera, self.size.into(), &options)).collect::<Result<_, _>>()?)
+        let options = self.options(contours, beam.is_some());
+        let view = |object: &Object| {
+            let view = object.view(camera, self.size.into(), &options)?;
+            Ok(view.with_wide_beam(beam == Some(WIDE_BEAM_BLOCK)))
+        };
+        objects.iter().map(view).collect()
     }
 
     fn options(&self, contours: bool, beam: bool) -> CastOptions {

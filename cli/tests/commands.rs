@@ -82,6 +82,10 @@ fn kernels_are_printed_as_the_engines_compile_them() {
     let cubes = folder.ok(&["kernel", "--no-contours", "--levels", "12", "--beam", "--parts", "3"]);
     assert!(cubes.contains("const CONTOURS: bool = false;") && cubes.contains("const BEAM: bool = true;"));
     assert!(cubes.contains("const LEVELS: u32 = 12u;") && cubes.contains("var<storage, read> part_2"));
+    let texture = folder.ok(&["kernel", "--texture", "11", "--beam", "--beam-block", "8"]);
+    assert!(texture.contains("texture_storage_2d<rg32uint, read>") && texture.contains("const BEAM_BLOCK: u32 = 8u;"));
+    folder.fails(&["kernel", "--texture", "11", "--parts", "2"], 2, "cannot be used with");
+    folder.fails(&["kernel", "--beam-block", "5"], 2, "expected 4 or 8");
     assert_eq!(folder.ok(&["kernel", "--pass", "filter"]), esvo_core::filter::kernel::FILTER_WGSL);
     assert!(folder.ok(&["kernel", "--pass", "coarse"]).contains("const CONTOURS: bool = false;"));
     assert!(folder.ok(&["kernel", "--pass", "rays"]).contains("const RAYS: bool = true;"));

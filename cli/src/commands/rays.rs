@@ -41,7 +41,7 @@ pub(crate) fn run_rays(arguments: &RaysArguments) -> Result<(), Failure> {
     check_not_input(&arguments.output, &arguments.file)?;
     arguments.rays.check()?;
     let octree = open(&arguments.file, true)?;
-    let (_, view) = arguments.rays.view(&octree, false)?;
+    let (_, view) = arguments.rays.view(&octree)?;
     let header = FileHeader {
         object: 0,
         contours: view.contours(),

@@ -2,14 +2,15 @@
 
 use clap::ValueEnum;
 use esvo_bench::error::image::{PIXELS_PER_DEGREE, flip_map};
-use esvo_core::{Picture, shading};
+use esvo_core::{BEAM_BLOCK, Picture, WIDE_BEAM_BLOCK, shading};
 use esvo_engines::EngineId;
 
 use super::draw::Drawn;
 use super::look::{Filter, Look, ViewMode};
 
 /// What the sides of a comparison are called, but for view modes and engines.
-const VARIANTS: [&str; 7] = ["contours", "no-contours", "filter", "own-filter", "no-filter", "beam", "no-beam"];
+const VARIANTS: [&str; 8] =
+    ["contours", "no-contours", "filter", "own-filter", "no-filter", "beam", "wide-beam", "no-beam"];
 
 /// Pixels between two pictures.
 const GAP: u32 = 8;
@@ -32,7 +33,7 @@ pub(crate) struct Side {
     mode: Option<ViewMode>,
     filter: Option<Filter>,
     contours: Option<bool>,
-    beam: Option<bool>,
+    beam: Option<Option<u32>>,
 }
 
 /// Reads the value of `--compare`: two sides, each of one or more names.
@@ -54,8 +55,9 @@ impl Side {
                 "filter" => side.filter.replace(Filter::Adapted).is_none(),
                 "own-filter" => side.filter.replace(Filter::Own).is_none(),
                 "no-filter" => side.filter.replace(Filter::Off).is_none(),
-                "beam" => side.beam.replace(true).is_none(),
-                "no-beam" => side.beam.replace(false).is_none(),
+                "beam" => side.beam.replace(Some(BEAM_BLOCK)).is_none(),
+                "wide-beam" => side.beam.replace(Some(WIDE_BEAM_BLOCK)).is_none(),
+                "no-beam" => side.beam.replace(None).is_none(),
                 _ => {
                     if let Ok(mode) = ViewMode::from_str(name, false) {
                         side.mode.replace(mode).is_none()
@@ -186,7 +188,10 @@ mod tests {
             assert_eq!(set.iter().filter(|set| **set).count(), 1, "{name}");
         }
         let both = parse_comparison(" wgpu + no-contours+beam, cpu").unwrap().sides;
-        assert_eq!((both[0].engine, both[0].contours, both[0].beam), (Some(EngineId::Wgpu), Some(false), Some(true)));
+        assert_eq!(
+            (both[0].engine, both[0].contours, both[0].beam),
+            (Some(EngineId::Wgpu), Some(false), Some(Some(4)))
+        );
         for (bad, what) in [
             ("filter", "expected two sides"),
             ("", "expected two sides"),

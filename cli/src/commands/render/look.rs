@@ -11,7 +11,8 @@ pub(crate) struct Look {
     pub(crate) mode: ViewMode,
     pub(crate) filter: Filter,
     pub(crate) contours: bool,
-    pub(crate) beam: bool,
+    /// Edge of the blocks of the beam optimization in pixels.
+    pub(crate) beam: Option<u32>,
 }
 
 impl Look {

@@ -61,7 +61,8 @@ plus signs between them; what it does not name is as the other options say. The 
   shaded, iterations, normals, depth, levels, voxel-size, ambient: --view-mode
   reference, cpu, wgpu, ash: --backend
   filter, own-filter, no-filter: --filter adapted, own, off
-  contours, no-contours, beam, no-beam
+  contours, no-contours
+  beam, wide-beam, no-beam: --beam=4, --beam=8, neither
 
 A file for --path has one camera a line, as for --camera. Before it there may be its time in
 seconds and a colon; without times, all are equally far apart. Empty lines and lines that start
@@ -92,9 +93,9 @@ pub(crate) struct RenderArguments {
     pub(crate) backend: EngineId,
     #[command(flatten)]
     pub(crate) rays: ViewArguments,
-    /// Use the beam optimization, of one object; several are cast without it
-    #[arg(long)]
-    pub(crate) beam: bool,
+    /// Use the beam optimization, in blocks of 4x4 or 8x8 pixels; several objects, and those of a few pixels, are cast without it
+    #[arg(long, value_name = "4|8", num_args = 0..=1, require_equals = true, default_missing_value = "4", value_parser = parse_beam_block)]
+    pub(crate) beam: Option<u32>,
     /// What to show
     #[arg(long, value_enum, default_value_t = ViewMode::Shaded)]
     pub(crate) view_mode: ViewMode,
