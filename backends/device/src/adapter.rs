@@ -2,23 +2,26 @@
 
 use esvo_core::{Device, DeviceKind};
 
-/// The devices of the computer, best first: discrete GPUs, others, software drivers.
+/// The devices of the computer, best first: discrete GPUs, others, software drivers; of each kind, those through Vulkan, then
+/// those through Metal or Direct3D 12.
 pub fn adapters() -> Vec<Device> {
     found().iter().map(describe).collect()
 }
 
 /// The adapters in the order of [`adapters`].
 pub(crate) fn found() -> Vec<wgpu::Adapter> {
-    let descriptor = wgpu::InstanceDescriptor {
-        backends: wgpu::Backends::VULKAN,
-        ..wgpu::InstanceDescriptor::new_without_display_handle()
-    };
+    let backends = wgpu::Backends::VULKAN | wgpu::Backends::METAL | wgpu::Backends::DX12;
+    let descriptor = wgpu::InstanceDescriptor { backends, ..wgpu::InstanceDescriptor::new_without_display_handle() };
     let instance = wgpu::Instance::new(descriptor);
-    let mut adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::VULKAN));
-    adapters.sort_by_key(|adapter| match adapter.get_info().device_type {
-        wgpu::DeviceType::DiscreteGpu => 0,
-        wgpu::DeviceType::Cpu => 2,
-        _ => 1,
+    let mut adapters = pollster::block_on(instance.enumerate_adapters(backends));
+    adapters.sort_by_key(|adapter| {
+        let info = adapter.get_info();
+        let kind = match info.device_type {
+            wgpu::DeviceType::DiscreteGpu => 0,
+            wgpu::DeviceType::Cpu => 2,
+            _ => 1,
+        };
+        (kind, info.backend != wgpu::Backend::Vulkan)
     });
     adapters
 }
