@@ -46,8 +46,8 @@ mod instances;
 mod pipeline;
 mod rays;
 mod spirv;
-mod triangles;
 mod texture;
+mod triangles;
 
 pub use caster::AshCaster;
 pub use esvo_core::gpu::kernel::GpuOptions;

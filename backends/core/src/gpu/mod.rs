@@ -4,5 +4,5 @@
 pub mod choice;
 pub mod kernel;
 pub mod resident;
-pub mod triangles;
 pub mod slots;
+pub mod triangles;

@@ -24,7 +24,7 @@ use crate::fail::{Failure, complain, print};
 use crate::files::{check_extension, check_not_input, check_output, extension};
 use crate::memory::check_memory;
 use crate::stage::{LIST, Stage};
-use crate::values::{SkyValue, engine, parse_light, parse_sky};
+use crate::values::{SkyValue, engine, parse_beam_block, parse_light, parse_sky};
 use crate::view::{DEFAULT_FOV, Key, ViewArguments};
 use casters::Casters;
 use compare::{Comparison, Difference, compare, parse_comparison};
