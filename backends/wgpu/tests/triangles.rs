@@ -38,17 +38,13 @@ fn every_hit_is_the_exact_caster_s() {
 
 #[test]
 fn mistakes_are_noticed() {
+    let cases = cases().unwrap();
     for (name, right, wrong) in MISTAKES {
         assert_eq!(TRIANGLES_WGSL.matches(right).count(), 1, "{right}");
         let triangles_kernel = Some(TRIANGLES_WGSL.replace(right, wrong));
         let Some(mut caster) = open(&GpuOptions { triangles_kernel, ..GpuOptions::default() }) else { return };
-        let found = cases().unwrap().iter().try_fold(Comparison::default(), |mut all, case| {
-            all += compare(&mut caster, case)?;
-            Ok::<_, CastError>(all)
-        });
-        let found = found.unwrap();
-        println!("{name}: {found:?}");
-        assert!(found.different > 0, "{name}: {found:?}");
+        let mut found = cases.iter().map(|case| compare(&mut caster, case).unwrap());
+        assert!(found.any(|found| found.different > 0), "{name}");
     }
 }
 
