@@ -50,18 +50,20 @@ impl EngineId {
     /// # Errors
     /// As [`open`](Self::open).
     pub fn open_triangles(self, options: &OpenOptions) -> Result<Option<Box<dyn TriangleCaster>>, OpenError> {
-        let opened: Result<Box<dyn TriangleCaster>, CastError> = match (self, &options.gpu) {
+        let opened: Option<Result<Box<dyn TriangleCaster>, CastError>> = match (self, &options.gpu) {
             (Self::Reference | Self::Cpu, _) => return Ok(None),
             #[cfg(feature = "wgpu")]
-            (Self::Wgpu, gpu) => esvo_wgpu::WgpuTriangles::new(gpu).map(|caster| Box::new(caster) as _),
+            (Self::Wgpu, gpu) => Some(esvo_wgpu::WgpuTriangles::new(gpu).map(|caster| Box::new(caster) as _)),
             #[cfg(feature = "ash")]
-            (Self::Ash, gpu) => esvo_ash::AshTriangles::new(gpu).map(|caster| Box::new(caster) as _),
+            (Self::Ash, gpu) => Some(esvo_ash::AshTriangles::new(gpu).map(|caster| Box::new(caster) as _)),
             #[cfg(not(all(feature = "wgpu", feature = "ash")))]
-            (engine, _) => {
-                let feature = engine.engine().feature.unwrap_or(engine.name());
-                return Err(OpenError { engine, reason: OpenFailure::NotBuiltIn { feature } });
-            }
+            _ => None,
         };
-        opened.map(Some).map_err(|error| OpenError { engine: self, reason: OpenFailure::Cast(error) })
+        let reason = match opened {
+            Some(Ok(caster)) => return Ok(Some(caster)),
+            Some(Err(error)) => OpenFailure::Cast(error),
+            None => OpenFailure::NotBuiltIn { feature: self.engine().feature.unwrap_or(self.name()) },
+        };
+        Err(OpenError { engine: self, reason })
     }
 }
