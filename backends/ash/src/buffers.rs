@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use ash::vk;
+use bytemuck::Pod;
 use esvo_core::CastError;
 
 use crate::gpu::Gpu;
@@ -110,13 +111,14 @@ pub(crate) fn allocate(
     unsafe { gpu.device.allocate_memory(&info, None) }
 }
 
-/// Copies `slots` to the start of a buffer with usage `TRANSFER_DST`, in pieces as large as `staging`, a buffer on the host.
-pub(crate) fn fill(gpu: &Gpu, buffer: &Buffer, slots: &[u64], staging: &mut Buffer) -> Result<(), CastError> {
-    let piece_slots = (staging.bytes / 8).max(1) as usize;
-    for (piece, offset) in slots.chunks(piece_slots).zip((0u64..).step_by(piece_slots * 8)) {
-        let bytes: &[u8] = bytemuck::cast_slice(piece);
-        staging.contents()[..bytes.len()].copy_from_slice(bytes);
-        let copy = [vk::BufferCopy { src_offset: 0, dst_offset: offset, size: bytes.len() as u64 }];
+/// Copies `data` to the start of a buffer with usage `TRANSFER_DST`, in pieces as large as `staging`, a buffer on the host.
+pub(crate) fn fill<T: Pod>(gpu: &Gpu, buffer: &Buffer, data: &[T], staging: &mut Buffer) -> Result<(), CastError> {
+    let data: &[u8] = bytemuck::cast_slice(data);
+    // Copies start at multiples of four bytes.
+    let piece_bytes = (staging.bytes as usize / 4 * 4).max(4);
+    for (piece, offset) in data.chunks(piece_bytes).zip((0u64..).step_by(piece_bytes)) {
+        staging.contents()[..piece.len()].copy_from_slice(piece);
+        let copy = [vk::BufferCopy { src_offset: 0, dst_offset: offset, size: piece.len() as u64 }];
         gpu.run(|device, commands| {
             // SAFETY: the piece lies within both buffers, which outlive the submission.
             unsafe { device.cmd_copy_buffer(commands, staging.handle, buffer.handle, &copy) };

@@ -6,23 +6,22 @@ use std::time::{Duration, Instant};
 
 use ash::vk;
 use ash::vk::{BufferUsageFlags as Usage, DescriptorType};
-use esvo_core::exact::{CameraRays, ExactRay};
-use esvo_core::gpu::kernel::{GpuOptions, WORKGROUP, ray_workgroups, workgroups};
+use esvo_core::gpu::kernel::GpuOptions;
 use esvo_core::gpu::triangles::{
-    self as kernel, HierarchySpace, Question, TriangleCaster, TrianglePass, TriangleRay, TriangleRecord, TriangleView,
-    WideTriangles,
+    self as kernel, Dispatch, LoadedTriangles, TriangleDevice, TriangleLimits, TrianglePass, TriangleRecord,
+    TriangleView, WideTriangles,
 };
 use esvo_core::{CastError, Device};
 
-use crate::buffers::Buffer;
+use crate::buffers::{Buffer, fill};
 use crate::gpu::{Gpu, TIMESTAMPS};
 use crate::pipeline::{BufferSet, Pipeline};
 use crate::rays::{HOST, SHADER, TRANSFER, wait};
 
 /// Triangles are copied in pieces of this many bytes.
-const STAGING_BYTES: usize = 64 << 20;
+const STAGING_BYTES: u64 = 64 << 20;
 
-/// Casts rays at triangles by the kernel as SPIR-V through Vulkan. See [`TriangleCaster`].
+/// Casts rays at triangles by the kernel as SPIR-V through Vulkan. See [`TriangleCaster`](kernel::TriangleCaster).
 pub struct AshTriangles {
     // Fields are dropped in this order. Each holds the device, so the device is destroyed last.
     loaded: Option<Loaded>,
@@ -38,10 +37,7 @@ struct Loaded {
     set: BufferSet,
     _parts: [Buffer; 2],
     source: String,
-    space: HierarchySpace,
-    bytes: u64,
-    /// Without triangles every ray misses.
-    empty: bool,
+    about: LoadedTriangles,
 }
 
 struct Buffers {
@@ -61,32 +57,44 @@ impl AshTriangles {
     pub fn new(options: &GpuOptions) -> Result<Self, CastError> {
         Ok(Self { loaded: None, options: options.clone(), gpu: Arc::new(Gpu::open(options)?) })
     }
+}
 
-    /// Most bytes of a binding.
-    fn max_bytes(&self) -> u64 {
-        u64::from(self.gpu.adapter.limits.max_storage_buffer_range).min(self.gpu.adapter.max_allocation)
+impl TriangleDevice for AshTriangles {
+    fn name(&self) -> &'static str {
+        "ash"
     }
 
-    /// Most workgroups per dimension.
-    fn max_groups(&self) -> u32 {
-        let count = self.gpu.adapter.limits.max_compute_work_group_count;
-        count[0].min(count[1])
+    fn device(&self) -> &Device {
+        self.gpu.about()
     }
 
-    /// Runs a pass over `groups` workgroups and waits; afterwards the first `count` records are on the host, unless it is the timing
-    /// pass. Returns the time of the pass.
-    fn dispatch(
-        &mut self,
-        pass: TrianglePass,
-        view: &TriangleView,
-        rays: &[TriangleRay],
-        count: usize,
-        groups: (u32, u32),
-    ) -> Result<Duration, CastError> {
+    fn limits(&self) -> TriangleLimits {
+        let limits = &self.gpu.adapter.limits;
+        let binding_bytes = u64::from(limits.max_storage_buffer_range).min(self.gpu.adapter.max_allocation);
+        TriangleLimits {
+            part_bytes: self.options.max_part_bytes.unwrap_or(u64::MAX).min(binding_bytes),
+            binding_bytes,
+            groups: limits.max_compute_work_group_count[0].min(limits.max_compute_work_group_count[1]),
+            rays: self.options.max_rays,
+        }
+    }
+
+    fn loaded(&self) -> Option<LoadedTriangles> {
+        self.loaded.as_ref().map(|loaded| loaded.about)
+    }
+
+    fn upload(&mut self, triangles: &WideTriangles) -> Result<(), CastError> {
+        // Frees memory for the new triangles.
+        self.loaded = None;
+        self.loaded = Some(Loaded::new(&self.gpu, &self.options, triangles)?);
+        Ok(())
+    }
+
+    fn dispatch(&mut self, work: &Dispatch<'_>, records: &mut [TriangleRecord]) -> Result<Duration, CastError> {
         let loaded = self.loaded.as_mut().ok_or(CastError::NotLoaded)?;
-        let bytes: &[u8] = bytemuck::cast_slice(rays);
-        let (ray_bytes, out_bytes) = (bytes.len().max(size_of::<TriangleRay>()), count * size_of::<TriangleRecord>());
-        let (ray_bytes, out_bytes) = (ray_bytes as u64, out_bytes as u64);
+        let Dispatch { pass, view, groups, .. } = *work;
+        let bytes: &[u8] = bytemuck::cast_slice(work.rays);
+        let (ray_bytes, out_bytes) = (work.ray_bytes(), work.record_bytes());
         let fits = |b: &Buffers| b.rays[0].bytes >= ray_bytes && b.out[0].bytes >= out_bytes;
         let buffers = match loaded.buffers.take().filter(fits) {
             Some(buffers) => buffers,
@@ -131,98 +139,13 @@ impl AshTriangles {
                 wait(device, commands, TRANSFER, HOST);
             }
         })?;
-        match queries {
-            Some(queries) => self.gpu.between(queries, 0, 1),
-            None => Ok(start.elapsed()),
-        }
-    }
-
-    /// Copies records from the host's buffer.
-    fn read(&mut self, to: &mut [TriangleRecord]) -> Result<(), CastError> {
-        let buffers = self.loaded.as_mut().and_then(|loaded| loaded.buffers.as_mut()).ok_or(CastError::NotLoaded)?;
-        let to: &mut [u8] = bytemuck::cast_slice_mut(to);
-        to.copy_from_slice(&buffers.out[1].contents()[..to.len()]);
-        Ok(())
-    }
-}
-
-impl TriangleCaster for AshTriangles {
-    fn name(&self) -> &'static str {
-        "ash"
-    }
-
-    fn device(&self) -> &Device {
-        self.gpu.about()
-    }
-
-    fn resident_bytes(&self) -> u64 {
-        self.loaded.as_ref().map_or(0, |loaded| loaded.bytes)
-    }
-
-    fn load(&mut self, triangles: &WideTriangles) -> Result<(), CastError> {
-        let max_bytes = self.options.max_part_bytes.unwrap_or(u64::MAX).min(self.max_bytes());
-        triangles.check(max_bytes).map_err(|error| self.gpu.error(&error))?;
-        // Frees memory for the new triangles.
-        self.loaded = None;
-        self.loaded = Some(Loaded::new(&self.gpu, &self.options, triangles)?);
-        Ok(())
-    }
-
-    fn cast(&mut self, rays: &CameraRays, records: &mut Vec<TriangleRecord>) -> Result<(), CastError> {
-        let loaded = self.loaded.as_ref().ok_or(CastError::NotLoaded)?;
-        let view = loaded.space.view(rays).filter(|_| !loaded.empty);
-        records.clear();
-        records.resize(rays.pixels(), loaded.untouched());
-        let Some(mut view) = view else { return Ok(()) };
-        let rows = kernel::band_rows(rays.width, self.max_bytes(), self.max_groups())? as usize;
-        let width = rays.width as usize;
-        for (band, first_row) in records.chunks_mut(rows * width).zip((0..).step_by(rows)) {
-            view.first_row = first_row;
-            let groups = workgroups(rays.width, (band.len() / width) as u32, WORKGROUP);
-            self.dispatch(TrianglePass::Picture, &view, &[], band.len(), groups)?;
-            self.read(band)?;
-        }
-        Ok(())
-    }
-
-    fn cast_rays(
-        &mut self,
-        rays: &[ExactRay],
-        question: Question,
-        records: &mut Vec<TriangleRecord>,
-    ) -> Result<(), CastError> {
-        let loaded = self.loaded.as_ref().ok_or(CastError::NotLoaded)?;
-        let space = loaded.space;
-        records.clear();
-        records.resize(rays.len(), loaded.untouched());
-        if loaded.empty {
-            return Ok(());
-        }
-        let most = kernel::rays_per_dispatch(self.max_bytes(), self.max_groups());
-        let most = self.options.max_rays.map_or(most, |rays| rays.clamp(1, most));
-        for (some, records) in rays.chunks(most).zip(records.chunks_mut(most)) {
-            let placed: Vec<TriangleRay> = some.iter().map(|ray| space.ray(ray)).collect();
-            let count = some.len() as u32;
-            let groups = (ray_workgroups(count, WORKGROUP), 1);
-            self.dispatch(question.pass(), &TriangleView::of_rays(count), &placed, some.len(), groups)?;
-            self.read(records)?;
-        }
-        Ok(())
-    }
-
-    fn time(&mut self, rays: &CameraRays) -> Result<Duration, CastError> {
-        let loaded = self.loaded.as_ref().ok_or(CastError::NotLoaded)?;
-        if loaded.empty {
-            return Ok(Duration::ZERO);
-        }
-        let mut view = loaded.space.view(rays).ok_or_else(kernel::too_far)?;
-        let most = kernel::band_rows(rays.width, self.max_bytes(), self.max_groups())?;
-        let mut time = Duration::ZERO;
-        for first_row in (0..rays.height).step_by(most as usize) {
-            view.first_row = first_row;
-            let rows = most.min(rays.height - first_row);
-            let groups = workgroups(rays.width, rows, WORKGROUP);
-            time += self.dispatch(TrianglePass::Time, &view, &[], rows as usize * rays.width as usize, groups)?;
+        let time = match queries {
+            Some(queries) => self.gpu.between(queries, 0, 1)?,
+            None => start.elapsed(),
+        };
+        if let Some(buffers) = loaded.buffers.as_mut() {
+            let to: &mut [u8] = bytemuck::cast_slice_mut(records);
+            to.copy_from_slice(&buffers.out[1].contents()[..to.len()]);
         }
         Ok(time)
     }
@@ -231,10 +154,7 @@ impl TriangleCaster for AshTriangles {
 impl Loaded {
     fn new(gpu: &Arc<Gpu>, options: &GpuOptions, triangles: &WideTriangles) -> Result<Self, CastError> {
         let body = options.triangles_kernel.as_deref().unwrap_or(kernel::TRIANGLES_WGSL);
-        let parts = [
-            upload(gpu, bytemuck::cast_slice(&triangles.nodes))?,
-            upload(gpu, bytemuck::cast_slice(&triangles.triangles))?,
-        ];
+        let parts = [upload(gpu, &triangles.nodes)?, upload(gpu, &triangles.triangles)?];
         let bindings = [(DescriptorType::STORAGE_BUFFER, &parts[0]), (DescriptorType::STORAGE_BUFFER, &parts[1])];
         let set = BufferSet::new(gpu, &bindings)?;
         gpu.check()?;
@@ -244,30 +164,16 @@ impl Loaded {
             set,
             _parts: parts,
             source: triangles.source_with(body),
-            space: triangles.space,
-            bytes: triangles.bytes(),
-            empty: triangles.nodes.is_empty(),
+            about: LoadedTriangles::of(triangles),
         })
-    }
-
-    /// The answer without a dispatch: a miss without triangles, otherwise none.
-    fn untouched(&self) -> TriangleRecord {
-        if self.empty { TriangleRecord::MISS } else { TriangleRecord::UNDECIDED }
     }
 }
 
-/// Copies bytes to a new storage buffer on the device.
-fn upload(gpu: &Arc<Gpu>, bytes: &[u8]) -> Result<Buffer, CastError> {
-    let buffer = Buffer::on_device(gpu, bytes.len() as u64, Usage::STORAGE_BUFFER | Usage::TRANSFER_DST)?;
-    let mut staging = Buffer::on_host(gpu, STAGING_BYTES.min(bytes.len()) as u64, Usage::TRANSFER_SRC)?;
-    for (piece, offset) in bytes.chunks(STAGING_BYTES).zip((0u64..).step_by(STAGING_BYTES)) {
-        staging.contents()[..piece.len()].copy_from_slice(piece);
-        let copy = [vk::BufferCopy { src_offset: 0, dst_offset: offset, size: piece.len() as u64 }];
-        gpu.run(|device, commands| {
-            // SAFETY: the piece lies within both buffers, which outlive the submission.
-            unsafe { device.cmd_copy_buffer(commands, staging.handle, buffer.handle, &copy) };
-        })?;
-    }
+/// Copies data to a new storage buffer on the device.
+fn upload<T: bytemuck::Pod>(gpu: &Arc<Gpu>, data: &[T]) -> Result<Buffer, CastError> {
+    let bytes = size_of_val(data) as u64;
+    let buffer = Buffer::on_device(gpu, bytes, Usage::STORAGE_BUFFER | Usage::TRANSFER_DST)?;
+    fill(gpu, &buffer, data, &mut Buffer::on_host(gpu, STAGING_BYTES.min(bytes), Usage::TRANSFER_SRC)?)?;
     Ok(buffer)
 }
 

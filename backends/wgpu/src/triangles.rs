@@ -3,16 +3,15 @@
 use std::collections::HashMap;
 use std::time::{Duration, Instant};
 
-use esvo_core::exact::{CameraRays, ExactRay};
-use esvo_core::gpu::kernel::{GpuOptions, WORKGROUP, ray_workgroups, workgroups};
+use esvo_core::gpu::kernel::GpuOptions;
 use esvo_core::gpu::triangles::{
-    self as kernel, HierarchySpace, Question, TriangleCaster, TrianglePass, TriangleRay, TriangleRecord, TriangleView,
-    WideTriangles,
+    self as kernel, Dispatch, LoadedTriangles, TriangleDevice, TriangleLimits, TrianglePass, TriangleRecord,
+    TriangleView, WideTriangles,
 };
 use esvo_core::{CastError, Device};
 use esvo_device::{Gpu, Timestamps, Usage, storage, uniform};
 
-/// Casts rays at triangles by the WGSL kernel through wgpu. See [`TriangleCaster`].
+/// Casts rays at triangles by the WGSL kernel through wgpu. See [`TriangleCaster`](kernel::TriangleCaster).
 pub struct WgpuTriangles {
     gpu: Gpu,
     options: GpuOptions,
@@ -23,10 +22,7 @@ pub struct WgpuTriangles {
 
 /// Triangles on the device.
 struct Loaded {
-    space: HierarchySpace,
-    bytes: u64,
-    /// Without triangles every ray misses.
-    empty: bool,
+    about: LoadedTriangles,
     module: wgpu::ShaderModule,
     frame: wgpu::BindGroupLayout,
     layout: wgpu::BindGroupLayout,
@@ -54,29 +50,46 @@ impl WgpuTriangles {
         let timing = gpu.timestamps(1)?;
         Ok(Self { gpu, options: options.clone(), loaded: None, timing })
     }
+}
 
-    fn max_bytes(&self) -> u64 {
-        self.options.max_part_bytes.unwrap_or(u64::MAX).min(self.gpu.max_storage_bytes())
+impl TriangleDevice for WgpuTriangles {
+    fn name(&self) -> &'static str {
+        "wgpu"
     }
 
-    /// Runs a pass over `groups` workgroups; afterwards the first `count` records are in the staging buffer, unless it is the
-    /// timing pass.
-    fn dispatch(
-        &mut self,
-        pass: TrianglePass,
-        view: &TriangleView,
-        rays: &[TriangleRay],
-        count: usize,
-        groups: (u32, u32),
-    ) -> Result<(), CastError> {
+    fn device(&self) -> &Device {
+        self.gpu.about()
+    }
+
+    fn limits(&self) -> TriangleLimits {
+        let binding_bytes = self.gpu.max_storage_bytes();
+        TriangleLimits {
+            part_bytes: self.options.max_part_bytes.unwrap_or(u64::MAX).min(binding_bytes),
+            binding_bytes,
+            groups: self.gpu.limits().max_compute_workgroups_per_dimension,
+            rays: self.options.max_rays,
+        }
+    }
+
+    fn loaded(&self) -> Option<LoadedTriangles> {
+        self.loaded.as_ref().map(|loaded| loaded.about)
+    }
+
+    fn upload(&mut self, triangles: &WideTriangles) -> Result<(), CastError> {
+        // Frees memory for the new triangles.
+        self.loaded = None;
+        self.loaded = Some(Loaded::new(&self.gpu, &self.options, triangles)?);
+        Ok(())
+    }
+
+    fn dispatch(&mut self, work: &Dispatch<'_>, records: &mut [TriangleRecord]) -> Result<Duration, CastError> {
+        let Dispatch { pass, view, rays, groups, .. } = *work;
         let loaded = self.loaded.as_mut().ok_or(CastError::NotLoaded)?;
         if !loaded.pipelines.contains_key(&pass) {
             let pipeline = self.gpu.compute_pipeline(&loaded.module, pass.entry(), &[&loaded.frame, &loaded.layout])?;
             loaded.pipelines.insert(pass, pipeline);
         }
-        let (ray_bytes, out_bytes) =
-            (size_of_val(rays).max(size_of::<TriangleRay>()), count * size_of::<TriangleRecord>());
-        let (ray_bytes, out_bytes) = (ray_bytes as u64, out_bytes as u64);
+        let (ray_bytes, out_bytes) = (work.ray_bytes(), work.record_bytes());
         let fits = |b: &Buffers| b.rays.size() >= ray_bytes && b.out.size() >= out_bytes;
         let buffers = match loaded.buffers.take().filter(fits) {
             Some(buffers) => buffers,
@@ -87,6 +100,11 @@ impl WgpuTriangles {
         if !rays.is_empty() {
             self.gpu.write(&buffers.rays, 0, bytemuck::cast_slice(rays))?;
         }
+        if pass == TrianglePass::Time {
+            // Earlier work must not count.
+            self.gpu.wait()?;
+        }
+        let start = Instant::now();
         self.gpu.submit(|commands| {
             let timing = self.timing.as_ref().filter(|_| pass == TrianglePass::Time);
             let timestamp_writes = timing.map(|timing| timing.compute_pass(0));
@@ -103,112 +121,18 @@ impl WgpuTriangles {
                 timing.resolve(commands);
             }
         })?;
-        Ok(())
-    }
-
-    /// Reads records from the staging buffer.
-    fn read(&self, to: &mut [TriangleRecord]) -> Result<(), CastError> {
-        let buffers = self.loaded.as_ref().and_then(|loaded| loaded.buffers.as_ref()).ok_or(CastError::NotLoaded)?;
-        let bytes = size_of_val(to) as u64;
-        let copy = |from: &[u8]| bytemuck::cast_slice_mut(to).copy_from_slice(from);
-        Ok(self.gpu.read_staging(&buffers.staging, bytes, copy)?)
-    }
-
-    fn rows(&self, rays: &CameraRays) -> Result<usize, CastError> {
-        let groups = self.gpu.limits().max_compute_workgroups_per_dimension;
-        Ok(kernel::band_rows(rays.width, self.gpu.max_storage_bytes(), groups)? as usize)
-    }
-}
-
-impl TriangleCaster for WgpuTriangles {
-    fn name(&self) -> &'static str {
-        "wgpu"
-    }
-
-    fn device(&self) -> &Device {
-        self.gpu.about()
-    }
-
-    fn resident_bytes(&self) -> u64 {
-        self.loaded.as_ref().map_or(0, |loaded| loaded.bytes)
-    }
-
-    fn load(&mut self, triangles: &WideTriangles) -> Result<(), CastError> {
-        triangles.check(self.max_bytes()).map_err(|error| self.gpu.error(error))?;
-        // Frees memory for the new triangles.
-        self.loaded = None;
-        self.loaded = Some(Loaded::new(&self.gpu, &self.options, triangles)?);
-        Ok(())
-    }
-
-    fn cast(&mut self, rays: &CameraRays, records: &mut Vec<TriangleRecord>) -> Result<(), CastError> {
-        let loaded = self.loaded.as_ref().ok_or(CastError::NotLoaded)?;
-        let view = loaded.space.view(rays).filter(|_| !loaded.empty);
-        records.clear();
-        records.resize(rays.pixels(), loaded.untouched());
-        let Some(mut view) = view else { return Ok(()) };
-        let rows = self.rows(rays)?;
-        let width = rays.width as usize;
-        for (band, first_row) in records.chunks_mut(rows * width).zip((0..).step_by(rows)) {
-            view.first_row = first_row;
-            let groups = workgroups(rays.width, (band.len() / width) as u32, WORKGROUP);
-            self.dispatch(TrianglePass::Picture, &view, &[], band.len(), groups)?;
-            self.read(band)?;
+        if pass != TrianglePass::Time {
+            let copy = |from: &[u8]| bytemuck::cast_slice_mut(records).copy_from_slice(from);
+            self.gpu.read_staging(&buffers.staging, out_bytes, copy)?;
+            return Ok(start.elapsed());
         }
-        Ok(())
-    }
-
-    fn cast_rays(
-        &mut self,
-        rays: &[ExactRay],
-        question: Question,
-        records: &mut Vec<TriangleRecord>,
-    ) -> Result<(), CastError> {
-        let loaded = self.loaded.as_ref().ok_or(CastError::NotLoaded)?;
-        let space = loaded.space;
-        records.clear();
-        records.resize(rays.len(), loaded.untouched());
-        if loaded.empty {
-            return Ok(());
+        match &self.timing {
+            Some(timing) => Ok(timing.read(&self.gpu)?.span(0..=0)),
+            None => {
+                self.gpu.wait()?;
+                Ok(start.elapsed())
+            }
         }
-        let groups = self.gpu.limits().max_compute_workgroups_per_dimension;
-        let most = kernel::rays_per_dispatch(self.gpu.max_storage_bytes(), groups);
-        let most = self.options.max_rays.map_or(most, |rays| rays.clamp(1, most));
-        for (some, records) in rays.chunks(most).zip(records.chunks_mut(most)) {
-            let placed: Vec<TriangleRay> = some.iter().map(|ray| space.ray(ray)).collect();
-            let count = some.len() as u32;
-            let groups = (ray_workgroups(count, WORKGROUP), 1);
-            self.dispatch(question.pass(), &TriangleView::of_rays(count), &placed, some.len(), groups)?;
-            self.read(records)?;
-        }
-        Ok(())
-    }
-
-    fn time(&mut self, rays: &CameraRays) -> Result<Duration, CastError> {
-        let loaded = self.loaded.as_ref().ok_or(CastError::NotLoaded)?;
-        if loaded.empty {
-            return Ok(Duration::ZERO);
-        }
-        let mut view = loaded.space.view(rays).ok_or_else(kernel::too_far)?;
-        let rows = self.rows(rays)?;
-        // Earlier work must not count.
-        self.gpu.wait()?;
-        let mut time = Duration::ZERO;
-        for first_row in (0..rays.height).step_by(rows) {
-            view.first_row = first_row;
-            let rows = (rows as u32).min(rays.height - first_row);
-            let start = Instant::now();
-            let groups = workgroups(rays.width, rows, WORKGROUP);
-            self.dispatch(TrianglePass::Time, &view, &[], rows as usize * rays.width as usize, groups)?;
-            time += match &self.timing {
-                Some(timing) => timing.read(&self.gpu)?.span(0..=0),
-                None => {
-                    self.gpu.wait()?;
-                    start.elapsed()
-                }
-            };
-        }
-        Ok(time)
     }
 }
 
@@ -228,13 +152,8 @@ impl Loaded {
         let nodes = gpu.upload("nodes", nodes, Usage::STORAGE)?;
         let corners = gpu.upload("triangles", corners, Usage::STORAGE)?;
         let group = gpu.bind_group(&layout, &[&nodes, &corners])?;
-        let (space, bytes, pipelines) = (triangles.space, triangles.bytes(), HashMap::new());
-        Ok(Self { space, bytes, empty, module, frame, layout, group, pipelines, buffers: None })
-    }
-
-    /// The answer without a dispatch: a miss without triangles, otherwise none.
-    fn untouched(&self) -> TriangleRecord {
-        if self.empty { TriangleRecord::MISS } else { TriangleRecord::UNDECIDED }
+        let (about, pipelines) = (LoadedTriangles::of(triangles), HashMap::new());
+        Ok(Self { about, module, frame, layout, group, pipelines, buffers: None })
     }
 }
 

@@ -32,6 +32,7 @@ mod embree;
 mod embree_sys;
 mod exact;
 mod packet;
+pub mod suite;
 pub mod testing;
 #[cfg(test)]
 mod tests;

@@ -22,16 +22,18 @@
 //! - Boxes are widened by `(2 + e) (40 u + 3 D)`: corners, eye, direction, the rounding of `origin + quantum × n`, and of the slab test. A ray
 //!   then enters every box that holds a part of a triangle that the ray hits.
 
+mod caster;
+
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 
 use crate::exact::{CameraRays, ExactRay};
 use crate::gpu::kernel::WORKGROUP;
-use crate::{CastError, Device};
-use std::time::Duration;
+
+pub use self::caster::{Dispatch, LoadedTriangles, TriangleCaster, TriangleDevice, TriangleLimits};
 
 /// The kernel without its prelude.
-pub const TRIANGLES_WGSL: &str = include_str!("../../kernels/triangles.wgsl");
+pub const TRIANGLES_WGSL: &str = include_str!("../../../kernels/triangles.wgsl");
 
 /// [`TriangleRecord::triangle`] of a ray that hits nothing.
 pub const MISS: u32 = u32::MAX;
@@ -348,77 +350,4 @@ impl WideTriangles {
         let (stack, (width, height)) = (self.stack.max(1), WORKGROUP);
         format!("const STACK: u32 = {stack}u;\nconst WIDTH: u32 = {width}u;\nconst HEIGHT: u32 = {height}u;\n{body}")
     }
-}
-
-/// Most rows of a picture of this width that one dispatch casts on a device with these limits: bytes of a binding, workgroups per
-/// dimension.
-///
-/// # Errors
-/// [`CastError::Device`]: not even one row.
-pub fn band_rows(width: u32, max_bytes: u64, max_groups: u32) -> Result<u32, CastError> {
-    let row = u64::from(width) * size_of::<TriangleRecord>() as u64;
-    let rows = (max_bytes / row.max(1)).min(u64::from(max_groups) * u64::from(WORKGROUP.1));
-    let fits = u64::from(width) <= u64::from(max_groups) * u64::from(WORKGROUP.0) && rows > 0;
-    if !fits {
-        return Err(CastError::Device(format!(
-            "a picture {width} pixels wide is too wide for the device; cast a narrower one"
-        )));
-    }
-    Ok(u32::try_from(rows).unwrap_or(u32::MAX))
-}
-
-/// Most rays of a buffer that one dispatch casts.
-pub fn rays_per_dispatch(max_bytes: u64, max_groups: u32) -> usize {
-    let groups = u64::from(max_groups) * u64::from(WORKGROUP.0 * WORKGROUP.1);
-    (max_bytes / size_of::<TriangleRay>() as u64).min(groups).clamp(1, 1 << 22) as usize
-}
-
-/// A GPU that casts rays at triangles. `esvo_cpu::triangles::TriangleScene` makes the triangles and decides the rays that are left.
-pub trait TriangleCaster {
-    /// Name of the engine.
-    fn name(&self) -> &'static str;
-
-    /// The device.
-    fn device(&self) -> &Device;
-
-    /// Bytes on the device: nodes and triangles.
-    fn resident_bytes(&self) -> u64;
-
-    /// Copies triangles to the device, in place of those before.
-    ///
-    /// # Errors
-    /// Before anything is copied: more than a binding holds, or a hierarchy too deep for the kernel. The device's errors.
-    fn load(&mut self, triangles: &WideTriangles) -> Result<(), CastError>;
-
-    /// Casts a picture: `records[y * width + x]`, the first row on top. Resizes `records`.
-    ///
-    /// # Errors
-    /// [`CastError::NotLoaded`]; the device's errors.
-    fn cast(&mut self, rays: &CameraRays, records: &mut Vec<TriangleRecord>) -> Result<(), CastError>;
-
-    /// Casts rays in mesh units, in their order. Resizes `records`.
-    ///
-    /// # Errors
-    /// As [`cast`](Self::cast).
-    fn cast_rays(
-        &mut self,
-        rays: &[ExactRay],
-        question: Question,
-        records: &mut Vec<TriangleRecord>,
-    ) -> Result<(), CastError>;
-
-    /// Casts a picture and returns how long the device took, without copying and without rays that are undecided.
-    ///
-    /// # Errors
-    /// As [`cast`](Self::cast); a camera that single precision does not suffice for.
-    fn time(&mut self, rays: &CameraRays) -> Result<Duration, CastError>;
-}
-
-/// The error of [`TriangleCaster::time`] for a camera that [`HierarchySpace::view`] does not take.
-pub fn too_far() -> CastError {
-    CastError::Device(
-        "the camera's eye or far plane is more than a million mesh sizes away: single precision decides no ray; cast it on the \
-         processor"
-            .into(),
-    )
 }
