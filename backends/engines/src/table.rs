@@ -110,3 +110,17 @@ macro_rules! opener {
 }
 
 use {engines, feature_name, opener};
+
+#[cfg(all(test, any(feature = "wgpu", feature = "ash")))]
+mod tests {
+    use esvo_core::LeaveOut;
+
+    use super::*;
+
+    #[test]
+    fn gpu_casters_are_told_what_to_leave_out() {
+        for leave_out in [LeaveOut::ALL, LeaveOut::NOTHING] {
+            assert_eq!(gpu(&OpenOptions { leave_out, ..OpenOptions::default() }).leave_out, leave_out);
+        }
+    }
+}

@@ -445,7 +445,7 @@ pub fn workgroups(width: u32, rows: u32, workgroup: (u32, u32)) -> (u32, u32) {
 mod tests {
     use super::*;
     use crate::CastOptions;
-    use crate::testing::sample::cameras;
+    use crate::testing::sample::{Sample, cameras};
 
     #[test]
     fn large_pictures_are_cast_in_bands() {
@@ -487,6 +487,40 @@ mod tests {
         assert_eq!(edge(DeviceKind::Gpu, of(Some(SlotsIn::Texture))), Some(8192));
         let small_parts = GpuOptions { max_part_bytes: Some(64), ..GpuOptions::default() };
         assert_eq!(edge(DeviceKind::SoftwareGpu, small_parts), None);
+    }
+
+    #[test]
+    fn what_is_not_needed_is_left_out_unless_it_is_to_stay() {
+        let octree = Sample::plain(4, false).octree().expect("assembles");
+        let limits =
+            SlotLimits { binding_bytes: 1 << 27, storage_buffers: 8, texture_edge: None, memory_bytes: Some(1 << 27) };
+        let placed = |leave_out| {
+            let options = GpuOptions { leave_out, ..GpuOptions::default() };
+            Placement::new(&octree, octree.slots(), &limits)
+                .and_then(|placement| placement.with(&options))
+                .expect("fits")
+        };
+        let parts = |variant: Variant| (variant.contours, variant.far_pointers, variant.lod, variant.levels);
+        let (all, nothing) = (placed(LeaveOut::ALL), placed(LeaveOut::NOTHING));
+        assert_eq!(parts(all.rays_variant(true, false)), (false, false, false, octree.needs().levels));
+        assert_eq!(parts(nothing.rays_variant(true, false)), (true, true, true, 23));
+        assert_eq!(parts(nothing.rays_variant(false, true)), (false, true, true, 23), "cubes need no contours");
+        let view = View { max_voxel_pixels: 0.0, flags: crate::FLAG_CONTOURS, ..bytemuck::Zeroable::zeroed() };
+        assert_eq!(parts(all.variant(&view)), (false, false, false, octree.needs().levels));
+        assert_eq!(parts(nothing.variant(&view)), (true, true, true, 23));
+        for (keep, expected) in [
+            (LeaveOut { contours: false, ..LeaveOut::ALL }, (true, false, false, octree.needs().levels)),
+            (LeaveOut { far_pointers: false, ..LeaveOut::ALL }, (false, true, false, octree.needs().levels)),
+            (LeaveOut { sizes: false, ..LeaveOut::ALL }, (false, false, true, octree.needs().levels)),
+            (LeaveOut { frames: false, ..LeaveOut::ALL }, (false, false, false, 23)),
+        ] {
+            assert_eq!(parts(placed(keep).variant(&view)), expected, "{keep:?}");
+        }
+
+        let options = GpuOptions { workgroup: Some((7, 8)), ..GpuOptions::default() };
+        assert!(all.with(&options).expect_err("no power of two").contains("7 x 8"));
+        let small = SlotLimits { memory_bytes: Some(8), ..limits };
+        assert!(Placement::new(&octree, octree.slots(), &small).expect_err("too large").contains("memory of 8 bytes"));
     }
 
     #[test]

@@ -44,6 +44,20 @@ pub fn octrees_in_buffers_and_in_textures_agree(subject: &Subject) -> Result<(),
     Ok(())
 }
 
+/// Workgroups of other sizes give the reference's hits.
+///
+/// # Errors
+/// Rays that end elsewhere; what the caster said.
+pub fn other_workgroups_agree(subject: &Subject) -> Result<(), Fault> {
+    let octree = Sample::scattered(6, true).octree()?;
+    for workgroup in [(16, 4), (2, 8), (16, 16)] {
+        let mut caster = subject.open_with(&GpuOptions { workgroup: Some(workgroup), ..GpuOptions::default() })??;
+        let comparison = against_reference(&mut *caster, &octree, (61, 47))?;
+        demand_agreement(&*caster, &comparison)?;
+    }
+    Ok(())
+}
+
 /// The comparison has teeth: a kernel with any of several mistakes in it does not pass.
 ///
 /// # Errors

@@ -232,6 +232,7 @@ macro_rules! kernel_suite {
         $crate::conformance_suite! { @$then $given
             several_bindings_agree
             octrees_in_buffers_and_in_textures_agree
+            other_workgroups_agree
             broken_kernels_are_caught
             batches_of_rays_agree
             kernels_that_break_rays_are_caught

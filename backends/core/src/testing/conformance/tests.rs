@@ -199,6 +199,7 @@ fn checks_of_kernels_need_one() {
         let agreement = [
             "several_bindings_agree",
             "octrees_in_buffers_and_in_textures_agree",
+            "other_workgroups_agree",
             "batches_of_rays_agree",
             "filters_in_bands_agree",
         ]
