@@ -73,7 +73,6 @@ impl TriangleDevice for AshTriangles {
         let binding_bytes = u64::from(limits.max_storage_buffer_range).min(self.gpu.adapter.max_allocation);
         TriangleLimits {
             part_bytes: self.options.max_part_bytes.unwrap_or(u64::MAX).min(binding_bytes),
-            binding_bytes,
             groups: limits.max_compute_work_group_count[0].min(limits.max_compute_work_group_count[1]),
             rays: self.options.max_rays,
         }

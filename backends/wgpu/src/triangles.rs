@@ -65,7 +65,6 @@ impl TriangleDevice for WgpuTriangles {
         let binding_bytes = self.gpu.max_storage_bytes();
         TriangleLimits {
             part_bytes: self.options.max_part_bytes.unwrap_or(u64::MAX).min(binding_bytes),
-            binding_bytes,
             groups: self.gpu.limits().max_compute_workgroups_per_dimension,
             rays: self.options.max_rays,
         }

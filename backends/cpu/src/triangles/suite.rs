@@ -1,10 +1,10 @@
 //! The tests of every engine that casts triangles on a GPU: [`triangle_suite!`](crate::triangle_suite).
 
-use esvo_core::CastError;
-use esvo_core::exact::ExactRay;
+use esvo_core::exact::{CameraRays, ExactRay};
 use esvo_core::gpu::kernel::GpuOptions;
-use esvo_core::gpu::triangles::{Question, TRIANGLES_WGSL, TriangleCaster};
+use esvo_core::gpu::triangles::{Question, TRIANGLES_WGSL, TriangleCaster, TriangleRecord};
 use esvo_core::testing::conformance::REQUIRE_GPU;
+use esvo_core::{Camera, CastError};
 
 use super::TriangleScene;
 use super::testing::{Comparison, MISTAKES, cases, compare};
@@ -69,6 +69,40 @@ pub fn lists_are_split_over_dispatches(open: Open) {
     assert!(found.different == 0 && found.rays > 20_000, "{found:?}");
 }
 
+/// A picture that is cast in bands is that of one band.
+///
+/// # Panics
+/// If it is not so.
+pub fn pictures_in_bands_agree(open: Open) {
+    let triangles = [[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, 0.0]];
+    let triangles = TriangleScene::new(vec![triangles]).unwrap().wide();
+    let camera = Camera {
+        eye: [0.2, 0.1, 3.0],
+        forward: [0.0, 0.0, -1.0],
+        up: [0.0, 1.0, 0.0],
+        fov_degrees: 45.0,
+        near: 0.1,
+        far: 10.0,
+    };
+    let rays = CameraRays::new(&camera, (40, 30)).unwrap();
+    let cast = |options| {
+        let mut caster = opened(open, options)?;
+        caster.load(&triangles).unwrap();
+        let mut records = Vec::new();
+        caster.cast(&rays, &mut records).unwrap();
+        caster.time(&rays).unwrap();
+        Some(records)
+    };
+    let Some(whole) = cast(GpuOptions::default()) else { return };
+    // Bands of seven rows, and of one.
+    for rows in [7, 1] {
+        let max_part_bytes = Some(40 * size_of::<TriangleRecord>() as u64 * rows);
+        assert_eq!(cast(GpuOptions { max_part_bytes, ..GpuOptions::default() }).as_ref(), Some(&whole));
+    }
+    let hits = whole.iter().filter(|record| record.triangle == 0).count();
+    assert!((100..1100).contains(&hits), "{hits}");
+}
+
 /// Triangles over a binding, and hierarchies deeper than the stack, are refused; those before stay.
 ///
 /// # Panics
@@ -102,6 +136,7 @@ macro_rules! triangle_suite {
             every_hit_is_the_exact_caster_s
             mistakes_are_noticed
             lists_are_split_over_dispatches
+            pictures_in_bands_agree
             what_does_not_fit_is_refused_before_it_is_copied
         }
     };

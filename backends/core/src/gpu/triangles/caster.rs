@@ -79,10 +79,8 @@ pub trait TriangleDevice {
 /// What a device and the options allow.
 #[derive(Clone, Copy, Debug)]
 pub struct TriangleLimits {
-    /// Most bytes of nodes, and of triangles.
+    /// Most bytes of a binding: of nodes, of triangles, of rays or of records.
     pub part_bytes: u64,
-    /// Most bytes of a binding.
-    pub binding_bytes: u64,
     /// Most workgroups per dimension.
     pub groups: u32,
     /// Most rays of a dispatch; `None`: as many as the others allow.
@@ -224,7 +222,7 @@ impl<D: TriangleDevice> TriangleCaster for D {
 /// [`CastError::Device`]: not even one row.
 fn band_rows(width: u32, limits: &TriangleLimits) -> Result<u32, CastError> {
     let row = u64::from(width) * size_of::<TriangleRecord>() as u64;
-    let rows = (limits.binding_bytes / row.max(1)).min(u64::from(limits.groups) * u64::from(WORKGROUP.1));
+    let rows = (limits.part_bytes / row.max(1)).min(u64::from(limits.groups) * u64::from(WORKGROUP.1));
     let fits = u64::from(width) <= u64::from(limits.groups) * u64::from(WORKGROUP.0) && rows > 0;
     if !fits {
         return Err(CastError::Device(format!(
@@ -237,7 +235,7 @@ fn band_rows(width: u32, limits: &TriangleLimits) -> Result<u32, CastError> {
 /// Most rays of a buffer that one dispatch casts.
 fn rays_per_dispatch(limits: &TriangleLimits) -> usize {
     let groups = u64::from(limits.groups) * u64::from(WORKGROUP.0 * WORKGROUP.1);
-    let most = (limits.binding_bytes / size_of::<TriangleRay>() as u64).min(groups).clamp(1, 1 << 22) as usize;
+    let most = (limits.part_bytes / size_of::<TriangleRay>() as u64).min(groups).clamp(1, 1 << 22) as usize;
     limits.rays.map_or(most, |rays| rays.clamp(1, most))
 }
 
