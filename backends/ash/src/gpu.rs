@@ -2,11 +2,12 @@
 
 use std::time::Duration;
 
-use ash::vk;
+use ash::{ext, vk};
 use esvo_core::gpu::kernel::GpuOptions;
 use esvo_core::{CastError, Device};
 
 use crate::instance::{Adapter, Instance};
+use crate::subgroup;
 
 /// Timestamps: start and end of the coarse pass, start and end of the main pass.
 pub(crate) const TIMESTAMPS: u32 = 4;
@@ -18,6 +19,8 @@ pub(crate) struct Gpu {
     pub(crate) device: ash::Device,
     pub(crate) adapter: Adapter,
     pub(crate) memory: vk::PhysicalDeviceMemoryProperties,
+    /// Of all pipelines, if a size was demanded.
+    pub(crate) subgroup_size: Option<u32>,
     queue: vk::Queue,
     pool: vk::CommandPool,
     commands: vk::CommandBuffer,
@@ -37,7 +40,14 @@ impl Gpu {
             [vk::DeviceQueueCreateInfo::default().queue_family_index(adapter.queue_family).queue_priorities(&[1.0])];
         let features =
             vk::PhysicalDeviceFeatures::default().shader_storage_image_extended_formats(adapter.texture_edge > 0);
-        let info = vk::DeviceCreateInfo::default().queue_create_infos(&queues).enabled_features(&features);
+        let mut subgroups = vk::PhysicalDeviceSubgroupSizeControlFeatures::default().subgroup_size_control(true);
+        let extensions = [ext::subgroup_size_control::NAME.as_ptr()];
+        let mut info = vk::DeviceCreateInfo::default().queue_create_infos(&queues).enabled_features(&features);
+        if let Some(size) = options.subgroup_size {
+            subgroup::check(size, adapter.subgroup_sizes.as_ref())
+                .map_err(|what| CastError::Device(format!("{}: {what}", adapter.about.name)))?;
+            info = info.enabled_extension_names(&extensions).push_next(&mut subgroups);
+        }
         // SAFETY: the adapter is of this instance and has the queue family; `info` lives until the call returns.
         let device = unsafe { instance.handle.create_device(adapter.handle, &info, None) }.map_err(failed)?;
         // SAFETY: as above.
@@ -48,6 +58,7 @@ impl Gpu {
             device,
             adapter,
             memory,
+            subgroup_size: options.subgroup_size,
             queue,
             pool: vk::CommandPool::null(),
             commands: vk::CommandBuffer::null(),

@@ -1,6 +1,7 @@
 //! The Vulkan library, an instance of it, and the devices of the computer.
 
 use std::ffi::{CStr, c_void};
+use std::ops::RangeInclusive;
 use std::sync::{Mutex, PoisonError};
 
 use ash::{ext, vk};
@@ -8,6 +9,7 @@ use esvo_core::gpu::choice::{INSTALL_DRIVER, choose};
 use esvo_core::gpu::kernel::GpuOptions;
 use esvo_core::{CastError, Device, DeviceKind};
 
+use crate::subgroup;
 use crate::texture::FORMAT;
 
 const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
@@ -34,6 +36,8 @@ pub(crate) struct Adapter {
     pub(crate) max_allocation: u64,
     /// Most rows and columns of a texture of [`FORMAT`] that the kernel reads; 0 if there cannot be one.
     pub(crate) texture_edge: u32,
+    /// Sizes of subgroups that pipelines can be asked for.
+    pub(crate) subgroup_sizes: Option<RangeInclusive<u32>>,
     /// First queue family with compute support.
     pub(crate) queue_family: u32,
     /// Significant bits of its timestamps; 0 if it has none.
@@ -183,6 +187,7 @@ impl Instance {
             limits: properties.limits,
             texture_edge: self.texture_edge(handle, &properties.limits),
             max_allocation: maintenance.max_memory_allocation_size,
+            subgroup_sizes: subgroup::sizes(&self.handle, handle),
             queue_family,
             timestamp_bits: family.timestamp_valid_bits,
             rank,

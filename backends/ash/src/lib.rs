@@ -46,6 +46,7 @@ mod instances;
 mod pipeline;
 mod rays;
 mod spirv;
+mod subgroup;
 mod texture;
 mod triangles;
 

@@ -132,10 +132,15 @@ impl Pipeline {
             let layout = vk::PipelineLayoutCreateInfo::default().set_layouts(layouts);
             self.layout = device.create_pipeline_layout(&layout, None)?;
             let module = device.create_shader_module(&vk::ShaderModuleCreateInfo::default().code(code), None)?;
-            let stage = vk::PipelineShaderStageCreateInfo::default()
+            let mut subgroup = vk::PipelineShaderStageRequiredSubgroupSizeCreateInfo::default();
+            let mut stage = vk::PipelineShaderStageCreateInfo::default()
                 .stage(vk::ShaderStageFlags::COMPUTE)
                 .module(module)
                 .name(entry);
+            if let Some(size) = self.gpu.subgroup_size {
+                subgroup.required_subgroup_size = size;
+                stage = stage.push_next(&mut subgroup);
+            }
             let info = vk::ComputePipelineCreateInfo::default().stage(stage).layout(self.layout);
             let made = device.create_compute_pipelines(vk::PipelineCache::null(), &[info], None);
             device.destroy_shader_module(module, None);

@@ -9,8 +9,8 @@
 //!
 //! Measured are the kernel that is built in, as the engines use it on this device, the [`EXPERIMENTS`] with `--experiments`, and
 //! each `NAME=FILE.wgsl`: a kernel without its prelude, with the octree in buffers. `SCENE=FILE.esvo` is a scene of the built-in manifest and an octree of it. Every viewpoint of the manifest is cast with contours, with contours and
-//! beam, and with cubes; rays end at voxels of one pixel. All kernels cast each view in turn in every round. Printed is a table
-//! of million rays per second over all viewpoints, by the least time of each view in the rounds: by the device's own clock, or of
+//! beam, and with cubes; rays end at voxels of one pixel. All kernels of all engines cast each view in turn in every round. Printed
+//! is a table of million rays per second over all viewpoints, by the least time of each view in the rounds: by the device's own clock, or of
 //! processor time where the device is a driver that runs on the processor, so that other work on the machine does not count.
 
 mod measuring;
@@ -32,8 +32,18 @@ struct Kernel {
     wide_beam: bool,
 }
 
+/// An engine with a kernel.
+struct Column {
+    name: String,
+    caster: Box<dyn Caster>,
+    wide_beam: bool,
+}
+
 /// What was tried: name, where the octree is, workgroup, and text to be replaced in the kernel.
 type Experiment = (&'static str, Option<SlotsIn>, Option<(u32, u32)>, &'static [(&'static str, &'static str)]);
+
+/// Sizes of subgroups that are tried where the engine and the driver allow it.
+const SUBGROUP_SIZES: [u32; 5] = [4, 8, 16, 32, 64];
 
 /// Other ways to run the kernel than the built-in one.
 const EXPERIMENTS: &[Experiment] = &[
@@ -160,6 +170,10 @@ fn kernels(experiments: bool) -> Result<Vec<Kernel>, Error> {
         let (slots_in, workgroup) = (*slots_in, *workgroup);
         kernels.push(of(name, GpuOptions { kernel, slots_in, workgroup, ..GpuOptions::default() }));
     }
+    for size in SUBGROUP_SIZES {
+        let options = GpuOptions { subgroup_size: Some(size), ..GpuOptions::default() };
+        kernels.push(of(&format!("subgroups of {size}"), options));
+    }
     kernels.push(Kernel { wide_beam: true, ..of("beam 8x8", GpuOptions::default()) });
     Ok(kernels)
 }
@@ -251,55 +265,55 @@ fn differences(caster: &mut dyn Caster, views: &[View], expected: &[Vec<Hit>]) -
 
 fn main() -> Result<(), Error> {
     let Arguments { engines, rounds, size, kernels, scenes } = Arguments::parse()?;
+    let mut columns = Vec::new();
     for engine in engines {
-        let mut casters = Vec::new();
-        for kernel in &kernels {
+        for (number, kernel) in kernels.iter().enumerate() {
             let gpu = kernel.options.clone();
-            casters.push(engine.open(&OpenOptions { gpu, ..OpenOptions::default() })?);
-        }
-        println!(
-            "{engine} on {} ({}), {} x {}\n",
-            casters[0].device().name,
-            casters[0].device().detail,
-            size.0,
-            size.1
-        );
-        let names: Vec<_> = kernels.iter().map(|kernel| kernel.name.as_str()).collect();
-        println!("| scene, mode, views | {} | differ |", names.join(" | "));
-        println!("|---|{}--:|", "--:|".repeat(names.len()));
-        for (scene, octree) in &scenes {
-            let mut processor = EngineId::Cpu.open(&OpenOptions::default())?;
-            processor.load(octree)?;
-            for caster in &mut casters {
-                caster.load(octree)?;
+            let opened = engine.open(&OpenOptions { gpu, ..OpenOptions::default() });
+            if kernel.options.subgroup_size.is_some() && opened.is_err() {
+                continue;
             }
-            for (mode, options) in MODES {
-                let views = views(scene, octree, size, &options)?;
-                let mut expected = vec![Vec::new(); views.len()];
-                for (view, hits) in views.iter().zip(&mut expected) {
-                    processor.cast(view, hits)?;
-                }
-                let mut different = Vec::new();
-                for (caster, kernel) in casters.iter_mut().zip(&kernels) {
-                    let views: Vec<_> = views.iter().map(|view| view.with_wide_beam(kernel.wide_beam)).collect();
-                    different.push(differences(&mut **caster, &views, &expected)?.to_string());
-                }
-                let mut best = vec![vec![f64::MAX; views.len()]; casters.len()];
-                for _ in 0..rounds {
-                    for (k, view) in views.iter().enumerate() {
-                        for ((caster, best), kernel) in casters.iter_mut().zip(&mut best).zip(&kernels) {
-                            let view = view.with_wide_beam(kernel.wide_beam);
-                            best[k] = seconds(&mut **caster, &view)?.min(best[k]);
-                        }
+            let caster = opened?;
+            if number == 0 {
+                println!("{engine} on {} ({})", caster.device().name, caster.device().detail);
+            }
+            columns.push(Column { name: format!("{engine}, {}", kernel.name), caster, wide_beam: kernel.wide_beam });
+        }
+    }
+    let names: Vec<_> = columns.iter().map(|column| column.name.as_str()).collect();
+    println!("\n| {} x {}: scene, mode, views | {} | differ |", size.0, size.1, names.join(" | "));
+    println!("|---|{}--:|", "--:|".repeat(names.len()));
+    for (scene, octree) in &scenes {
+        let mut processor = EngineId::Cpu.open(&OpenOptions::default())?;
+        processor.load(octree)?;
+        for column in &mut columns {
+            column.caster.load(octree)?;
+        }
+        for (mode, options) in MODES {
+            let views = views(scene, octree, size, &options)?;
+            let mut expected = vec![Vec::new(); views.len()];
+            for (view, hits) in views.iter().zip(&mut expected) {
+                processor.cast(view, hits)?;
+            }
+            let mut different = Vec::new();
+            for column in &mut columns {
+                let views: Vec<_> = views.iter().map(|view| view.with_wide_beam(column.wide_beam)).collect();
+                different.push(differences(&mut *column.caster, &views, &expected)?.to_string());
+            }
+            let mut best = vec![vec![f64::MAX; views.len()]; columns.len()];
+            for _ in 0..rounds {
+                for (k, view) in views.iter().enumerate() {
+                    for (column, best) in columns.iter_mut().zip(&mut best) {
+                        let view = view.with_wide_beam(column.wide_beam);
+                        best[k] = seconds(&mut *column.caster, &view)?.min(best[k]);
                     }
                 }
-                let rays = views.len() as f64 * f64::from(size.0 * size.1);
-                let rates = best.iter().map(|best| format!("{:.2}", rays / best.iter().sum::<f64>() / 1e6));
-                let rates: Vec<_> = rates.collect();
-                println!("| {scene}, {mode}, {} | {} | {} |", views.len(), rates.join(" | "), different.join(" "));
             }
+            let rays = views.len() as f64 * f64::from(size.0 * size.1);
+            let rates = best.iter().map(|best| format!("{:.2}", rays / best.iter().sum::<f64>() / 1e6));
+            let rates: Vec<_> = rates.collect();
+            println!("| {scene}, {mode}, {} | {} | {} |", views.len(), rates.join(" | "), different.join(" "));
         }
-        println!();
     }
     Ok(())
 }

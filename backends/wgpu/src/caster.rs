@@ -64,12 +64,18 @@ impl WgpuCaster {
     /// Opens a device.
     ///
     /// # Errors
-    /// [`CastError::Device`]: there is no device, or none of the wanted name.
+    /// [`CastError::Device`]: there is no device, or none of the wanted name; a size of subgroups is demanded, which WebGPU does not
+    /// know.
     pub fn new(options: &GpuOptions) -> Result<Self, CastError> {
+        if let Some(size) = options.subgroup_size {
+            return Err(CastError::Device(format!(
+                "subgroups of {size}: wgpu cannot ask for a size, ash can on drivers that allow it"
+            )));
+        }
         Ok(Self::on(Gpu::open(options.adapter.as_deref())?, options.clone()))
     }
 
-    /// Casts on a device that the program has opened, through its queue. `options.adapter` is not read. An octree is split
+    /// Casts on a device that the program has opened, through its queue. `options.adapter` and `options.subgroup_size` are not read. An octree is split
     /// over as many bindings as the device's limits demand; request `adapter.limits()` for large octrees.
     ///
     /// The device's callbacks for errors and for its loss stay those of the program.

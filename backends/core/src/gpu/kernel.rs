@@ -290,7 +290,8 @@ pub struct GpuOptions {
     /// Takes the first device whose name contains this, whatever its case; `None`: the fastest kind of device. See
     /// [`choose`](super::choice::choose).
     pub adapter: Option<String>,
-    /// Most bytes in one binding of octree data, or of pixels to be filtered. `None`: as many as the device allows.
+    /// Most bytes in one binding of octree data, of pixels to be filtered, or of triangles, their rays and their records.
+    /// `None`: as many as the device allows.
     pub max_part_bytes: Option<u64>,
     /// Most rays in one dispatch of [`Pass::Rays`], at least 1. `None`: see [`rays_per_dispatch`].
     pub max_rays: Option<usize>,
@@ -309,6 +310,8 @@ pub struct GpuOptions {
     pub slots_in: Option<SlotsIn>,
     /// Width and height in pixels of the workgroups of pictures of one view, powers of two. `None`: [`WORKGROUP`].
     pub workgroup: Option<(u32, u32)>,
+    /// Invocations of a subgroup, a power of two. `None`: as many as the driver chooses. Only ash can ask for it.
+    pub subgroup_size: Option<u32>,
 }
 
 impl GpuOptions {

@@ -2,11 +2,12 @@
 
 use super::checks::{demand_agreement, view_of};
 use super::{Fault, Subject, demand};
-use crate::CastError;
 use crate::gpu::kernel::{CAST_WGSL, GpuOptions};
 use crate::gpu::slots::SlotsIn;
+use crate::reference::ReferenceCaster;
 use crate::testing::compare::Allowed;
 use crate::testing::sample::{Sample, against_reference};
+use crate::{CastError, Caster};
 
 /// Lines of the kernel, and mistakes to put in their place.
 const MISTAKES: [(&str, &str); 6] = [
@@ -56,6 +57,49 @@ pub fn other_workgroups_agree(subject: &Subject) -> Result<(), Fault> {
         demand_agreement(&*caster, &comparison)?;
     }
     Ok(())
+}
+
+/// Subgroups of every size either give the reference's hits or are refused; one of 3 invocations is refused.
+///
+/// # Errors
+/// Rays that end elsewhere; a size that is neither; what the caster said.
+pub fn subgroups_agree_or_are_refused(subject: &Subject) -> Result<(), Fault> {
+    let octree = Sample::scattered(6, true).octree()?;
+    for size in [3, 4, 8, 16, 32, 64, 128] {
+        let opened = subject.open_with(&GpuOptions { subgroup_size: Some(size), ..GpuOptions::default() })?;
+        match opened {
+            Ok(mut caster) if size != 3 => {
+                let comparison = against_reference(&mut *caster, &octree, (61, 47))?;
+                demand_agreement(&*caster, &comparison)?;
+            }
+            opened => demand_refusal("a size of subgroups", opened, &format!("subgroups of {size}: "))?,
+        }
+    }
+    Ok(())
+}
+
+/// The coarse pass of blocks of 4 and of 8 pixels saves as many iterations as the reference's, in every pixel.
+///
+/// Hits do not tell which block a kernel has: the beam changes none.
+///
+/// # Errors
+/// More than one pixel in 1000 that takes another number of iterations; what the caster said.
+pub fn beams_of_both_blocks_save_the_same(subject: &Subject) -> Result<(), Fault> {
+    let octree = Sample::scattered(6, true).octree()?;
+    let (mut caster, mut reference) = (subject.open_with(&GpuOptions::default())??, ReferenceCaster::default());
+    caster.load(&octree)?;
+    reference.load(&octree)?;
+    let (mut ours, mut theirs) = (Vec::new(), Vec::new());
+    let mut sums = Vec::new();
+    for wide in [false, true] {
+        let view = view_of(&octree, 0, (131, 75), true)?.with_wide_beam(wide);
+        caster.cast(&view, &mut ours)?;
+        reference.cast(&view, &mut theirs)?;
+        let differ = ours.iter().zip(&theirs).filter(|(a, b)| a.iterations != b.iterations).count();
+        demand(differ <= ours.len() / 1000, || format!("blocks of {}: {differ} pixels", view.beam_block()))?;
+        sums.push(ours.iter().map(|hit| u64::from(hit.iterations)).sum::<u64>());
+    }
+    demand(sums[0] != sums[1], || "both blocks take the same iterations: the test tests nothing".into())
 }
 
 /// The comparison has teeth: a kernel with any of several mistakes in it does not pass.

@@ -233,6 +233,8 @@ macro_rules! kernel_suite {
             several_bindings_agree
             octrees_in_buffers_and_in_textures_agree
             other_workgroups_agree
+            subgroups_agree_or_are_refused
+            beams_of_both_blocks_save_the_same
             broken_kernels_are_caught
             batches_of_rays_agree
             kernels_that_break_rays_are_caught

@@ -200,6 +200,7 @@ fn checks_of_kernels_need_one() {
             "several_bindings_agree",
             "octrees_in_buffers_and_in_textures_agree",
             "other_workgroups_agree",
+            "beams_of_both_blocks_save_the_same",
             "batches_of_rays_agree",
             "filters_in_bands_agree",
         ]
