@@ -49,9 +49,9 @@ if ! vulkan && command -v apt-get >/dev/null 2>&1; then
         $root true 2>/dev/null || root='no'
     fi
     if [ "$root" != no ]; then
-        echo "no Vulkan device: installing Debian's mesa-vulkan-drivers (a driver that runs on the processor)"
+        echo "no Vulkan device: installing Debian's mesa-vulkan-drivers (a driver that runs on the processor) and the validation layer"
         { $root apt-get update -qq &&
-            DEBIAN_FRONTEND=noninteractive $root apt-get install -y -qq --no-install-recommends mesa-vulkan-drivers libvulkan1; } ||
+            DEBIAN_FRONTEND=noninteractive $root apt-get install -y -qq --no-install-recommends mesa-vulkan-drivers libvulkan1 vulkan-validationlayers; } ||
             echo "that did not work"
     fi
 fi

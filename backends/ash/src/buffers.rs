@@ -167,7 +167,7 @@ mod tests {
     fn impossible_sizes_are_errors() {
         let Some(gpu) = gpu() else { return };
         let usage = vk::BufferUsageFlags::STORAGE_BUFFER;
-        if gpu.check().is_ok() && std::env::var_os("ESVO_VALIDATION").is_none() {
+        if !gpu.about().detail.contains("validated") {
             assert!(Buffer::on_device(&gpu, 1 << 62, usage).is_err());
             Buffer::on_device(&gpu, 64, usage).expect("the device still works");
         }
@@ -177,7 +177,7 @@ mod tests {
     fn what_the_validation_layer_says_is_an_error() {
         let Some(gpu) = gpu() else { return };
         if !gpu.about().detail.contains("validated") {
-            eprintln!("skipped: the validation layer is missing, or ESVO_VALIDATION=1 is not set");
+            eprintln!("skipped: the validation layer is missing, or not wanted");
             return;
         }
         let _ = Buffer::on_device(&gpu, 64, vk::BufferUsageFlags::empty());

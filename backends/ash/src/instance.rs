@@ -64,8 +64,7 @@ impl Instance {
         let entry = unsafe { ash::Entry::load() }.map_err(|error| {
             CastError::Device(format!("the Vulkan library cannot be loaded ({error}): {INSTALL_DRIVER}"))
         })?;
-        let wanted = std::env::var_os("ESVO_VALIDATION").is_some_and(|value| value == "1");
-        let validation = wanted && has_validation_layer(&entry);
+        let validation = validation_is_wanted() && has_validation_layer(&entry);
         let layers = if validation { vec![VALIDATION_LAYER.as_ptr()] } else { Vec::new() };
         let extensions = if validation { vec![ext::debug_utils::NAME.as_ptr()] } else { Vec::new() };
         let application = vk::ApplicationInfo::default().application_name(c"esvo").api_version(vk::API_VERSION_1_1);
@@ -205,6 +204,11 @@ impl Drop for Instance {
             self.handle.destroy_instance(None);
         }
     }
+}
+
+/// Whether `ESVO_VALIDATION` is 1, or is not set and the program checks its own assertions.
+fn validation_is_wanted() -> bool {
+    std::env::var_os("ESVO_VALIDATION").map_or(cfg!(debug_assertions), |value| value == "1")
 }
 
 fn has_validation_layer(entry: &ash::Entry) -> bool {

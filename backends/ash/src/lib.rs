@@ -19,8 +19,8 @@
 //! only octrees that are sound, and [`Caster::cast`] only views of their roots.
 //!
 //! # Validation
-//! With `ESVO_VALIDATION=1` in the environment and the Khronos validation layer installed, every report of the layer is an
-//! error.
+//! Where the Khronos validation layer is installed, every report of it is an error, in programs with debug assertions, which tests are.
+//! `ESVO_VALIDATION=1` in the environment demands it in others too, and `ESVO_VALIDATION=0` in none.
 //!
 //! # What is where
 //! - `caster`: [`AshCaster`], the caster: octree and picture buffers, passes.
@@ -29,6 +29,7 @@
 //! - `rays`: buffers and submission of lists of rays.
 //! - `instances`: buffers and submission of pictures of many placed objects.
 //! - `pipeline`: descriptor sets and compute pipelines.
+//! - `subgroup`: subgroups of a demanded size.
 //! - `spirv`: [`module`], from WGSL to SPIR-V; [`forbid_contraction`].
 //! - `buffers`: buffers and their memory.
 //! - `gpu`: the open device: queue, command buffer, timestamps.

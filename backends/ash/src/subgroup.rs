@@ -29,7 +29,7 @@ pub(crate) fn sizes(instance: &ash::Instance, device: vk::PhysicalDevice) -> Opt
     let can = feature.subgroup_size_control == vk::TRUE
         && sizes.required_subgroup_size_stages.contains(vk::ShaderStageFlags::COMPUTE);
     let least = sizes.min_subgroup_size.max(MOST_INVOCATIONS.div_ceil(sizes.max_compute_workgroup_subgroups.max(1)));
-    (can && least <= sizes.max_subgroup_size).then(|| least..=sizes.max_subgroup_size)
+    (can && least <= sizes.max_subgroup_size).then_some(least..=sizes.max_subgroup_size)
 }
 
 /// Whether pipelines can be asked for subgroups of this size.

@@ -59,14 +59,16 @@ impl Texture {
                 // SAFETY: the rows lie within the image and, as `piece_rows` of them fit it, within the buffer; both outlive
                 // the submission; the image is in this layout.
                 unsafe {
-                    let layout = vk::ImageLayout::GENERAL;
+                    let layout = vk::ImageLayout::TRANSFER_DST_OPTIMAL;
                     device.cmd_copy_buffer_to_image(commands, staging.handle, texture.image, layout, &region);
                 }
             })?;
         }
+        texture.turn(vk::ImageLayout::TRANSFER_DST_OPTIMAL, vk::ImageLayout::GENERAL)?;
         Ok(texture)
     }
 
+    /// A texture in the layout `TRANSFER_DST_OPTIMAL`.
     fn new(gpu: &Arc<Gpu>, width: u32, height: u32) -> Result<Self, CastError> {
         let failed =
             |error: vk::Result| gpu.error(&format!("cannot make a texture of {width} x {height} texels ({error})"));
@@ -98,22 +100,28 @@ impl Texture {
             gpu.device.bind_image_memory(image, texture.memory, 0).map_err(failed)?;
             texture.view = gpu.device.create_image_view(&view, None).map_err(failed)?;
         }
+        texture.turn(vk::ImageLayout::UNDEFINED, vk::ImageLayout::TRANSFER_DST_OPTIMAL)?;
+        Ok(texture)
+    }
+
+    /// Changes the layout, after all that was done and before all that will be done with the texture.
+    fn turn(&self, from: vk::ImageLayout, to: vk::ImageLayout) -> Result<(), CastError> {
         let barrier = [vk::ImageMemoryBarrier::default()
-            .dst_access_mask(vk::AccessFlags::TRANSFER_WRITE)
-            .old_layout(vk::ImageLayout::UNDEFINED)
-            .new_layout(vk::ImageLayout::GENERAL)
+            .src_access_mask(vk::AccessFlags::MEMORY_WRITE)
+            .dst_access_mask(vk::AccessFlags::MEMORY_READ | vk::AccessFlags::MEMORY_WRITE)
+            .old_layout(from)
+            .new_layout(to)
             .src_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
             .dst_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
-            .image(image)
+            .image(self.image)
             .subresource_range(WHOLE)];
-        gpu.run(|device, commands| {
-            let (from, to) = (vk::PipelineStageFlags::TOP_OF_PIPE, vk::PipelineStageFlags::TRANSFER);
+        self.gpu.run(|device, commands| {
+            let all = vk::PipelineStageFlags::ALL_COMMANDS;
             // SAFETY: the command buffer is being recorded; the image has memory and outlives the submission.
             unsafe {
-                device.cmd_pipeline_barrier(commands, from, to, vk::DependencyFlags::empty(), &[], &[], &barrier);
+                device.cmd_pipeline_barrier(commands, all, all, vk::DependencyFlags::empty(), &[], &[], &barrier);
             }
-        })?;
-        Ok(texture)
+        })
     }
 }
 
@@ -164,8 +172,9 @@ mod tests {
         let texture = Texture::upload(&gpu, &slots, 5, &mut staging).expect("uploads");
         let mut back = Buffer::on_host(&gpu, 32 * 256, vk::BufferUsageFlags::TRANSFER_DST).expect("is made");
         let region = [rows_of(32, 0, 32)];
+        texture.turn(vk::ImageLayout::GENERAL, vk::ImageLayout::TRANSFER_SRC_OPTIMAL).expect("turns");
         let copied = gpu.run(|device, commands| {
-            let layout = vk::ImageLayout::GENERAL;
+            let layout = vk::ImageLayout::TRANSFER_SRC_OPTIMAL;
             // SAFETY: the buffer has room for all rows; both outlive the submission.
             unsafe { device.cmd_copy_image_to_buffer(commands, texture.image, layout, back.handle, &region) };
         });

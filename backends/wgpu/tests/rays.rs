@@ -1,5 +1,7 @@
 //! Rays that are not waited for, and devices that the program has opened itself.
 
+mod strict;
+
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
@@ -14,8 +16,9 @@ use esvo_format::Octree;
 use esvo_wgpu::{PendingHits, WgpuCaster};
 
 /// `None` without a device, which the environment variable `ESVO_REQUIRE_GPU` makes an error.
-fn unless_missing<T>(opened: Result<T, CastError>) -> Option<T> {
-    match opened {
+fn unless_missing<T>(open: impl FnOnce() -> Result<T, CastError>) -> Option<T> {
+    strict::listen();
+    match open() {
         Ok(opened) => Some(opened),
         Err(error) if std::env::var_os("ESVO_REQUIRE_GPU").is_some() => panic!("{error}"),
         Err(error) => {
@@ -50,7 +53,7 @@ fn arrived(caster: &mut WgpuCaster, pending: &mut PendingHits) -> Vec<Hit> {
 #[test]
 fn lists_that_are_not_waited_for_arrive_in_any_order() {
     let options = GpuOptions { max_rays: Some(700), ..GpuOptions::default() };
-    let Some(mut caster) = unless_missing(WgpuCaster::new(&options)) else { return };
+    let Some(mut caster) = unless_missing(|| WgpuCaster::new(&options)) else { return };
     let octrees = [Sample::plain(7, true).octree().unwrap(), Sample::scattered(6, true).octree().unwrap()];
     let lists = [incoherent(500, 1), incoherent(2000, 2), incoherent(1, 3)];
     let nothing = Rays::new(&octrees[0], 0, &[]);
@@ -100,7 +103,7 @@ fn own_device() -> Result<(wgpu::Device, wgpu::Queue), CastError> {
 
 #[test]
 fn a_device_of_the_program_is_used_and_stays_the_program_s() {
-    let Some((device, queue)) = unless_missing(own_device()) else { return };
+    let Some((device, queue)) = unless_missing(own_device) else { return };
     let reports = Arc::new(AtomicU32::new(0));
     let counted = reports.clone();
     device.on_uncaptured_error(Arc::new(move |_| {
