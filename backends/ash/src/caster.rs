@@ -8,24 +8,20 @@ use ash::vk;
 use ash::vk::{BufferUsageFlags as Usage, DescriptorType};
 use esvo_core::filter::kernel::Band;
 use esvo_core::filter::{Frame, Radius};
-use esvo_core::gpu::kernel::{self, Bands, GpuOptions, Pass, Placement, SlotLimits, Variant, WORKGROUP};
+use esvo_core::gpu::kernel::{self, Bands, GpuOptions, Pass, Placement, Variant, WORKGROUP};
 use esvo_core::gpu::resident::{Resident, SlotMap};
-use esvo_core::gpu::slots::Slots;
 use esvo_core::{
     CastError, Caster, Checked, Device, Filtered, FrameTime, Hit, Instances, Nearest, Ray, Rays, Roots, View,
 };
 use esvo_format::Octree;
 
-use crate::buffers::{Buffer, fill};
+use crate::buffers::Buffer;
+use crate::data::{Data, slot_limits};
 use crate::filter::Filter;
 use crate::gpu::{Gpu, TIMESTAMPS};
 use crate::instances::InstanceBuffers;
 use crate::pipeline::{BufferSet, Pipeline};
 use crate::rays::RayBuffers;
-use crate::texture::Texture;
-
-/// Octree data is copied in pieces of this many bytes.
-const STAGING_BYTES: u64 = 64 << 20;
 
 /// Casts by the kernel as SPIR-V through Vulkan.
 pub struct AshCaster {
@@ -46,8 +42,7 @@ pub struct AshCaster {
 struct Loaded {
     pipelines: HashMap<(Pass, Variant), Pipeline>,
     set: BufferSet,
-    _parts: Vec<Buffer>,
-    _texture: Option<Texture>,
+    _data: Data,
     roots: Roots,
     map: SlotMap,
     placement: Placement,
@@ -314,47 +309,13 @@ impl Loaded {
     fn new(gpu: &Arc<Gpu>, options: &GpuOptions, octree: &Octree, roots: Roots) -> Result<Self, CastError> {
         let resident = Resident::new(octree);
         let slots = resident.slots();
-        let limits = &gpu.adapter.limits;
-        let bindings = limits.max_per_stage_descriptor_storage_buffers.min(limits.max_descriptor_set_storage_buffers);
-        let max_bytes = u64::from(limits.max_storage_buffer_range).min(gpu.adapter.max_allocation);
-        let slot_limits = SlotLimits {
-            binding_bytes: options.max_part_bytes.unwrap_or(u64::MAX).min(max_bytes),
-            storage_buffers: bindings,
-            texture_edge: options.texture_edge(gpu.about().kind, gpu.adapter.texture_edge),
-            memory_bytes: options.memory_bytes.or_else(|| gpu.memory_bytes()),
-        };
-        let placement = Placement::new(octree, slots, &slot_limits)
+        let placement = Placement::new(octree, slots, &slot_limits(gpu, options))
             .and_then(|placement| placement.with(options))
             .map_err(|error| gpu.error(&error))?;
-        let row_bytes = if let Slots::Texture { row_shift } = placement.slots { 8 << row_shift } else { 8 };
-        let staging_bytes = STAGING_BYTES.min(placement.bytes.next_multiple_of(row_bytes));
-        let mut staging = Buffer::on_host(gpu, staging_bytes, Usage::TRANSFER_SRC)?;
-        let mut parts = Vec::new();
-        let mut texture = None;
-        let set = if let Slots::Texture { row_shift } = placement.slots {
-            BufferSet::of_texture(gpu, texture.insert(Texture::upload(gpu, slots, row_shift, &mut staging)?))?
-        } else {
-            // All memory is there before anything is copied.
-            let usage = Usage::STORAGE_BUFFER | Usage::TRANSFER_DST;
-            parts = (placement.parts(slots))
-                .map(|part| Buffer::on_device(gpu, size_of_val(part) as u64, usage))
-                .collect::<Result<Vec<_>, _>>()?;
-            for (buffer, part) in parts.iter().zip(placement.parts(slots)) {
-                fill(gpu, buffer, part, &mut staging)?;
-            }
-            let bindings: Vec<_> = parts.iter().map(|buffer| (DescriptorType::STORAGE_BUFFER, buffer)).collect();
-            BufferSet::new(gpu, &bindings)?
-        };
+        let data = Data::upload(gpu, placement.slots, slots)?;
+        let set = BufferSet::of_data(gpu, &[&data])?;
         gpu.check()?;
-        Ok(Self {
-            pipelines: HashMap::new(),
-            set,
-            _parts: parts,
-            _texture: texture,
-            roots,
-            map: resident.into_map(),
-            placement,
-        })
+        Ok(Self { pipelines: HashMap::new(), set, _data: data, roots, map: resident.into_map(), placement })
     }
 
     /// Makes the pipeline of a pass unless it exists.

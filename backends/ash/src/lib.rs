@@ -31,6 +31,7 @@
 //! - `pipeline`: descriptor sets and compute pipelines.
 //! - `subgroup`: subgroups of a demanded size.
 //! - `spirv`: [`module`], from WGSL to SPIR-V; [`forbid_contraction`].
+//! - `data`: what kernels only read, in buffers or in a texture.
 //! - `buffers`: buffers and their memory.
 //! - `gpu`: the open device: queue, command buffer, timestamps.
 //! - `instance`: the Vulkan library, [`adapters`], the validation layer.
@@ -40,6 +41,7 @@
 
 mod buffers;
 mod caster;
+mod data;
 mod filter;
 mod gpu;
 mod instance;

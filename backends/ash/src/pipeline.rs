@@ -7,11 +7,12 @@ use ash::vk;
 use esvo_core::CastError;
 
 use crate::buffers::Buffer;
+use crate::data::Data;
 use crate::gpu::Gpu;
 use crate::spirv;
 use crate::texture::Texture;
 
-/// A descriptor set and its layout: binding `i` is the `i`-th buffer, or binding 0 is a texture.
+/// A descriptor set and its layout: binding `i` is the `i`-th buffer or texture.
 pub(crate) struct BufferSet {
     pub(crate) layout: vk::DescriptorSetLayout,
     pub(crate) handle: vk::DescriptorSet,
@@ -19,36 +20,60 @@ pub(crate) struct BufferSet {
     gpu: Arc<Gpu>,
 }
 
+/// What is at a binding.
+enum Bound {
+    Buffer(vk::DescriptorType, [vk::DescriptorBufferInfo; 1]),
+    /// One that is read.
+    Texture([vk::DescriptorImageInfo; 1]),
+}
+
+impl Bound {
+    fn buffer(kind: vk::DescriptorType, buffer: &Buffer) -> Self {
+        Self::Buffer(kind, [vk::DescriptorBufferInfo { buffer: buffer.handle, offset: 0, range: vk::WHOLE_SIZE }])
+    }
+
+    fn texture(texture: &Texture) -> Self {
+        let info = vk::DescriptorImageInfo::default();
+        Self::Texture([info.image_view(texture.view).image_layout(vk::ImageLayout::GENERAL)])
+    }
+
+    fn write(&self) -> vk::WriteDescriptorSet<'_> {
+        let write = vk::WriteDescriptorSet::default();
+        match self {
+            Self::Buffer(kind, info) => write.descriptor_type(*kind).buffer_info(info),
+            Self::Texture(info) => write.descriptor_type(vk::DescriptorType::STORAGE_IMAGE).image_info(info),
+        }
+    }
+}
+
 impl BufferSet {
     /// Binds whole buffers. They must live as long as the set is used.
     pub(crate) fn new(gpu: &Arc<Gpu>, buffers: &[(vk::DescriptorType, &Buffer)]) -> Result<Self, CastError> {
-        let mut set = Self {
-            layout: vk::DescriptorSetLayout::null(),
-            handle: vk::DescriptorSet::null(),
-            pool: vk::DescriptorPool::null(),
-            gpu: gpu.clone(),
-        };
-        let infos: Vec<[vk::DescriptorBufferInfo; 1]> = (buffers.iter())
-            .map(|(_, buffer)| [vk::DescriptorBufferInfo { buffer: buffer.handle, offset: 0, range: vk::WHOLE_SIZE }])
-            .collect();
-        let writes = (buffers.iter().zip(&infos))
-            .map(|(&(kind, _), info)| vk::WriteDescriptorSet::default().descriptor_type(kind).buffer_info(info));
-        set.make(writes.collect()).map_err(|error| gpu.error(&error))?;
-        Ok(set)
+        Self::of(gpu, buffers.iter().map(|&(kind, buffer)| Bound::buffer(kind, buffer)).collect())
     }
 
-    /// Binds a texture that is read. It must live as long as the set is used.
-    pub(crate) fn of_texture(gpu: &Arc<Gpu>, texture: &Texture) -> Result<Self, CastError> {
+    /// Binds what is read, one behind the other. It must live as long as the set is used.
+    pub(crate) fn of_data(gpu: &Arc<Gpu>, data: &[&Data]) -> Result<Self, CastError> {
+        let mut bound = Vec::new();
+        for data in data {
+            match data {
+                Data::Buffers(buffers) => {
+                    bound.extend(buffers.iter().map(|b| Bound::buffer(vk::DescriptorType::STORAGE_BUFFER, b)));
+                }
+                Data::Texture(texture) => bound.push(Bound::texture(texture)),
+            }
+        }
+        Self::of(gpu, bound)
+    }
+
+    fn of(gpu: &Arc<Gpu>, bound: Vec<Bound>) -> Result<Self, CastError> {
         let mut set = Self {
             layout: vk::DescriptorSetLayout::null(),
             handle: vk::DescriptorSet::null(),
             pool: vk::DescriptorPool::null(),
             gpu: gpu.clone(),
         };
-        let info = [vk::DescriptorImageInfo::default().image_view(texture.view).image_layout(vk::ImageLayout::GENERAL)];
-        let kind = vk::DescriptorType::STORAGE_IMAGE;
-        let write = vk::WriteDescriptorSet::default().descriptor_type(kind).image_info(&info);
-        set.make(vec![write]).map_err(|error| gpu.error(&error))?;
+        set.make(bound.iter().map(Bound::write).collect()).map_err(|error| gpu.error(&error))?;
         Ok(set)
     }
 

@@ -1,15 +1,18 @@
-//! The octree as a texture that the kernel reads by texel.
+//! Slots in a texture that a kernel reads by texel.
 
 use std::sync::Arc;
 
 use ash::vk;
+use bytemuck::Pod;
 use esvo_core::CastError;
 
 use crate::buffers::{Buffer, ON_DEVICE, allocate};
 use crate::gpu::Gpu;
 
-/// Format of a texel: one slot.
+/// Format of a texel: a slot of 8 bytes. Every device has that for 16 bytes.
 pub(crate) const FORMAT: vk::Format = vk::Format::R32G32_UINT;
+/// Format of a texel: a slot of 16 bytes.
+const QUAD_FORMAT: vk::Format = vk::Format::R32G32B32A32_UINT;
 
 /// Tests read the texels back.
 const USAGE: vk::ImageUsageFlags = vk::ImageUsageFlags::from_raw(
@@ -36,17 +39,23 @@ pub(crate) struct Texture {
 }
 
 impl Texture {
-    /// Copies `slots` to a new texture with rows of `2^row_shift` texels, through `staging`, a buffer on the host that holds a row.
-    pub(crate) fn upload(
+    /// Copies `slots`, of 8 or 16 bytes each, to a new texture with rows of `2^row_shift` texels, through `staging`, a buffer on the host
+    /// that holds a row.
+    pub(crate) fn upload<T: Pod>(
         gpu: &Arc<Gpu>,
-        slots: &[u64],
+        slots: &[T],
         row_shift: u32,
         staging: &mut Buffer,
     ) -> Result<Self, CastError> {
         let columns = 1usize << row_shift;
         let rows = slots.len().div_ceil(columns).max(1);
-        let texture = Self::new(gpu, columns as u32, rows as u32)?;
-        let piece_rows = (staging.bytes as usize / 8) >> row_shift;
+        let format = match size_of::<T>() {
+            8 => FORMAT,
+            16 => QUAD_FORMAT,
+            bytes => return Err(gpu.error(&format!("there are no texels for slots of {bytes} bytes"))),
+        };
+        let texture = Self::new(gpu, format, columns as u32, rows as u32)?;
+        let piece_rows = (staging.bytes as usize / size_of::<T>()) >> row_shift;
         if piece_rows == 0 {
             return Err(gpu.error(&"the buffer for copying is smaller than a row of the texture"));
         }
@@ -69,12 +78,12 @@ impl Texture {
     }
 
     /// A texture in the layout `TRANSFER_DST_OPTIMAL`.
-    fn new(gpu: &Arc<Gpu>, width: u32, height: u32) -> Result<Self, CastError> {
+    fn new(gpu: &Arc<Gpu>, format: vk::Format, width: u32, height: u32) -> Result<Self, CastError> {
         let failed =
             |error: vk::Result| gpu.error(&format!("cannot make a texture of {width} x {height} texels ({error})"));
         let info = vk::ImageCreateInfo::default()
             .image_type(vk::ImageType::TYPE_2D)
-            .format(FORMAT)
+            .format(format)
             .extent(vk::Extent3D { width, height, depth: 1 })
             .mip_levels(1)
             .array_layers(1)
@@ -92,7 +101,7 @@ impl Texture {
         let view = vk::ImageViewCreateInfo::default()
             .image(image)
             .view_type(vk::ImageViewType::TYPE_2D)
-            .format(FORMAT)
+            .format(format)
             .subresource_range(WHOLE);
         // SAFETY: the memory suits the image and is bound once; the view is of the image. `drop` destroys what was made, also
         // if a later step fails.
@@ -183,6 +192,7 @@ mod tests {
 
         let mut small = Buffer::on_host(&gpu, 100, vk::BufferUsageFlags::TRANSFER_SRC).expect("is made");
         assert!(Texture::upload(&gpu, &slots, 5, &mut small).is_err(), "a buffer smaller than a row");
-        assert!(Texture::upload(&gpu, &[], 5, &mut staging).is_ok());
+        assert!(Texture::upload(&gpu, &[0u32; 8], 5, &mut staging).is_err(), "slots of four bytes");
+        assert!(Texture::upload::<u64>(&gpu, &[], 5, &mut staging).is_ok());
     }
 }

@@ -8,18 +8,16 @@ use ash::vk;
 use ash::vk::{BufferUsageFlags as Usage, DescriptorType};
 use esvo_core::gpu::kernel::GpuOptions;
 use esvo_core::gpu::triangles::{
-    self as kernel, Dispatch, LoadedTriangles, TriangleDevice, TriangleLimits, TrianglePass, TriangleRecord,
-    TriangleView, WideTriangles,
+    self as kernel, Dispatch, LoadedTriangles, TriangleDevice, TriangleLimits, TrianglePass, TrianglePlacement,
+    TriangleRecord, TriangleView, WideTriangles,
 };
 use esvo_core::{CastError, Device};
 
-use crate::buffers::{Buffer, fill};
+use crate::buffers::Buffer;
+use crate::data::{Data, slot_limits};
 use crate::gpu::{Gpu, TIMESTAMPS};
 use crate::pipeline::{BufferSet, Pipeline};
 use crate::rays::{HOST, SHADER, TRANSFER, wait};
-
-/// Triangles are copied in pieces of this many bytes.
-const STAGING_BYTES: u64 = 64 << 20;
 
 /// Casts rays at triangles by the kernel as SPIR-V through Vulkan. See [`TriangleCaster`](kernel::TriangleCaster).
 pub struct AshTriangles {
@@ -35,7 +33,7 @@ struct Loaded {
     /// Made for the most rays and records so far.
     buffers: Option<Buffers>,
     set: BufferSet,
-    _parts: [Buffer; 2],
+    _data: [Data; 2],
     source: String,
     about: LoadedTriangles,
 }
@@ -50,7 +48,8 @@ struct Buffers {
 }
 
 impl AshTriangles {
-    /// Opens a device. Of the options, `triangles_kernel`, `adapter`, `max_part_bytes` and `max_rays` count.
+    /// Opens a device. Of the options, `triangles_kernel`, `adapter`, `max_part_bytes`, `max_rays`, `memory_bytes`, `slots_in` and
+    /// `workgroup` count.
     ///
     /// # Errors
     /// [`CastError::Device`]: there is no Vulkan library, no device, or none of the wanted name.
@@ -70,11 +69,11 @@ impl TriangleDevice for AshTriangles {
 
     fn limits(&self) -> TriangleLimits {
         let limits = &self.gpu.adapter.limits;
-        let binding_bytes = u64::from(limits.max_storage_buffer_range).min(self.gpu.adapter.max_allocation);
         TriangleLimits {
-            part_bytes: self.options.max_part_bytes.unwrap_or(u64::MAX).min(binding_bytes),
+            slots: slot_limits(&self.gpu, &self.options),
             groups: limits.max_compute_work_group_count[0].min(limits.max_compute_work_group_count[1]),
             rays: self.options.max_rays,
+            workgroup: self.options.workgroup,
         }
     }
 
@@ -82,10 +81,10 @@ impl TriangleDevice for AshTriangles {
         self.loaded.as_ref().map(|loaded| loaded.about)
     }
 
-    fn upload(&mut self, triangles: &WideTriangles) -> Result<(), CastError> {
+    fn upload(&mut self, triangles: &WideTriangles, placement: &TrianglePlacement) -> Result<(), CastError> {
         // Frees memory for the new triangles.
         self.loaded = None;
-        self.loaded = Some(Loaded::new(&self.gpu, &self.options, triangles)?);
+        self.loaded = Some(Loaded::new(&self.gpu, &self.options, triangles, placement)?);
         Ok(())
     }
 
@@ -151,29 +150,26 @@ impl TriangleDevice for AshTriangles {
 }
 
 impl Loaded {
-    fn new(gpu: &Arc<Gpu>, options: &GpuOptions, triangles: &WideTriangles) -> Result<Self, CastError> {
+    fn new(
+        gpu: &Arc<Gpu>,
+        options: &GpuOptions,
+        triangles: &WideTriangles,
+        placement: &TrianglePlacement,
+    ) -> Result<Self, CastError> {
         let body = options.triangles_kernel.as_deref().unwrap_or(kernel::TRIANGLES_WGSL);
-        let parts = [upload(gpu, &triangles.nodes)?, upload(gpu, &triangles.triangles)?];
-        let bindings = [(DescriptorType::STORAGE_BUFFER, &parts[0]), (DescriptorType::STORAGE_BUFFER, &parts[1])];
-        let set = BufferSet::new(gpu, &bindings)?;
+        let nodes = Data::upload(gpu, placement.nodes, triangles.node_slots())?;
+        let data = [nodes, Data::upload(gpu, placement.triangles, triangles.triangle_slots())?];
+        let set = BufferSet::of_data(gpu, &data.each_ref())?;
         gpu.check()?;
         Ok(Self {
             pipelines: HashMap::new(),
             buffers: None,
             set,
-            _parts: parts,
-            source: triangles.source_with(body),
-            about: LoadedTriangles::of(triangles),
+            _data: data,
+            source: placement.source_with(body),
+            about: LoadedTriangles::of(triangles, placement),
         })
     }
-}
-
-/// Copies data to a new storage buffer on the device.
-fn upload<T: bytemuck::Pod>(gpu: &Arc<Gpu>, data: &[T]) -> Result<Buffer, CastError> {
-    let bytes = size_of_val(data) as u64;
-    let buffer = Buffer::on_device(gpu, bytes, Usage::STORAGE_BUFFER | Usage::TRANSFER_DST)?;
-    fill(gpu, &buffer, data, &mut Buffer::on_host(gpu, STAGING_BYTES.min(bytes), Usage::TRANSFER_SRC)?)?;
-    Ok(buffer)
 }
 
 impl Buffers {

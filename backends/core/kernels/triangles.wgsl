@@ -4,8 +4,10 @@
 // in single precision, and bounds its own errors. An answer that the errors could change is UNDECIDED, and the processor gives it.
 //
 // `esvo_core::gpu::triangles` puts a prelude in front:
-//   const STACK: u32           frames of the stack
-//   const WIDTH, HEIGHT: u32   size of a workgroup in pixels
+//   const STACK: u32                             frames of the stack
+//   const WIDTH, HEIGHT: u32                     size of a workgroup in pixels
+//   fn node_at(slot: u32) -> vec4<u32>           a fifth of a node, from the bindings of group 1
+//   fn triangle_at(slot: u32) -> vec4<u32>       a third of a triangle, from the bindings behind them
 // Its structs are View, Ray, Node, Triangle and Hit of that module: a test compares every member.
 
 struct View {
@@ -69,8 +71,6 @@ struct Hit {
 @group(0) @binding(1) var<storage, read> rays: array<Ray>;
 @group(0) @binding(2) var<storage, read_write> hits: array<Hit>;
 @group(0) @binding(2) var<storage, read_write> depths: array<f32>;
-@group(1) @binding(0) var<storage, read> nodes: array<Node>;
-@group(1) @binding(1) var<storage, read> triangles: array<Triangle>;
 
 const MISS_T: f32 = 2.0;
 const MISS: u32 = 0xffffffffu;
@@ -108,6 +108,23 @@ struct Found {
     rival: f32,
 }
 
+fn node(at: u32) -> Node {
+    let place = node_at(5u * at);
+    let children = node_at(5u * at + 1u);
+    let x = node_at(5u * at + 2u);
+    let y = node_at(5u * at + 3u);
+    let z = node_at(5u * at + 4u);
+    let origin = bitcast<vec3<f32>>(place.xyz);
+    return Node(origin, place.w, children.x, children.y, children.zw, x.xy, x.zw, y.xy, y.zw, z.xy, z.zw);
+}
+
+fn triangle(at: u32) -> Triangle {
+    let a = triangle_at(3u * at);
+    let b = triangle_at(3u * at + 1u);
+    let c = triangle_at(3u * at + 2u);
+    return Triangle(bitcast<vec3<f32>>(a.xyz), a.w, bitcast<vec3<f32>>(b.xyz), b.w, bitcast<vec3<f32>>(c.xyz), c.w);
+}
+
 // The component of an axis behind the two others, in cyclic order.
 fn turned(v: vec3<f32>, axis: u32) -> vec3<f32> {
     return select(select(v.xyz, v.zxy, axis == 1u), v.yzx, axis == 0u);
@@ -122,7 +139,7 @@ fn greatest_of(v: vec3<f32>) -> f32 {
 }
 
 // The children of four whose boxes the ray enters before `limit`, as bits of the node's hits.
-fn enter_four(kinds: u32, near: array<u32, 3>, far: array<u32, 3>, start: vec3<f32>, slack: vec3<f32>, step: vec3<f32>, from_s: f32, limit: f32, octant: u32) -> u32 {
+fn enter_four(kinds: u32, near: vec3<u32>, far: vec3<u32>, start: vec3<f32>, slack: vec3<f32>, step: vec3<f32>, from_s: f32, limit: f32, octant: u32) -> u32 {
     let bytes = vec4<u32>(0u, 8u, 16u, 24u);
     let low = vec4<u32>(255u);
     let near_x = vec4<f32>((vec4<u32>(near[0]) >> bytes) & low) * step.x + (start.x - slack.x);
@@ -133,31 +150,33 @@ fn enter_four(kinds: u32, near: array<u32, 3>, far: array<u32, 3>, start: vec3<f
     let far_z = vec4<f32>((vec4<u32>(far[2]) >> bytes) & low) * step.z + (start.z + slack.z);
     let enter = max(max(near_x, near_y), max(near_z, vec4<f32>(from_s)));
     let leave = min(min(far_x, far_y), min(far_z, vec4<f32>(limit)));
-    let kind = (vec4<u32>(kinds) >> bytes) & low;
-    // Children that are nodes come in the order in which a ray of this octant meets them, the first at the highest bit.
-    let inner = (kind & vec4<u32>(24u)) == vec4<u32>(24u);
-    let place = (kind & vec4<u32>(31u)) ^ select(vec4<u32>(0u), vec4<u32>(octant), inner);
-    let bits = select(vec4<u32>(0u), (kind >> vec4<u32>(5u)) << place, enter <= leave);
+    // Of a byte per child: bits 3 and 4 are both 1 for nodes. These come in the order in which a ray of this octant meets them, the
+    // first at the highest bit.
+    let inner = ((kinds & (kinds << 1u)) >> 4u) & 0x01010101u;
+    let places = kinds ^ (inner * octant);
+    let place = (vec4<u32>(places) >> bytes) & vec4<u32>(31u);
+    let ones = (vec4<u32>(kinds) >> (bytes + vec4<u32>(5u))) & vec4<u32>(7u);
+    let bits = select(vec4<u32>(0u), ones << place, enter <= leave);
     return bits.x | bits.y | bits.z | bits.w;
 }
 
 // Children of a node as bits: the upper eight are nodes, the others triangles.
-fn enter(at: u32, ray: Traveller, from_s: f32, limit: f32) -> u32 {
-    let exponents = nodes[at].exponents;
+fn enter(node: Node, ray: Traveller, from_s: f32, limit: f32) -> u32 {
+    let exponents = node.exponents;
     let quanta = bitcast<vec3<f32>>(((vec3<u32>(exponents) >> vec3<u32>(0u, 8u, 16u)) & vec3<u32>(255u)) << vec3<u32>(23u));
     let step = quanta * ray.inverse;
-    let start = (nodes[at].origin - ray.origin) * ray.inverse;
+    let start = (node.origin - ray.origin) * ray.inverse;
     let slack = abs(ray.inverse) * ray.margin;
     let against = ray.inverse < vec3<f32>(0.0);
-    let near_x = select(nodes[at].min_x, nodes[at].max_x, against.x);
-    let near_y = select(nodes[at].min_y, nodes[at].max_y, against.y);
-    let near_z = select(nodes[at].min_z, nodes[at].max_z, against.z);
-    let far_x = select(nodes[at].max_x, nodes[at].min_x, against.x);
-    let far_y = select(nodes[at].max_y, nodes[at].min_y, against.y);
-    let far_z = select(nodes[at].max_z, nodes[at].min_z, against.z);
-    let kinds = nodes[at].kinds;
-    return enter_four(kinds.x, array<u32, 3>(near_x.x, near_y.x, near_z.x), array<u32, 3>(far_x.x, far_y.x, far_z.x), start, slack, step, from_s, limit, ray.octant)
-        | enter_four(kinds.y, array<u32, 3>(near_x.y, near_y.y, near_z.y), array<u32, 3>(far_x.y, far_y.y, far_z.y), start, slack, step, from_s, limit, ray.octant);
+    let near_x = select(node.min_x, node.max_x, against.x);
+    let near_y = select(node.min_y, node.max_y, against.y);
+    let near_z = select(node.min_z, node.max_z, against.z);
+    let far_x = select(node.max_x, node.min_x, against.x);
+    let far_y = select(node.max_y, node.min_y, against.y);
+    let far_z = select(node.max_z, node.min_z, against.z);
+    let kinds = node.kinds;
+    return enter_four(kinds.x, vec3<u32>(near_x.x, near_y.x, near_z.x), vec3<u32>(far_x.x, far_y.x, far_z.x), start, slack, step, from_s, limit, ray.octant)
+        | enter_four(kinds.y, vec3<u32>(near_x.y, near_y.y, near_z.y), vec3<u32>(far_x.y, far_y.y, far_z.y), start, slack, step, from_s, limit, ray.octant);
 }
 
 // Where a triangle may be hit.
@@ -169,10 +188,10 @@ struct Meeting {
     certain: bool,
 }
 
-fn meet(at: u32, ray: Traveller) -> Meeting {
-    let a = turned(triangles[at].a - ray.origin, ray.axis);
-    let b = turned(triangles[at].b - ray.origin, ray.axis);
-    let c = turned(triangles[at].c - ray.origin, ray.axis);
+fn meet(triangle: Triangle, ray: Traveller) -> Meeting {
+    let a = turned(triangle.a - ray.origin, ray.axis);
+    let b = turned(triangle.b - ray.origin, ray.axis);
+    let c = turned(triangle.c - ray.origin, ray.axis);
     let a_xy = a.xy - ray.shear * a.z;
     let b_xy = b.xy - ray.shear * b.z;
     let c_xy = c.xy - ray.shear * c.z;
@@ -267,16 +286,18 @@ fn cast_ray(ray: Ray, direction_error: f32, any_hit: bool) -> Hit {
             stack[waiting] = group;
             waiting += 1u;
         }
-        let entered = enter(at, it, start_low, limit);
-        group = vec2<u32>(nodes[at].first_child, (entered & 0xff000000u) | (nodes[at].exponents >> 24u));
+        let node = node(at);
+        let entered = enter(node, it, start_low, limit);
+        group = vec2<u32>(node.first_child, (entered & 0xff000000u) | (node.exponents >> 24u));
         var these = entered & 0xffffffu;
-        let first = nodes[at].first_triangle;
+        let first = node.first_triangle;
         while these != 0u {
             let one = firstLeadingBit(these);
             these &= ~(1u << one);
-            let meeting = meet(first + one, it);
+            let triangle = triangle(first + one);
+            let meeting = meet(triangle, it);
             // A triangle may be in several leaves.
-            let index = triangles[first + one].index;
+            let index = triangle.index;
             if meeting.missed || meeting.high < start_low || meeting.low > limit || index == found.triangle {
                 continue;
             }
@@ -308,9 +329,29 @@ fn cast_pixel(x: u32, y: u32) -> Hit {
     return cast_ray(Ray(view.eye, view.t_min, direction, view.t_max), view.direction_error, false);
 }
 
-// The closest hits of a band of rows.
-@compute @workgroup_size(WIDTH, HEIGHT)
-fn triangles_pass(@builtin(global_invocation_id) id: vec3<u32>) {
+// The pixel of an invocation. A workgroup follows a Z-order curve, as in `cast.wgsl`.
+fn place(group: vec3<u32>, local: u32) -> vec2<u32> {
+    var x = 0u;
+    var y = 0u;
+    var rest = local;
+    var bit = 1u;
+    while bit < WIDTH || bit < HEIGHT {
+        if bit < WIDTH {
+            x |= (rest & 1u) * bit;
+            rest >>= 1u;
+        }
+        if bit < HEIGHT {
+            y |= (rest & 1u) * bit;
+            rest >>= 1u;
+        }
+        bit <<= 1u;
+    }
+    return group.xy * vec2<u32>(WIDTH, HEIGHT) + vec2<u32>(x, y);
+}
+
+@compute @workgroup_size(WIDTH * HEIGHT)
+fn triangles_pass(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
+    let id = place(group, local);
     let y = id.y + view.first_row;
     if id.x < view.width && y < view.height {
         hits[id.y * view.width + id.x] = cast_pixel(id.x, y);
@@ -318,8 +359,9 @@ fn triangles_pass(@builtin(global_invocation_id) id: vec3<u32>) {
 }
 
 // The same for timing: stores one number per pixel.
-@compute @workgroup_size(WIDTH, HEIGHT)
-fn triangles_timing(@builtin(global_invocation_id) id: vec3<u32>) {
+@compute @workgroup_size(WIDTH * HEIGHT)
+fn triangles_timing(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
+    let id = place(group, local);
     let y = id.y + view.first_row;
     if id.x < view.width && y < view.height {
         depths[id.y * view.width + id.x] = cast_pixel(id.x, y).t;

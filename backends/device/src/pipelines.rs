@@ -60,10 +60,20 @@ impl Gpu {
         layout: &wgpu::BindGroupLayout,
         buffers: &[&wgpu::Buffer],
     ) -> Result<wgpu::BindGroup, DeviceError> {
-        let entries: Vec<_> = (0..)
-            .zip(buffers)
-            .map(|(binding, buffer)| wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() })
-            .collect();
+        self.bind_resources(layout, buffers.iter().map(|buffer| buffer.as_entire_binding()).collect())
+    }
+
+    /// Binds buffers and textures: resource `i` at binding `i`.
+    ///
+    /// # Errors
+    /// Resources that do not fit the layout.
+    pub fn bind_resources(
+        &self,
+        layout: &wgpu::BindGroupLayout,
+        resources: Vec<wgpu::BindingResource<'_>>,
+    ) -> Result<wgpu::BindGroup, DeviceError> {
+        let entry = |(binding, resource)| wgpu::BindGroupEntry { binding, resource };
+        let entries: Vec<_> = (0..).zip(resources).map(entry).collect();
         let descriptor = wgpu::BindGroupDescriptor { label: None, layout, entries: &entries };
         self.checked(|device| device.create_bind_group(&descriptor))
     }

@@ -95,18 +95,4 @@ impl Gpu {
             wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(row_bytes as u32), rows_per_image: None };
         self.caught(|_| self.queue().write_texture(to, bytes, layout, *size))
     }
-
-    /// Binds a texture at binding 0.
-    ///
-    /// # Errors
-    /// A texture that does not fit the layout.
-    pub fn bind_texture(
-        &self,
-        layout: &wgpu::BindGroupLayout,
-        texture: &wgpu::TextureView,
-    ) -> Result<wgpu::BindGroup, DeviceError> {
-        let entries = [wgpu::BindGroupEntry { binding: 0, resource: wgpu::BindingResource::TextureView(texture) }];
-        let descriptor = wgpu::BindGroupDescriptor { label: None, layout, entries: &entries };
-        self.checked(|device| device.create_bind_group(&descriptor))
-    }
 }

@@ -105,7 +105,10 @@ fn textures_arrive_in_pieces() -> Result<(), DeviceError> {
     let pipeline = gpu.compute_pipeline(&gpu.shader("copy", TEXELS)?, "copy", &[&layout, &texels])?;
     let slots = gpu.upload("wanted", &wanted, Usage::STORAGE)?;
     let found = gpu.buffer("found", 8 * wanted.len() as u64, Usage::STORAGE | Usage::COPY_SRC)?;
-    let groups = [gpu.bind_group(&layout, &[&slots, &found])?, gpu.bind_texture(&texels, &texture)?];
+    let groups = [
+        gpu.bind_group(&layout, &[&slots, &found])?,
+        gpu.bind_resources(&texels, vec![wgpu::BindingResource::TextureView(&texture)])?,
+    ];
     gpu.run(|commands| {
         let mut pass = commands.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
         pass.set_pipeline(&pipeline);

@@ -5,15 +5,16 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use esvo_core::filter::{Frame, Radius};
-use esvo_core::gpu::kernel::{self, Bands, GpuOptions, Pass, Placement, SlotLimits, Variant, WORKGROUP};
+use esvo_core::gpu::kernel::{self, Bands, GpuOptions, Pass, Placement, Variant, WORKGROUP};
 use esvo_core::gpu::resident::{Resident, SlotMap};
-use esvo_core::gpu::slots::Slots;
+use esvo_core::gpu::slots::SlotKind;
 use esvo_core::{
     CastError, Caster, Checked, Device, Filtered, FrameTime, Hit, Instances, Nearest, Ray, Rays, Roots, View,
 };
-use esvo_device::{Gpu, Timestamps, Usage, read_texture, storage, uniform};
+use esvo_device::{Gpu, Timestamps, Usage, storage, uniform};
 use esvo_format::Octree;
 
+use crate::data::{Data, slot_limits};
 use crate::filter::Filter;
 use crate::instances::{self, InstanceBuffers};
 use crate::rays::{self, Batch, PendingHits, RayBuffers};
@@ -323,37 +324,11 @@ impl Loaded {
     fn new(gpu: &Gpu, options: &GpuOptions, octree: &Octree, roots: Roots) -> Result<Self, CastError> {
         let resident = Resident::new(octree);
         let slots = resident.slots();
-        let limits = SlotLimits {
-            binding_bytes: options.max_part_bytes.unwrap_or(u64::MAX).min(gpu.max_storage_bytes()),
-            storage_buffers: gpu.limits().max_storage_buffers_per_shader_stage,
-            texture_edge: options.texture_edge(gpu.about().kind, gpu.limits().max_texture_dimension_2d),
-            memory_bytes: options.memory_bytes,
-        };
-        let placement = Placement::new(octree, slots, &limits)
+        let placement = Placement::new(octree, slots, &slot_limits(gpu, options))
             .and_then(|placement| placement.with(options))
             .map_err(|error| gpu.error(error))?;
-        let (layout, group) = match placement.slots {
-            Slots::Buffers { parts, .. } => {
-                let entries: Vec<_> = (0..parts).map(|part| storage(part, true)).collect();
-                let layout = gpu.bind_group_layout("octree", &entries)?;
-                // All memory is there before anything is copied.
-                let buffers = (placement.parts(slots))
-                    .map(|part| gpu.buffer("octree", size_of_val(part) as u64, Usage::STORAGE | Usage::COPY_DST))
-                    .collect::<Result<Vec<_>, _>>()?;
-                for (buffer, part) in buffers.iter().zip(placement.parts(slots)) {
-                    gpu.fill(buffer, part)?;
-                }
-                let group = gpu.bind_group(&layout, &buffers.iter().collect::<Vec<_>>())?;
-                (layout, group)
-            }
-            Slots::Texture { row_shift } => {
-                let format = wgpu::TextureFormat::Rg32Uint;
-                let layout = gpu.bind_group_layout("octree", &[read_texture(0, format)])?;
-                let texture = gpu.upload_texture("octree", format, 1 << row_shift, slots)?;
-                let group = gpu.bind_texture(&layout, &texture)?;
-                (layout, group)
-            }
-        };
+        let data = Data::upload(gpu, "octree", SlotKind::Pair, placement.slots, slots)?;
+        let (layout, group) = Data::bind(gpu, "octree", &[&data])?;
         let pipelines = HashMap::new();
         Ok(Self { roots, map: Arc::new(resident.into_map()), placement, layout, group, pipelines })
     }

@@ -13,6 +13,7 @@
 //!
 //! # What is where
 //! - `caster`: [`WgpuCaster`], the caster: octree and picture buffers, passes.
+//! - `data`: what kernels only read, in buffers or in a texture.
 //! - `filter`: the post-process filter.
 //! - `instances`: buffers and submission of pictures of many placed objects.
 //! - `triangles`: [`WgpuTriangles`], the same for triangles: closest and any hits.
@@ -21,6 +22,7 @@
 //! - `esvo_core::gpu`: the kernel, its variants, and how an octree is split over bindings.
 
 mod caster;
+mod data;
 mod filter;
 mod instances;
 mod rays;

@@ -4,12 +4,15 @@ use std::collections::HashMap;
 use std::time::{Duration, Instant};
 
 use esvo_core::gpu::kernel::GpuOptions;
+use esvo_core::gpu::slots::SlotKind;
 use esvo_core::gpu::triangles::{
-    self as kernel, Dispatch, LoadedTriangles, TriangleDevice, TriangleLimits, TrianglePass, TriangleRecord,
-    TriangleView, WideTriangles,
+    self as kernel, Dispatch, LoadedTriangles, TriangleDevice, TriangleLimits, TrianglePass, TrianglePlacement,
+    TriangleRecord, TriangleView, WideTriangles,
 };
 use esvo_core::{CastError, Device};
 use esvo_device::{Gpu, Timestamps, Usage, storage, uniform};
+
+use crate::data::{Data, slot_limits};
 
 /// Casts rays at triangles by the WGSL kernel through wgpu. See [`TriangleCaster`](kernel::TriangleCaster).
 pub struct WgpuTriangles {
@@ -41,7 +44,8 @@ struct Buffers {
 }
 
 impl WgpuTriangles {
-    /// Opens a device. Of the options, `triangles_kernel`, `adapter`, `max_part_bytes` and `max_rays` count.
+    /// Opens a device. Of the options, `triangles_kernel`, `adapter`, `max_part_bytes`, `max_rays`, `memory_bytes`, `slots_in` and
+    /// `workgroup` count.
     ///
     /// # Errors
     /// [`CastError::Device`]: there is no device, or none of the wanted name.
@@ -62,11 +66,11 @@ impl TriangleDevice for WgpuTriangles {
     }
 
     fn limits(&self) -> TriangleLimits {
-        let binding_bytes = self.gpu.max_storage_bytes();
         TriangleLimits {
-            part_bytes: self.options.max_part_bytes.unwrap_or(u64::MAX).min(binding_bytes),
+            slots: slot_limits(&self.gpu, &self.options),
             groups: self.gpu.limits().max_compute_workgroups_per_dimension,
             rays: self.options.max_rays,
+            workgroup: self.options.workgroup,
         }
     }
 
@@ -74,10 +78,10 @@ impl TriangleDevice for WgpuTriangles {
         self.loaded.as_ref().map(|loaded| loaded.about)
     }
 
-    fn upload(&mut self, triangles: &WideTriangles) -> Result<(), CastError> {
+    fn upload(&mut self, triangles: &WideTriangles, placement: &TrianglePlacement) -> Result<(), CastError> {
         // Frees memory for the new triangles.
         self.loaded = None;
-        self.loaded = Some(Loaded::new(&self.gpu, &self.options, triangles)?);
+        self.loaded = Some(Loaded::new(&self.gpu, &self.options, triangles, placement)?);
         Ok(())
     }
 
@@ -136,22 +140,22 @@ impl TriangleDevice for WgpuTriangles {
 }
 
 impl Loaded {
-    fn new(gpu: &Gpu, options: &GpuOptions, triangles: &WideTriangles) -> Result<Self, CastError> {
+    fn new(
+        gpu: &Gpu,
+        options: &GpuOptions,
+        triangles: &WideTriangles,
+        placement: &TrianglePlacement,
+    ) -> Result<Self, CastError> {
         let body = options.triangles_kernel.as_deref().unwrap_or(kernel::TRIANGLES_WGSL);
-        let module = gpu.shader("triangles.wgsl", &triangles.source_with(body))?;
+        let module = gpu.shader("triangles.wgsl", &placement.source_with(body))?;
         let entries =
             [uniform(kernel::BINDING_VIEW), storage(kernel::BINDING_RAYS, true), storage(kernel::BINDING_OUT, false)];
         let frame = gpu.bind_group_layout("rays at triangles", &entries)?;
-        let entries = [storage(kernel::BINDING_NODES, true), storage(kernel::BINDING_TRIANGLES, true)];
-        let layout = gpu.bind_group_layout("triangles", &entries)?;
-        // A binding holds one value at least.
-        let empty = triangles.nodes.is_empty();
-        let nodes = if empty { &[bytemuck::Zeroable::zeroed()] } else { &triangles.nodes[..] };
-        let corners = if empty { &[bytemuck::Zeroable::zeroed()] } else { &triangles.triangles[..] };
-        let nodes = gpu.upload("nodes", nodes, Usage::STORAGE)?;
-        let corners = gpu.upload("triangles", corners, Usage::STORAGE)?;
-        let group = gpu.bind_group(&layout, &[&nodes, &corners])?;
-        let (about, pipelines) = (LoadedTriangles::of(triangles), HashMap::new());
+        let nodes = Data::upload(gpu, "nodes", SlotKind::Quad, placement.nodes, triangles.node_slots())?;
+        let corners = (placement.triangles, triangles.triangle_slots());
+        let corners = Data::upload(gpu, "triangles", SlotKind::Quad, corners.0, corners.1)?;
+        let (layout, group) = Data::bind(gpu, "triangles", &[&nodes, &corners])?;
+        let (about, pipelines) = (LoadedTriangles::of(triangles, placement), HashMap::new());
         Ok(Self { about, module, frame, layout, group, pipelines, buffers: None })
     }
 }

@@ -9,7 +9,7 @@ use std::fmt::Write as _;
 use bytemuck::{Pod, Zeroable};
 use esvo_format::{Needs, Octree};
 
-use super::slots::{Slots, SlotsIn};
+use super::slots::{OCTREE, SlotKind, Slots, SlotsIn};
 use crate::gpu::resident::SlotMap;
 use crate::instances::{NO_INSTANCE, Node};
 use crate::{BEAM_BLOCK, CastError, DeviceKind, Hit, Instances, LeaveOut, Nearest, Ray, View};
@@ -49,7 +49,7 @@ pub const WORKGROUP: (u32, u32) = (8, 8);
 /// Deepest level of a voxel (spec section 4).
 const MAX_LEVELS: u32 = 23;
 /// Storage buffers that are not octree data: the coarse values, the rays or the hierarchy, and the output.
-const OTHER_STORAGE_BUFFERS: u32 = 2;
+pub(super) const OTHER_STORAGE_BUFFERS: u32 = 2;
 
 /// What a dispatch computes.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
@@ -168,7 +168,7 @@ impl Variant {
         for (name, value) in numbers {
             let _ = writeln!(text, "const {name}: u32 = {value}u;");
         }
-        self.slots.declare(&mut text);
+        self.slots.declare(&OCTREE, 0, &mut text);
         text += body;
         if self.instances {
             text += instances;
@@ -219,8 +219,9 @@ impl Placement {
                  build it with fewer levels, or cast it on the processor"
             ));
         }
-        let texture = texture_edge.and_then(|edge| Slots::texture(slots.len(), edge));
-        let slots = texture.or_else(|| Slots::split(slots.len(), binding_bytes, max_parts)).ok_or_else(|| {
+        let texture = texture_edge.and_then(|edge| Slots::texture(slots.len(), SlotKind::Pair, edge));
+        let in_buffers = || Slots::split(slots.len(), SlotKind::Pair, binding_bytes, max_parts);
+        let slots = texture.or_else(in_buffers).ok_or_else(|| {
             format!(
                 "the octree takes {bytes} bytes without attachments, more than {max_parts} bindings of {binding_bytes} \
                  bytes: build it with fewer levels, or cast it on the processor"
@@ -234,19 +235,7 @@ impl Placement {
     /// # Errors
     /// Workgroups of a size that is not of powers of two, or of more than 256 invocations.
     pub fn with(self, options: &GpuOptions) -> Result<Self, String> {
-        let (width, height) = options.workgroup.unwrap_or(WORKGROUP);
-        if !width.is_power_of_two() || !height.is_power_of_two() || width * height > 256 {
-            return Err(format!("workgroups of {width} x {height}: expected powers of two, at most 256 in all"));
-        }
-        Ok(Self { workgroup: (width, height), leave_out: options.leave_out, ..self })
-    }
-
-    /// The slots of each buffer, in order; all in one piece for a texture.
-    pub fn parts<'a>(&self, slots: &'a [u64]) -> impl Iterator<Item = &'a [u64]> {
-        slots.chunks(match self.slots {
-            Slots::Buffers { parts: 2.., part_shift } => 1 << part_shift,
-            Slots::Buffers { .. } | Slots::Texture { .. } => slots.len().max(1),
-        })
+        Ok(Self { workgroup: workgroup_of(options.workgroup)?, leave_out: options.leave_out, ..self })
     }
 
     /// The main pass's kernel for a view.
@@ -284,13 +273,25 @@ impl Placement {
     }
 }
 
+/// Workgroups of this size in pixels, or of [`WORKGROUP`].
+///
+/// # Errors
+/// A size that is not of powers of two, or of more than 256 invocations.
+pub(super) fn workgroup_of(wanted: Option<(u32, u32)>) -> Result<(u32, u32), String> {
+    let (width, height) = wanted.unwrap_or(WORKGROUP);
+    if !width.is_power_of_two() || !height.is_power_of_two() || width * height > 256 {
+        return Err(format!("workgroups of {width} x {height}: expected powers of two, at most 256 in all"));
+    }
+    Ok((width, height))
+}
+
 /// Which GPU a caster opens, and how. The defaults are for users; The others are for tests and experiments.
 #[derive(Clone, Debug, Default)]
 pub struct GpuOptions {
     /// Takes the first device whose name contains this, whatever its case; `None`: the fastest kind of device. See
     /// [`choose`](super::choice::choose).
     pub adapter: Option<String>,
-    /// Most bytes in one binding of octree data, of pixels to be filtered, or of triangles, their rays and their records.
+    /// Most bytes in one binding of octree data, of pixels to be filtered, or of nodes, triangles, their rays and their records.
     /// `None`: as many as the device allows.
     pub max_part_bytes: Option<u64>,
     /// Most rays in one dispatch of [`Pass::Rays`], at least 1. `None`: see [`rays_per_dispatch`].
@@ -306,7 +307,7 @@ pub struct GpuOptions {
     pub memory_bytes: Option<u64>,
     /// What kernels leave out if it is not needed; at first, all that can be.
     pub leave_out: LeaveOut,
-    /// Where the octree is put. `None`: in a texture on devices of the kind [`DeviceKind::SoftwareGpu`], in buffers on others.
+    /// Where the octree, or a hierarchy of triangles, is put. `None`: in a texture on devices of the kind [`DeviceKind::SoftwareGpu`], in buffers on others.
     pub slots_in: Option<SlotsIn>,
     /// Width and height in pixels of the workgroups of pictures of one view, powers of two. `None`: [`WORKGROUP`].
     pub workgroup: Option<(u32, u32)>,

@@ -2,6 +2,7 @@
 
 use esvo_core::exact::{CameraRays, ExactRay};
 use esvo_core::gpu::kernel::GpuOptions;
+use esvo_core::gpu::slots::SlotsIn;
 use esvo_core::gpu::triangles::{Question, TRIANGLES_WGSL, TriangleCaster, TriangleRecord};
 use esvo_core::testing::conformance::REQUIRE_GPU;
 use esvo_core::{Camera, CastError};
@@ -103,7 +104,31 @@ pub fn pictures_in_bands_agree(open: Open) {
     assert!((100..1100).contains(&hits), "{hits}");
 }
 
-/// Triangles over a binding, and hierarchies deeper than the stack, are refused; those before stay.
+/// Nodes and triangles in several bindings, and in textures, give the same hits; so do other workgroups.
+///
+/// # Panics
+/// If it is not so.
+pub fn hits_are_the_same_wherever_the_triangles_are(open: Open) {
+    let case = &cases().unwrap()[1];
+    let bytes = case.scene.wide().triangles.len() as u64 * 48;
+    // Three bindings of triangles.
+    let split = GpuOptions { max_part_bytes: Some(bytes.next_power_of_two() / 4), ..GpuOptions::default() };
+    let within = |slots_in| GpuOptions { slots_in: Some(slots_in), ..GpuOptions::default() };
+    let shaped = |workgroup| GpuOptions { workgroup: Some(workgroup), ..GpuOptions::default() };
+    for (name, options) in [
+        ("several bindings", split),
+        ("buffers", within(SlotsIn::Buffers)),
+        ("textures", within(SlotsIn::Texture)),
+        ("small workgroups", shaped((4, 2))),
+        ("large workgroups", shaped((16, 8))),
+    ] {
+        let Some(mut caster) = opened(open, options) else { return };
+        let found = compare(&mut *caster, case).unwrap();
+        assert!(found.different == 0 && found.hits > 1000, "{name}: {found:?}");
+    }
+}
+
+/// Triangles over all bindings or over the memory, and hierarchies deeper than the stack, are refused; those before stay.
 ///
 /// # Panics
 /// If it is not so.
@@ -111,17 +136,22 @@ pub fn what_does_not_fit_is_refused_before_it_is_copied(open: Open) {
     let triangle = [[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, 0.0]];
     let ray = [ExactRay { origin: [0.0, 0.0, 1.0].into(), direction: [0.0, 0.0, -1.0].into(), t_min: 0.0, t_max: 2.0 }];
     let mut records = Vec::new();
-    let Some(mut caster) = opened(open, GpuOptions { max_part_bytes: Some(200), ..GpuOptions::default() }) else {
+    let Some(mut caster) = opened(open, GpuOptions { max_part_bytes: Some(80), ..GpuOptions::default() }) else {
         return;
     };
     assert!(matches!(caster.cast_rays(&ray, Question::Any, &mut records), Err(CastError::NotLoaded)));
     caster.load(&TriangleScene::new(vec![triangle]).unwrap().wide()).unwrap();
-    let many = (0..40).map(|k| triangle.map(|[x, y, _]| [x, y, f64::from(k)])).collect();
+    let many = (0..400).map(|k| triangle.map(|[x, y, _]| [x, y, f64::from(k)])).collect();
     let error = caster.load(&TriangleScene::new(many).unwrap().wide()).unwrap_err().to_string();
-    assert!(error.contains("more than a binding of 200 bytes") && error.contains("on the processor"), "{error}");
+    assert!(error.contains("bindings of 80 bytes") && error.contains("on the processor"), "{error}");
     // The triangles before are still there.
     caster.cast_rays(&ray, Question::Any, &mut records).unwrap();
     assert_eq!(records[0].triangle, 0);
+
+    let options = GpuOptions { memory_bytes: Some(200), ..GpuOptions::default() };
+    let Some(mut caster) = opened(open, options) else { return };
+    let error = caster.load(&TriangleScene::new(vec![triangle; 40]).unwrap().wide()).unwrap_err().to_string();
+    assert!(error.contains("memory of 200 bytes") && error.contains("on the processor"), "{error}");
 
     let Some(mut caster) = opened(open, GpuOptions::default()) else { return };
     let error = caster.load(&TriangleScene::new(vec![triangle; 5000]).unwrap().wide()).unwrap_err().to_string();
@@ -137,6 +167,7 @@ macro_rules! triangle_suite {
             mistakes_are_noticed
             lists_are_split_over_dispatches
             pictures_in_bands_agree
+            hits_are_the_same_wherever_the_triangles_are
             what_does_not_fit_is_refused_before_it_is_copied
         }
     };

@@ -1,4 +1,5 @@
-//! What the examples that run GPU kernels have in common: modes, and views of scenes.
+//! What the examples that run GPU kernels have in common: modes, views of scenes, and processor time.
+#![allow(dead_code, reason = "no example uses all of it")]
 
 use esvo_core::{Camera, CastOptions, View};
 use esvo_format::Octree;
@@ -28,4 +29,14 @@ pub(crate) fn views(scene: &str, octree: &Octree, size: (u32, u32), options: &Ca
         Ok(View::new(&camera, octree.octree_to_mesh(0), root, size, options)?)
     };
     cameras.iter().map(view).collect()
+}
+
+/// Seconds that the threads of this process have run on a processor, as Linux counts them.
+pub(crate) fn processor_time() -> f64 {
+    let tasks = std::fs::read_dir("/proc/self/task").into_iter().flatten().flatten();
+    let nanoseconds = tasks.filter_map(|task| {
+        let text = std::fs::read_to_string(task.path().join("schedstat")).ok()?;
+        text.split_whitespace().next()?.parse::<u64>().ok()
+    });
+    nanoseconds.sum::<u64>() as f64 * 1e-9
 }

@@ -2,9 +2,11 @@
 
 use std::time::Duration;
 
-use super::{HierarchySpace, Question, TrianglePass, TriangleRay, TriangleRecord, TriangleView, WideTriangles};
+use super::{
+    HierarchySpace, Question, TrianglePass, TrianglePlacement, TriangleRay, TriangleRecord, TriangleView, WideTriangles,
+};
 use crate::exact::{CameraRays, ExactRay};
-use crate::gpu::kernel::{WORKGROUP, ray_workgroups, workgroups};
+use crate::gpu::kernel::{SlotLimits, ray_workgroups, workgroups};
 use crate::{CastError, Device};
 
 /// A GPU that casts rays at triangles. `esvo_cpu::triangles::TriangleScene` makes the triangles and decides the rays that are left.
@@ -21,7 +23,7 @@ pub trait TriangleCaster {
     /// Copies triangles to the device, in place of those before.
     ///
     /// # Errors
-    /// Before anything is copied: more than a binding holds, or a hierarchy too deep for the kernel. The device's errors.
+    /// Before anything is copied: more than bindings hold, or a hierarchy too deep for the kernel. The device's errors.
     fn load(&mut self, triangles: &WideTriangles) -> Result<(), CastError>;
 
     /// Casts a picture: `records[y * width + x]`, the first row on top. Resizes `records`.
@@ -62,11 +64,11 @@ pub trait TriangleDevice {
     /// What was uploaded; `None` before.
     fn loaded(&self) -> Option<LoadedTriangles>;
 
-    /// Copies triangles that fit to the device, in place of those before.
+    /// Copies triangles to the device, in place of those before, in the bindings that the placement names.
     ///
     /// # Errors
     /// The device's errors.
-    fn upload(&mut self, triangles: &WideTriangles) -> Result<(), CastError>;
+    fn upload(&mut self, triangles: &WideTriangles, placement: &TrianglePlacement) -> Result<(), CastError>;
 
     /// Runs a pass and waits. Fills `records`, which are as many as the pass writes, or none for [`TrianglePass::Time`]. Returns
     /// the time of the pass.
@@ -79,12 +81,14 @@ pub trait TriangleDevice {
 /// What a device and the options allow.
 #[derive(Clone, Copy, Debug)]
 pub struct TriangleLimits {
-    /// Most bytes of a binding: of nodes, of triangles, of rays or of records.
-    pub part_bytes: u64,
+    /// For nodes and triangles. Rays and records have as many bytes in a binding.
+    pub slots: SlotLimits,
     /// Most workgroups per dimension.
     pub groups: u32,
     /// Most rays of a dispatch; `None`: as many as the others allow.
     pub rays: Option<usize>,
+    /// [`GpuOptions::workgroup`](crate::gpu::kernel::GpuOptions::workgroup).
+    pub workgroup: Option<(u32, u32)>,
 }
 
 /// What is known of the triangles on a device.
@@ -96,12 +100,15 @@ pub struct LoadedTriangles {
     pub bytes: u64,
     /// Without triangles every ray misses.
     pub empty: bool,
+    /// Width and height of a workgroup in pixels.
+    pub workgroup: (u32, u32),
 }
 
 impl LoadedTriangles {
     /// Those of these triangles.
-    pub fn of(triangles: &WideTriangles) -> Self {
-        Self { space: triangles.space, bytes: triangles.bytes(), empty: triangles.nodes.is_empty() }
+    pub fn of(triangles: &WideTriangles, placement: &TrianglePlacement) -> Self {
+        let workgroup = placement.workgroup;
+        Self { space: triangles.space, bytes: triangles.bytes(), empty: triangles.nodes.is_empty(), workgroup }
     }
 
     /// The answer without a dispatch: a miss without triangles, otherwise none.
@@ -152,8 +159,8 @@ impl<D: TriangleDevice> TriangleCaster for D {
 
     fn load(&mut self, triangles: &WideTriangles) -> Result<(), CastError> {
         let refused = |error| CastError::Device(format!("{}: {error}", TriangleDevice::device(self).name));
-        triangles.check(self.limits().part_bytes).map_err(refused)?;
-        self.upload(triangles)
+        let placement = TrianglePlacement::new(triangles, &self.limits()).map_err(refused)?;
+        self.upload(triangles, &placement)
     }
 
     fn cast(&mut self, rays: &CameraRays, records: &mut Vec<TriangleRecord>) -> Result<(), CastError> {
@@ -162,11 +169,11 @@ impl<D: TriangleDevice> TriangleCaster for D {
         records.clear();
         records.resize(rays.pixels(), loaded.untouched());
         let Some(mut view) = view else { return Ok(()) };
-        let rows = band_rows(rays.width, &self.limits())? as usize;
+        let rows = band_rows(rays.width, &self.limits(), loaded.workgroup)? as usize;
         let width = rays.width as usize;
         for (band, first_row) in records.chunks_mut(rows * width).zip((0..).step_by(rows)) {
             view.first_row = first_row;
-            let groups = workgroups(rays.width, (band.len() / width) as u32, WORKGROUP);
+            let groups = workgroups(rays.width, (band.len() / width) as u32, loaded.workgroup);
             let pass = TrianglePass::Picture;
             self.dispatch(&Dispatch { pass, view: &view, rays: &[], groups, count: band.len() }, band)?;
         }
@@ -185,11 +192,11 @@ impl<D: TriangleDevice> TriangleCaster for D {
         if loaded.empty {
             return Ok(());
         }
-        let most = rays_per_dispatch(&self.limits());
+        let most = rays_per_dispatch(&self.limits(), loaded.workgroup);
         for (some, records) in rays.chunks(most).zip(records.chunks_mut(most)) {
             let placed: Vec<TriangleRay> = some.iter().map(|ray| loaded.space.ray(ray)).collect();
             let count = some.len() as u32;
-            let groups = (ray_workgroups(count, WORKGROUP), 1);
+            let groups = (ray_workgroups(count, loaded.workgroup), 1);
             let (pass, view) = (question.pass(), &TriangleView::of_rays(count));
             self.dispatch(&Dispatch { pass, view, rays: &placed, groups, count: some.len() }, records)?;
         }
@@ -202,12 +209,12 @@ impl<D: TriangleDevice> TriangleCaster for D {
             return Ok(Duration::ZERO);
         }
         let mut view = loaded.space.view(rays).ok_or_else(too_far)?;
-        let most = band_rows(rays.width, &self.limits())?;
+        let most = band_rows(rays.width, &self.limits(), loaded.workgroup)?;
         let mut time = Duration::ZERO;
         for first_row in (0..rays.height).step_by(most as usize) {
             view.first_row = first_row;
             let rows = most.min(rays.height - first_row);
-            let groups = workgroups(rays.width, rows, WORKGROUP);
+            let groups = workgroups(rays.width, rows, loaded.workgroup);
             let count = rows as usize * rays.width as usize;
             time +=
                 self.dispatch(&Dispatch { pass: TrianglePass::Time, view: &view, rays: &[], groups, count }, &mut [])?;
@@ -220,10 +227,10 @@ impl<D: TriangleDevice> TriangleCaster for D {
 ///
 /// # Errors
 /// [`CastError::Device`]: not even one row.
-fn band_rows(width: u32, limits: &TriangleLimits) -> Result<u32, CastError> {
+fn band_rows(width: u32, limits: &TriangleLimits, workgroup: (u32, u32)) -> Result<u32, CastError> {
     let row = u64::from(width) * size_of::<TriangleRecord>() as u64;
-    let rows = (limits.part_bytes / row.max(1)).min(u64::from(limits.groups) * u64::from(WORKGROUP.1));
-    let fits = u64::from(width) <= u64::from(limits.groups) * u64::from(WORKGROUP.0) && rows > 0;
+    let rows = (limits.slots.binding_bytes / row.max(1)).min(u64::from(limits.groups) * u64::from(workgroup.1));
+    let fits = u64::from(width) <= u64::from(limits.groups) * u64::from(workgroup.0) && rows > 0;
     if !fits {
         return Err(CastError::Device(format!(
             "a picture {width} pixels wide is too wide for the device; cast a narrower one"
@@ -233,9 +240,9 @@ fn band_rows(width: u32, limits: &TriangleLimits) -> Result<u32, CastError> {
 }
 
 /// Most rays of a buffer that one dispatch casts.
-fn rays_per_dispatch(limits: &TriangleLimits) -> usize {
-    let groups = u64::from(limits.groups) * u64::from(WORKGROUP.0 * WORKGROUP.1);
-    let most = (limits.part_bytes / size_of::<TriangleRay>() as u64).min(groups).clamp(1, 1 << 22) as usize;
+fn rays_per_dispatch(limits: &TriangleLimits, workgroup: (u32, u32)) -> usize {
+    let groups = u64::from(limits.groups) * u64::from(workgroup.0 * workgroup.1);
+    let most = (limits.slots.binding_bytes / size_of::<TriangleRay>() as u64).min(groups).clamp(1, 1 << 22) as usize;
     limits.rays.map_or(most, |rays| rays.clamp(1, most))
 }
 

@@ -23,14 +23,15 @@
 //!   then enters every box that holds a part of a triangle that the ray hits.
 
 mod caster;
+mod placement;
 
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 
 use crate::exact::{CameraRays, ExactRay};
-use crate::gpu::kernel::WORKGROUP;
 
 pub use self::caster::{Dispatch, LoadedTriangles, TriangleCaster, TriangleDevice, TriangleLimits};
+pub use self::placement::TrianglePlacement;
 
 /// The kernel without its prelude.
 pub const TRIANGLES_WGSL: &str = include_str!("../../../kernels/triangles.wgsl");
@@ -48,10 +49,6 @@ pub const BINDING_VIEW: u32 = 0;
 pub const BINDING_RAYS: u32 = 1;
 /// Binding in group 0 of the [`TriangleRecord`]s; in the timing pass, of one `f32` per pixel.
 pub const BINDING_OUT: u32 = 2;
-/// Binding in group 1 of the [`WideNode`]s.
-pub const BINDING_NODES: u32 = 0;
-/// Binding in group 1 of the [`WideTriangle`]s.
-pub const BINDING_TRIANGLES: u32 = 1;
 
 /// What a dispatch computes.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
@@ -317,37 +314,13 @@ impl WideTriangles {
         (size_of_val(&self.nodes[..]) + size_of_val(&self.triangles[..])) as u64
     }
 
-    /// Checks that a device whose bindings have at most `max_bytes` can hold and cast the triangles.
-    ///
-    /// # Errors
-    /// What does not fit, and what to do. The caster puts the device's name in front of the text.
-    pub fn check(&self, max_bytes: u64) -> Result<(), String> {
-        for (what, bytes) in [("nodes", size_of_val(&self.nodes[..])), ("triangles", size_of_val(&self.triangles[..]))]
-        {
-            if bytes as u64 > max_bytes {
-                return Err(format!(
-                    "the {what} of the hierarchy take {bytes} bytes, more than a binding of {max_bytes} bytes, and they are not split \
-                     over several: cast these triangles on the processor"
-                ));
-            }
-        }
-        if self.stack > MAX_STACK {
-            return Err(format!(
-                "the hierarchy is {} nodes deep and the kernel's stack has {MAX_STACK} frames: cast these triangles on the processor",
-                self.stack
-            ));
-        }
-        Ok(())
+    /// The nodes in slots of the kind [`SlotKind::Quad`](crate::gpu::slots::SlotKind::Quad): five for each.
+    pub fn node_slots(&self) -> &[[u32; 4]] {
+        bytemuck::cast_slice(&self.nodes)
     }
 
-    /// The kernel for these triangles.
-    pub fn source(&self) -> String {
-        self.source_with(TRIANGLES_WGSL)
-    }
-
-    /// The same with another text than [`TRIANGLES_WGSL`], for tests with a broken kernel.
-    pub fn source_with(&self, body: &str) -> String {
-        let (stack, (width, height)) = (self.stack.max(1), WORKGROUP);
-        format!("const STACK: u32 = {stack}u;\nconst WIDTH: u32 = {width}u;\nconst HEIGHT: u32 = {height}u;\n{body}")
+    /// The triangles in slots of the same kind: three for each.
+    pub fn triangle_slots(&self) -> &[[u32; 4]] {
+        bytemuck::cast_slice(&self.triangles)
     }
 }
