@@ -21,6 +21,7 @@
 //! - [`picture_bench`]: `esvo bench pictures`, octrees next to their triangles. Also the exact pictures of meshes.
 //! - [`needs_bench`]: `esvo bench needs`, what code for features that a scene does not need costs.
 //! - [`ray_bench`]: `esvo bench rays`, lists of rays on every engine next to a picture.
+//! - [`sweep_bench`]: `esvo bench sweep`, error against run time; `esvo advise` picks settings from its record.
 //! - [`import_bench`]: `esvo bench import`, what happens to each mesh file of a folder.
 //!
 //! What they share:
@@ -28,13 +29,15 @@
 //! - [`error`]: depth error and image error (FLIP). [`timing`]: samples, medians and quartiles.
 //! - [`text`]: tables as text and Markdown. [`output`]: the only writer of records, tables and pictures.
 //! - [`ray_files`]: rays and hits in files, and comparing hits.
-//! - [`build_summary`]: what `esvo build --json` prints. `growth`: predicting the next level. `units`: bytes.
+//! - [`build_summary`]: what `esvo build --json` prints. `growth`: predicting the next level. `curve`: between
+//!   levels and beyond them. `units`: bytes.
 //! - [`system`]: machine, clock, processes, temporary folders; the only reader of `/proc`.
 //! - [`BenchError`]: all errors. [`Progress`]: the line on the terminal.
 
 mod bench_error;
 pub mod build_bench;
 pub mod build_summary;
+mod curve;
 pub mod error;
 pub mod format_bench;
 mod growth;
@@ -48,6 +51,7 @@ mod progress;
 pub mod ray_bench;
 pub mod ray_files;
 pub mod scene;
+pub mod sweep_bench;
 pub mod system;
 pub mod text;
 pub mod timing;

@@ -2,6 +2,7 @@
 
 use clap::{Parser, Subcommand};
 
+use crate::commands::advise::AdviseArguments;
 use crate::commands::ambient::AmbientArguments;
 use crate::commands::bench::BenchArguments;
 use crate::commands::build::BuildArguments;
@@ -53,6 +54,7 @@ pub(crate) enum Command {
     Hits(HitsArguments),
     Kernel(KernelArguments),
     Bench(Box<BenchArguments>),
+    Advise(Box<AdviseArguments>),
     Completions(CompletionsArguments),
     Man(ManArguments),
 }

@@ -48,6 +48,7 @@ fn main() -> ExitCode {
         Command::Rays(arguments) => commands::rays::run_rays(&arguments),
         Command::Hits(arguments) => commands::hits::run_hits(&arguments),
         Command::Bench(arguments) => commands::bench::run_bench(&arguments),
+        Command::Advise(arguments) => commands::advise::run_advise(&arguments),
         Command::Completions(arguments) => commands::completions::run_completions(&arguments, Arguments::command()),
         Command::Man(arguments) => commands::man::run_man(&arguments, Arguments::command()),
     };

@@ -24,6 +24,27 @@ pub(crate) fn parse_gigabytes(text: &str) -> Result<f64, String> {
     if number > 0.0 && number.is_finite() { Ok(number) } else { Err("expected a number above 0".into()) }
 }
 
+/// A finite number above 0.
+pub(crate) fn parse_positive(text: &str) -> Result<f64, String> {
+    let number = text.parse::<f64>().ok().filter(|number| *number > 0.0 && number.is_finite());
+    number.ok_or_else(|| "expected a number above 0".into())
+}
+
+/// A number of pixels above 0, with or without its unit: `0.5px`.
+pub(crate) fn parse_pixels(text: &str) -> Result<f64, String> {
+    parse_positive(text.trim_end_matches("px").trim_end())
+}
+
+/// Bytes, at least 1: `1500000`, `1500K`, `1.5M` with powers of ten.
+pub(crate) fn parse_bytes(text: &str) -> Result<u64, String> {
+    let units = [('K', 1e3), ('M', 1e6), ('G', 1e9), ('T', 1e12)];
+    let (number, factor) = (units.iter())
+        .find_map(|(unit, factor)| Some((text.strip_suffix([*unit, unit.to_ascii_lowercase()])?, *factor)))
+        .unwrap_or((text, 1.0));
+    let bytes = parse_positive(number).ok().map(|number| number * factor).filter(|bytes| (1.0..1e18).contains(bytes));
+    bytes.map(|bytes| bytes as u64).ok_or_else(|| "expected a number of bytes, e.g. 200M".into())
+}
+
 /// Width and height in pixels, each 1 to 16384: `1024x768`.
 pub(crate) fn parse_size(text: &str) -> Result<[u32; 2], String> {
     let number = |s: &str| s.trim().parse::<u32>().ok().filter(|n| (1..=16384).contains(n));
@@ -128,6 +149,18 @@ mod tests {
         assert_eq!(parse_size("512x384"), Ok([512, 384]));
         for bad in ["", "512", "0x3", "3x0", "x", "1x99999", "-1x2", "1x2x3"] {
             assert!(parse_size(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn amounts() {
+        assert_eq!((parse_pixels("0.5px"), parse_pixels("2"), parse_pixels("2 px")), (Ok(0.5), Ok(2.0), Ok(2.0)));
+        assert_eq!((parse_bytes("200M"), parse_bytes("1.5k"), parse_bytes("7")), (Ok(200_000_000), Ok(1500), Ok(7)));
+        for bad in ["", "0", "-1", "px", "NaN", "inf"] {
+            assert!(parse_pixels(bad).is_err(), "{bad}");
+        }
+        for bad in ["", "0", "M", "0.1", "-1G", "1e30", "5B"] {
+            assert!(parse_bytes(bad).is_err(), "{bad}");
         }
     }
 

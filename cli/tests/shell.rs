@@ -7,8 +7,9 @@ use std::collections::BTreeSet;
 use common::Folder;
 
 /// All commands, by the names of their pages.
-const PAGES: [&str; 22] = [
+const PAGES: [&str; 24] = [
     "esvo",
+    "esvo-advise",
     "esvo-ambient",
     "esvo-bench",
     "esvo-bench-build",
@@ -17,6 +18,7 @@ const PAGES: [&str; 22] = [
     "esvo-bench-needs",
     "esvo-bench-pictures",
     "esvo-bench-rays",
+    "esvo-bench-sweep",
     "esvo-build",
     "esvo-completions",
     "esvo-convert",

@@ -173,22 +173,36 @@ pub fn normal_error(
 ) -> Summary {
     let to_mesh = octree_to_mesh(octree, view);
     let rays = CameraRays::of_view(view, to_mesh);
-    let mut angles = Vec::new();
-    for (index, (exact, hit)) in exact.iter().zip(hits).enumerate() {
-        if exact.is_miss() || hit.is_miss() {
-            continue;
-        }
-        let ray = rays.ray_at(index);
-        let surface = surface_normal(exact.triangle, ray.origin + ray.direction * exact.t);
+    let normals: Vec<DVec3> = (exact.iter().enumerate())
+        .map(|(index, exact)| {
+            let ray = rays.ray_at(index);
+            let point = || ray.origin + ray.direction * exact.t;
+            if exact.is_miss() { DVec3::ZERO } else { surface_normal(exact.triangle, point()) }
+        })
+        .collect();
+    Summary::of(normal_angles(octree, view, &normals, hits))
+}
+
+/// Angles in degrees, as [`normal_error`] summarizes them. `surface` has the normal at the exact hit of each ray, of any length;
+/// zero for a miss.
+///
+/// # Panics
+/// The hits are not of this octree and view.
+pub fn normal_angles(octree: &Octree, view: &View, surface: &[DVec3], hits: &[Hit]) -> Vec<f64> {
+    let to_mesh = octree_to_mesh(octree, view);
+    let angle = |(index, (surface, hit)): (usize, (&DVec3, &Hit))| {
         let (x, y) = (index as u32 % view.width, index as u32 / view.width);
-        let voxel = voxel_normal(octree, &to_mesh, &view.ray(x, y), hit);
-        // atan2 of sine and cosine: the arc cosine alone loses half the digits of a small angle.
-        let angle = surface.cross(voxel).length().atan2(surface.dot(voxel).abs());
-        if surface != DVec3::ZERO && voxel != DVec3::ZERO && angle.is_finite() {
-            angles.push(angle.to_degrees());
-        }
-    }
-    Summary::of(angles)
+        let voxel = || voxel_normal(octree, &to_mesh, &view.ray(x, y), hit);
+        if hit.is_miss() || *surface == DVec3::ZERO { None } else { normal_angle(*surface, voxel()) }
+    };
+    surface.iter().zip(hits).enumerate().filter_map(angle).collect()
+}
+
+/// Angle in degrees between two normals of any length, 0 to 90, as opposite normals count as equal; `None` if one of them is zero.
+pub fn normal_angle(a: DVec3, b: DVec3) -> Option<f64> {
+    // atan2 of sine and cosine: the arc cosine alone loses half the digits of a small angle.
+    let angle = a.cross(b).length().atan2(a.dot(b).abs());
+    (a != DVec3::ZERO && b != DVec3::ZERO && angle.is_finite()).then(|| angle.to_degrees())
 }
 
 #[cfg(test)]

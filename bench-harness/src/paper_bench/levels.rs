@@ -8,9 +8,9 @@ use crate::system::clock::Clock;
 use crate::units::GB;
 
 /// Peak memory of a build divided by the size of its octree. Measured: 4.7 for SIBENIK without contours at 12 levels.
-const PEAK: f64 = 5.0;
+pub(crate) const PEAK: f64 = 5.0;
 /// Growth of time and bytes from one level to the next that is believed.
-const GROWTH: RangeInclusive<f64> = 1.5..=5.0;
+pub(crate) const GROWTH: RangeInclusive<f64> = 1.5..=5.0;
 /// Part of a scene's time that building may take.
 const BUILD_SHARE: f64 = 0.6;
 

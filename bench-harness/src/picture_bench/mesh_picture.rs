@@ -91,7 +91,7 @@ impl<'a> Looked<'a> {
     }
 
     /// Colour and shading normal.
-    fn surface(&self) -> Surface {
+    pub(crate) fn surface(&self) -> Surface {
         let mut normal = self.flat;
         if !self.mesh.normals.is_empty() {
             let smooth = self.mix(&self.mesh.normals);

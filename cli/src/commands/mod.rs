@@ -1,5 +1,6 @@
 //! The commands: options and code of each. [`crate::args`] lists them.
 
+pub(crate) mod advise;
 pub(crate) mod ambient;
 pub(crate) mod bench;
 pub(crate) mod build;

@@ -1,6 +1,7 @@
 //! `esvo bench`.
 
 pub(crate) mod build;
+pub(crate) mod cache;
 mod casting;
 pub(crate) mod format;
 pub(crate) mod import;
@@ -9,6 +10,7 @@ pub(crate) mod pictures;
 pub(crate) mod rays;
 mod record;
 pub(crate) mod selection;
+pub(crate) mod sweep;
 pub(crate) mod tables;
 
 use clap::{Args, Subcommand};
@@ -20,6 +22,7 @@ use import::BenchImportArguments;
 use needs::BenchNeedsArguments;
 use pictures::BenchPicturesArguments;
 use rays::BenchRaysArguments;
+use sweep::BenchSweepArguments;
 use tables::TablesArguments;
 
 /// Measure the paper's two tables on this machine.
@@ -52,6 +55,7 @@ pub(crate) enum BenchCommand {
     Import(BenchImportArguments),
     Rays(BenchRaysArguments),
     Needs(BenchNeedsArguments),
+    Sweep(BenchSweepArguments),
 }
 
 pub(crate) fn run_bench(arguments: &BenchArguments) -> Result<(), Failure> {
@@ -63,5 +67,6 @@ pub(crate) fn run_bench(arguments: &BenchArguments) -> Result<(), Failure> {
         Some(BenchCommand::Import(arguments)) => import::run_bench_import(arguments),
         Some(BenchCommand::Rays(arguments)) => rays::run_bench_rays(arguments),
         Some(BenchCommand::Needs(arguments)) => needs::run_bench_needs(arguments),
+        Some(BenchCommand::Sweep(arguments)) => sweep::run_bench_sweep(arguments),
     }
 }
