@@ -262,9 +262,10 @@ fn words(advice: &Advice, is_file: bool) -> String {
     );
     if !is_file {
         let off = if setting.contours { "" } else { " --no-contours" };
-        out += &format!("  esvo build --levels {}{off}\n", setting.levels);
+        let scene = advice.scene.split(':').next().unwrap_or_default().to_ascii_lowercase();
+        out += &format!("  esvo build --scene {scene} --levels {}{off} -o FILE.esvo\n", setting.levels);
     }
-    out += &format!("  esvo render {beam}{cubes}--max-voxel-pixels {}\n", setting.max_voxel_pixels);
+    out += &format!("  esvo render FILE.esvo {beam}{cubes}--max-voxel-pixels {} ...\n", setting.max_voxel_pixels);
     out += "Why:\n";
     for line in &advice.why {
         out += &format!("- {line}\n");
