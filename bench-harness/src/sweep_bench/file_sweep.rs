@@ -53,7 +53,7 @@ pub fn run_file_sweep(
     options: &FileSweepOptions,
     progress: &Progress,
 ) -> Result<SweepReport, BenchError> {
-    let start = Instant::now();
+    let (start, machine) = (Instant::now(), Machine::detect());
     let mut plan = options.plan.clone();
     let levels = octree.objects()[0].levels;
     plan.scenes = vec![SceneLevels { name: options.name.clone(), levels: vec![levels] }];
@@ -112,7 +112,7 @@ pub fn run_file_sweep(
     record.cells = cells;
     Ok(SweepReport {
         schema: SCHEMA,
-        machine: Machine::detect(),
+        machine,
         plan,
         devices,
         scenes: vec![record],

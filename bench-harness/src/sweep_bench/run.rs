@@ -44,7 +44,7 @@ pub struct SweepBenchOptions {
 /// # Errors
 /// A plan or a scene that cannot be used, a cache that cannot be written, an engine that fails.
 pub fn run_sweep_bench(options: &SweepBenchOptions, progress: &Progress) -> Result<SweepReport, BenchError> {
-    let start = Instant::now();
+    let (start, machine) = (Instant::now(), Machine::detect());
     options.plan.validate()?;
     let manifest = scene::manifest(options.manifest.as_deref())?;
     let wanted = (options.plan.scenes.iter())
@@ -58,7 +58,7 @@ pub fn run_sweep_bench(options: &SweepBenchOptions, progress: &Progress) -> Resu
     }
     Ok(SweepReport {
         schema: SCHEMA,
-        machine: Machine::detect(),
+        machine,
         plan: options.plan.clone(),
         devices,
         scenes,
