@@ -7,14 +7,18 @@
 //!
 //! `SCENE=FILE.esvo` is a scene of the built-in manifest and an octree of it. Every viewpoint of the manifest is cast with contours,
 //! with contours and beam, and with cubes; rays end at voxels of one pixel. For each count there is a kernel of its own, which
-//! stores the count where others store the iterations. Printed is a table of means per ray, without the coarse pass. Exit code 1 if
-//! the counts do not go together: each visit is a hit, a PUSH or an ADVANCE.
+//! stores the count where others store the iterations. Printed is a table of means per ray, without the coarse pass, and of lanes in
+//! use: a subgroup goes on until the last of its rays has ended, so that its lanes are in use for the mean of their visits over the
+//! greatest. Subgroups are taken to be 8, 32 and 64 invocations that follow each other in the kernel's order: blocks of 4x2, 8x4 and
+//! 8x8 pixels. Lanes that wait at a branch count as in use. Exit code 1 if the counts do not go together: each visit is a hit, a PUSH
+//! or an ADVANCE.
 
 mod measuring;
 
 use std::process::ExitCode;
 use std::sync::Arc;
 
+use esvo_core::Hit;
 use esvo_core::gpu::kernel::{CAST_WGSL, GpuOptions};
 use esvo_engines::{EngineId, OpenOptions};
 use esvo_format::Octree;
@@ -50,6 +54,24 @@ fn counting(before: &str) -> Result<String, Error> {
     Ok(text)
 }
 
+/// Width and height in pixels of the subgroups whose lanes are counted.
+const SUBGROUPS: [(usize, usize); 3] = [(4, 2), (8, 4), (8, 8)];
+
+/// Visits of all lanes of the subgroups of a picture, and those of lanes that had all gone on until the last ended.
+fn lanes(hits: &[Hit], size: (u32, u32), (width, height): (usize, usize)) -> (u64, u64) {
+    let columns = size.0 as usize;
+    let across = columns.div_ceil(width);
+    let mut groups = vec![(0u64, 0u64); across * (size.1 as usize).div_ceil(height)];
+    for (at, hit) in hits.iter().enumerate() {
+        let (x, y) = (at % columns, at / columns);
+        let (sum, most) = &mut groups[y / height * across + x / width];
+        *sum += u64::from(hit.iterations);
+        *most = u64::from(hit.iterations).max(*most);
+    }
+    let lanes = (width * height) as u64;
+    groups.iter().fold((0, 0), |(used, all), (sum, most)| (used + sum, all + most * lanes))
+}
+
 fn main() -> Result<ExitCode, Error> {
     let mut engines = vec![EngineId::Wgpu, EngineId::Ash];
     let mut size = (1024, 768);
@@ -82,8 +104,9 @@ fn main() -> Result<ExitCode, Error> {
             casters.push(engine.open(&OpenOptions { gpu, ..OpenOptions::default() })?);
         }
         println!("{engine} on {}, {} x {}\n", casters[0].device().name, size.0, size.1);
-        println!("| scene, mode, views | {} | bytes |", COUNTS.map(|(name, _)| name).join(" | "));
-        println!("|---|{}--:|", "--:|".repeat(COUNTS.len()));
+        let subgroups = SUBGROUPS.map(|(width, height)| format!("lanes of {} in use", width * height)).join(" | ");
+        println!("| scene, mode, views | {} | bytes | {subgroups} |", COUNTS.map(|(name, _)| name).join(" | "));
+        println!("|---|{}--:|", "--:|".repeat(COUNTS.len() + SUBGROUPS.len()));
         for (scene, octree) in &scenes {
             for caster in &mut casters {
                 caster.load(octree)?;
@@ -91,6 +114,7 @@ fn main() -> Result<ExitCode, Error> {
             for (mode, options) in MODES {
                 let views = views(scene, octree, size, &options)?;
                 let (mut counts, mut ended) = ([0u64; COUNTS.len()], 0);
+                let mut in_use = [(0, 0); SUBGROUPS.len()];
                 let mut hits = Vec::new();
                 for view in &views {
                     for (number, (caster, count)) in casters.iter_mut().zip(&mut counts).enumerate() {
@@ -98,6 +122,10 @@ fn main() -> Result<ExitCode, Error> {
                         *count += hits.iter().map(|hit| u64::from(hit.iterations)).sum::<u64>();
                         if number == 0 {
                             ended += hits.iter().filter(|hit| !hit.is_miss()).count() as u64;
+                            for ((used, all), shape) in in_use.iter_mut().zip(SUBGROUPS) {
+                                let more = lanes(&hits, size, shape);
+                                (*used, *all) = (*used + more.0, *all + more.1);
+                            }
                         }
                     }
                 }
@@ -106,7 +134,12 @@ fn main() -> Result<ExitCode, Error> {
                 let rays = views.len() as f64 * f64::from(size.0 * size.1);
                 let bytes = 8 * (descriptors + contours + far_pointers);
                 let cells = counts.iter().chain([&bytes]).map(|count| format!("{:.3}", *count as f64 / rays));
-                println!("| {scene}, {mode}, {} | {} |", views.len(), cells.collect::<Vec<_>>().join(" | "));
+                let shares = in_use.iter().map(|(used, all)| format!("{:.0} %", 100.0 * *used as f64 / *all as f64));
+                println!(
+                    "| {scene}, {mode}, {} | {} |",
+                    views.len(),
+                    cells.chain(shares).collect::<Vec<_>>().join(" | ")
+                );
             }
         }
         println!();

@@ -11,7 +11,8 @@
 //! each `NAME=FILE.wgsl`: a kernel without its prelude, with the octree in buffers. `SCENE=FILE.esvo` is a scene of the built-in manifest and an octree of it. Every viewpoint of the manifest is cast with contours, with contours and
 //! beam, and with cubes; rays end at voxels of one pixel. All kernels of all engines cast each view in turn in every round. Printed
 //! is a table of million rays per second over all viewpoints, by the least time of each view in the rounds: by the device's own clock, or of
-//! processor time where the device is a driver that runs on the processor, so that other work on the machine does not count.
+//! processor time where the device is a driver that runs on the processor, so that other work on the machine does not count. With the
+//! beam, the share of the coarse pass is in brackets.
 
 mod measuring;
 
@@ -231,14 +232,16 @@ impl Arguments {
     }
 }
 
-/// Seconds that casting a view takes.
-fn seconds(caster: &mut dyn Caster, view: &View) -> Result<f64, Error> {
-    if caster.device().kind != DeviceKind::SoftwareGpu {
-        return Ok(caster.time(view)?.total.as_secs_f64());
-    }
+/// Seconds that casting a view takes, and those of them in the coarse pass.
+fn seconds(caster: &mut dyn Caster, view: &View) -> Result<(f64, f64), Error> {
     let start = processor_time();
-    caster.time(view)?;
-    Ok(processor_time() - start)
+    let time = caster.time(view)?;
+    let (total, coarse) = (time.total.as_secs_f64(), time.coarse.as_secs_f64());
+    if caster.device().kind != DeviceKind::SoftwareGpu {
+        return Ok((total, coarse));
+    }
+    let seconds = processor_time() - start;
+    Ok((seconds, seconds * coarse / total))
 }
 
 /// Seconds that the threads of this process have run on a processor, as Linux counts them.
@@ -300,18 +303,26 @@ fn main() -> Result<(), Error> {
                 let views: Vec<_> = views.iter().map(|view| view.with_wide_beam(column.wide_beam)).collect();
                 different.push(differences(&mut *column.caster, &views, &expected)?.to_string());
             }
-            let mut best = vec![vec![f64::MAX; views.len()]; columns.len()];
+            let mut best = vec![vec![(f64::MAX, 0.0); views.len()]; columns.len()];
             for _ in 0..rounds {
                 for (k, view) in views.iter().enumerate() {
                     for (column, best) in columns.iter_mut().zip(&mut best) {
                         let view = view.with_wide_beam(column.wide_beam);
-                        best[k] = seconds(&mut *column.caster, &view)?.min(best[k]);
+                        let now = seconds(&mut *column.caster, &view)?;
+                        if now.0 < best[k].0 {
+                            best[k] = now;
+                        }
                     }
                 }
             }
             let rays = views.len() as f64 * f64::from(size.0 * size.1);
-            let rates = best.iter().map(|best| format!("{:.2}", rays / best.iter().sum::<f64>() / 1e6));
-            let rates: Vec<_> = rates.collect();
+            let cell = |best: &Vec<(f64, f64)>| {
+                let total: f64 = best.iter().map(|best| best.0).sum();
+                let coarse: f64 = best.iter().map(|best| best.1).sum();
+                let rate = rays / total / 1e6;
+                if coarse > 0.0 { format!("{rate:.2} ({:.0} %)", 100.0 * coarse / total) } else { format!("{rate:.2}") }
+            };
+            let rates: Vec<_> = best.iter().map(cell).collect();
             println!("| {scene}, {mode}, {} | {} | {} |", views.len(), rates.join(" | "), different.join(" "));
         }
     }
