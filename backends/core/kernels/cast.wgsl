@@ -145,7 +145,6 @@ fn cast_ray(ray: Ray) -> Hit {
     // 1-3
     var t_min = greatest(mad3(vec3<f32>(2.0), coef, -bias));
     var t_max = least(mad3(vec3<f32>(1.0), coef, -bias));
-    var h = t_max;
     t_min = max(t_min, ray.t_min);
     t_max = min(t_max, ray.t_max);
 
@@ -157,8 +156,6 @@ fn cast_ray(ray: Ray) -> Hit {
     var stale = true;
     var stack_parent: array<u32, LEVELS>;
     var stack_t_max: array<f32, LEVELS>;
-    // Bit s: the frame of scale s was written. Rounding can make a ray POP to a frame that was not: the ray then misses.
-    var pushed = 0u;
     var scale = MAX_SCALE - 1u;
     var size = 0.5;
     var upper = mad3(vec3<f32>(1.5), coef, -bias) > vec3<f32>(t_min);
@@ -207,12 +204,8 @@ fn cast_ray(ray: Ray) -> Hit {
                     return Hit(tv_min, parent, child | (scale << 8u), iteration);
                 }
                 // 19-25: PUSH
-                if tc_max < h {
-                    stack_parent[scale - LOWEST_SCALE] = parent;
-                    stack_t_max[scale - LOWEST_SCALE] = t_max;
-                    pushed |= 1u << scale;
-                }
-                h = tc_max;
+                stack_parent[scale - LOWEST_SCALE] = parent;
+                stack_t_max[scale - LOWEST_SCALE] = t_max;
                 var first = descriptor.x >> 17u;
                 if FAR_POINTERS {
                     if (descriptor.x & FAR_BIT) != 0u {
@@ -238,7 +231,7 @@ fn cast_ray(ray: Ray) -> Hit {
         let next = pos - select(vec3<f32>(0.0), vec3<f32>(size), crossed);
         let changed = bitcast<vec3<u32>>(pos) ^ bitcast<vec3<u32>>(next);
         pos = next;
-        t_min = tc_max;
+        t_min = max(t_min, tc_max);
         idx ^= step;
 
         // 31
@@ -249,17 +242,12 @@ fn cast_ray(ray: Ray) -> Hit {
                 return miss(iteration);
             }
             size = bitcast<f32>((scale + 104u) << 23u);
-            if ((pushed >> scale) & 1u) != 0u {
-                parent = stack_parent[scale - LOWEST_SCALE];
-                t_max = stack_t_max[scale - LOWEST_SCALE];
-            } else {
-                return miss(iteration);
-            }
+            parent = stack_parent[scale - LOWEST_SCALE];
+            t_max = stack_t_max[scale - LOWEST_SCALE];
             stale = true;
             let path = bitcast<vec3<u32>>(pos) >> vec3<u32>(scale);
             pos = bitcast<vec3<f32>>(path << vec3<u32>(scale));
             idx = axes((path & vec3<u32>(1u)) != vec3<u32>(0u));
-            h = 0.0;
         }
     }
     return miss(MAX_ITERATIONS);

@@ -3,6 +3,15 @@
 //! Numbers in the comments are lines of the figure, and functions have the names that the figure gives them. Two things
 //! are as section 4.1 of the paper suggests: the octree is mirrored so that every component of the direction is negative,
 //! and positions are in `[1, 2]`, so that their bits are the path of a voxel from the root.
+//!
+//! Two things differ from the figure, because of rays that rounding led astray:
+//! - PUSH always writes a frame. The figure leaves it out where the ray leaves voxel and parent at the same `t`, and calls the two
+//!   planes one. In voxels finer than the resolution of `t` they may be two, and POP read a frame that was not written: rays missed
+//!   what is behind such voxels.
+//! - ADVANCE never lets `t` go back. The plane between two children is computed in two ways, from the corner of either, and where
+//!   they disagree, the ray crossed it before it had come there. Along an axis where the ray hardly moves, that was far before.
+//!
+//! [`oracle`](crate::testing::oracle) derives how far off hits may be, and a test holds millions of hard rays against it.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -36,15 +45,13 @@ pub fn cast_ray(octree: &Octree, root: u32, ray: &Ray, contours: bool) -> Hit {
     let root_cube =
         Span { min: mirrored.t_at(Vec3::splat(2.0)).max_element(), max: mirrored.t_at(Vec3::splat(1.0)).min_element() };
     let mut t = root_cube.intersect(Span { min: ray.t_min, max: ray.t_max });
-    // 4
-    let mut h = root_cube.max;
     // 5-7: the child of the root that the ray enters first.
     let mut parent = root;
     let mut scale = MAX_SCALE - 1;
     let mut size = 0.5f32;
     let mut idx = select_child(mirrored.t_at(Vec3::splat(1.5)), t.min);
     let mut pos = child_cube(Vec3::ONE, idx, size);
-    let mut stack: [Option<(u32, f32)>; MAX_SCALE as usize + 1] = [None; MAX_SCALE as usize + 1];
+    let mut stack = [(root, t.max); MAX_SCALE as usize + 1];
 
     // 8
     for iteration in 1..=MAX_ITERATIONS {
@@ -75,10 +82,7 @@ pub fn cast_ray(octree: &Octree, root: u32, ray: &Ray, contours: bool) -> Hit {
                     return Hit::new(tv.min, parent, child.into(), scale, iteration);
                 }
                 // 19-25: PUSH
-                if tc_max < h {
-                    stack[scale as usize] = Some((parent, t.max));
-                }
-                h = tc_max;
+                stack[scale as usize] = (parent, t.max);
                 parent = find_child_descriptor(octree, parent, descriptor, child);
                 scale -= 1;
                 size *= 0.5;
@@ -93,7 +97,7 @@ pub fn cast_ray(octree: &Octree, root: u32, ray: &Ray, contours: bool) -> Hit {
         let step;
         (pos, step) = step_along_ray(pos, size, t_corner, tc_max);
         idx ^= step;
-        t.min = tc_max;
+        t.min = t.min.max(tc_max);
 
         // 31: in mirrored space, a flip that sets a bit disagrees with the ray: it has left the parent.
         if idx & step != 0 {
@@ -103,13 +107,9 @@ pub fn cast_ray(octree: &Octree, root: u32, ray: &Ray, contours: bool) -> Hit {
                 return Hit::miss(iteration);
             }
             size = exp2(scale as i32 - MAX_SCALE as i32);
-            // PUSH skips the write when the ray exits voxel and parent at the same t. For a distant octree, rounding can
-            // merge two planes, and POP then reads a frame that was never written: report a miss.
-            let Some(frame) = stack[scale as usize] else { return Hit::miss(iteration) };
-            (parent, t.max) = frame;
+            (parent, t.max) = stack[scale as usize];
             pos = round_position(pos, scale);
             idx = extract_child_slot_index(pos, scale);
-            h = 0.0;
         }
     }
     Hit::miss(MAX_ITERATIONS)

@@ -41,7 +41,10 @@ fn counting(before: &str) -> Result<String, Error> {
     let mut text = CAST_WGSL.to_owned();
     let changes = [
         (before.to_owned(), format!("counted += 1u;\n{before}")),
-        ("    var pushed = 0u;\n".to_owned(), "    var pushed = 0u;\n    var counted = 0u;\n".to_owned()),
+        (
+            "    var scale = MAX_SCALE - 1u;\n".to_owned(),
+            "    var scale = MAX_SCALE - 1u;\n    var counted = 0u;\n".to_owned(),
+        ),
         ("(scale << 8u), iteration)".to_owned(), "(scale << 8u), counted)".to_owned()),
         ("return miss(iteration)".to_owned(), "return miss(counted)".to_owned()),
     ];

@@ -127,17 +127,41 @@ fn cast_ray(ray: Ray) -> Hit {",
         ],
     ),
     (
+        // As the paper does it. Rounding can make a ray POP to a frame that was not written.
+        "few pushes",
+        None,
+        None,
+        &[
+            (
+                "                stack_parent[scale - LOWEST_SCALE] = parent;
+                stack_t_max[scale - LOWEST_SCALE] = t_max;
+",
+                "                if tc_max < h {
+                    stack_parent[scale - LOWEST_SCALE] = parent;
+                    stack_t_max[scale - LOWEST_SCALE] = t_max;
+                }
+                h = tc_max;
+",
+            ),
+            ("    var scale = MAX_SCALE - 1u;\n", "    var scale = MAX_SCALE - 1u;\n    var h = t_max;\n"),
+            (
+                "            idx = axes((path & vec3<u32>(1u)) != vec3<u32>(0u));\n",
+                "            idx = axes((path & vec3<u32>(1u)) != vec3<u32>(0u));\n            h = 0.0;\n",
+            ),
+        ],
+    ),
+    (
         "one stack for cubes",
         None,
         None,
         &[
             (
-                "                    stack_t_max[scale - LOWEST_SCALE] = t_max;",
-                "                    if CONTOURS { stack_t_max[scale - LOWEST_SCALE] = t_max; }",
+                "                stack_t_max[scale - LOWEST_SCALE] = t_max;",
+                "                if CONTOURS { stack_t_max[scale - LOWEST_SCALE] = t_max; }",
             ),
             (
-                "                t_max = stack_t_max[scale - LOWEST_SCALE];",
-                "                if CONTOURS { t_max = stack_t_max[scale - LOWEST_SCALE]; }",
+                "            t_max = stack_t_max[scale - LOWEST_SCALE];",
+                "            if CONTOURS { t_max = stack_t_max[scale - LOWEST_SCALE]; }",
             ),
             (
                 "            idx = axes((path & vec3<u32>(1u)) != vec3<u32>(0u));",

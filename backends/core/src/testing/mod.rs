@@ -3,7 +3,9 @@
 pub mod authors;
 pub mod compare;
 pub mod conformance;
+pub mod directed;
 pub mod instances;
+pub mod oracle;
 pub mod rays;
 pub mod sample;
 pub mod speed;

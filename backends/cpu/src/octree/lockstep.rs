@@ -157,10 +157,7 @@ struct State<S: Simd> {
     size_per_t: Floats<S>,
     t_min: Floats<S>,
     t_max: Floats<S>,
-    h: Floats<S>,
     parent: Words<S>,
-    /// Bit s of a lane: its frame of scale s was written.
-    pushed: Words<S>,
     scale: Words<S>,
     size: Floats<S>,
     idx: Words<S>,
@@ -209,8 +206,7 @@ impl<S: Simd> State<S> {
         let upper = [coef[0] * 2.0 - bias[0], coef[1] * 2.0 - bias[1], coef[2] * 2.0 - bias[2]];
         let lower = [coef[0] - bias[0], coef[1] - bias[1], coef[2] - bias[2]];
         let t_min = Floats::simd_from(simd, t_min).max(upper[0].max(upper[1]).max(upper[2]));
-        let h = lower[0].min(lower[1]).min(lower[2]);
-        let t_max = Floats::simd_from(simd, t_max).min(h);
+        let t_max = Floats::simd_from(simd, t_max).min(lower[0].min(lower[1]).min(lower[2]));
         let mut idx = numbers(0);
         let mut pos = [floats(1.0); 3];
         for axis in 0..3 {
@@ -229,9 +225,7 @@ impl<S: Simd> State<S> {
             size_per_t: Floats::simd_from(simd, size_per_t),
             t_min,
             t_max,
-            h,
             parent: numbers(scene.root()),
-            pushed: numbers(0),
             scale: numbers(MAX_SCALE - 1),
             size: floats(0.5),
             idx,
@@ -260,9 +254,7 @@ impl<S: Simd> State<S> {
         if !fault::made(fault::OLD_SPAN) {
             set!(fresh, self.t_max, by.t_max);
         }
-        set!(fresh, self.h, by.h);
         set!(fresh, self.parent, by.parent);
-        set!(fresh, self.pushed, by.pushed);
         set!(fresh, self.scale, by.scale);
         set!(fresh, self.size, by.size);
         set!(fresh, self.idx, by.idx);
@@ -341,8 +333,6 @@ impl<S: Simd> State<S> {
         if push.any_true() {
             // Of all lanes: the frame of a scale at which a lane is, is never wrong.
             stack.write(scale, parent, t_max);
-            let store = push & tc_max.simd_lt(self.h);
-            self.pushed |= store.select(numbers(1) << scale, numbers(0));
             let mut first = parent + (low >> 17);
             let far = push & test(low, numbers(1 << 16));
             if far.any_true() {
@@ -352,7 +342,6 @@ impl<S: Simd> State<S> {
             // Valid, not a leaf, before this child.
             let elder = valid & !low & below;
             set!(push, self.parent, first + elder.count_ones());
-            set!(push, self.h, tc_max);
             set!(push, self.scale, scale - 1);
             set!(push, self.idx, numbers(0));
             set!(push, self.t_min, tv_min);
@@ -374,7 +363,7 @@ impl<S: Simd> State<S> {
                 differing |= crossed.select(changed, numbers(0));
                 set!(crossed, self.pos[axis], next);
             }
-            set!(advance, self.t_min, tc_max);
+            set!(advance, self.t_min, t_min.max(tc_max));
             self.idx ^= step;
             let pop = advance & test(self.idx, step);
             if pop.any_true() {
@@ -394,7 +383,7 @@ impl<S: Simd> State<S> {
         // The number of the highest bit. Those of more than 24 bits, which may be rounded up, are above all frames.
         let highest = (differing.to_float::<Floats<S>>().bitcast::<Words<S>>() >> 23) - 127;
         let new_scale = pop.select(highest, scale);
-        let out = pop & !test(self.pushed, numbers(1) << new_scale);
+        let out = pop & new_scale.simd_ge(numbers(MAX_SCALE));
         self.active &= !out;
         pop &= !out;
         set!(pop, self.scale, new_scale);
@@ -402,7 +391,6 @@ impl<S: Simd> State<S> {
         set!(pop, self.parent, parent);
         set!(pop, self.t_max, t_max);
         set!(pop, self.idx, numbers(0));
-        set!(pop, self.h, Floats::splat(simd, 0.0));
         for axis in 0..3 {
             let path = self.pos[axis].bitcast::<Words<S>>() >> self.scale;
             set!(pop, self.pos[axis], (path << self.scale).bitcast());

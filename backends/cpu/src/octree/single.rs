@@ -210,14 +210,11 @@ fn traverse_here<S: Simd, const CONTOURS: bool, const LOD: bool, const FAR: bool
     let all = |x: f32| Axes::splat(simd, x);
     let upper = line.t_at(all(2.0));
     let mut t_min = greater(ray.t_min, greater(greater(upper[0], upper[1]), upper[2]));
-    let mut h = least(line.t_at(all(1.0)));
-    let mut t_max = less(ray.t_max, h);
+    let mut t_max = less(ray.t_max, least(line.t_at(all(1.0))));
 
     let mut parent = scene.root();
     let mut descriptor = ChildDescriptor(slots[parent as usize]);
     let mut stack = [(descriptor, 0u32, 0.0f32); FRAMES];
-    // Bit s: the frame of scale s was written.
-    let mut pushed = 0u32;
     let mut scale = MAX_SCALE - 1;
     let mut size = 0.5f32;
     let above = line.t_at(all(1.5)).simd_gt(all(t_min));
@@ -267,11 +264,7 @@ fn traverse_here<S: Simd, const CONTOURS: bool, const LOD: bool, const FAR: bool
             if own & 1 != 0 {
                 return Hit::new(tv_min, parent, child, scale, iteration);
             }
-            if tc_max < h {
-                stack[scale as usize % FRAMES] = (descriptor, parent, t_max);
-                pushed |= 1 << scale;
-            }
-            h = tc_max;
+            stack[scale as usize % FRAMES] = (descriptor, parent, t_max);
             count(What::Pushes, 1);
             count(What::Bytes, 8);
             let mut first = parent + descriptor.child_ptr();
@@ -312,11 +305,11 @@ fn traverse_here<S: Simd, const CONTOURS: bool, const LOD: bool, const FAR: bool
         let pos = voxel.pos - all(size);
         let old = voxel;
         voxel = old.choose(Voxel { pos, corner: line.t_at(pos), idx: 0 }, crossed, old.idx ^ step);
-        t_min = tc_max;
+        t_min = greater(t_min, tc_max);
         if voxel.idx & step != 0 {
             let changed = old.pos.bitcast::<u32x4<S>>() ^ voxel.pos.bitcast::<u32x4<S>>();
             scale = 31 - (changed[0] | changed[1] | changed[2]).leading_zeros();
-            if scale >= MAX_SCALE || pushed >> scale & 1 == 0 {
+            if scale >= MAX_SCALE {
                 return Hit::miss(iteration);
             }
             count(What::Pops, 1);
@@ -327,7 +320,6 @@ fn traverse_here<S: Simd, const CONTOURS: bool, const LOD: bool, const FAR: bool
             let upper = (path << (31 - scale)).bitcast::<i32x4<S>>().simd_lt(i32x4::splat(simd, 0));
             let pos: Axes<S> = (path & u32x4::splat(simd, u32::MAX << scale)).bitcast();
             voxel = Voxel { pos, corner: line.t_at(pos), idx: bits(upper) };
-            h = 0.0;
         }
     }
     Hit::miss(MAX_ITERATIONS)

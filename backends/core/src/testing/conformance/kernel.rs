@@ -11,7 +11,7 @@ use crate::{CastError, Caster};
 
 /// Lines of the kernel, and mistakes to put in their place.
 const MISTAKES: [(&str, &str); 6] = [
-    ("if tc_max < h {", "if tc_max > h {"),
+    ("t_min = max(t_min, tc_max);", "t_min = max(t_min, ray.t_min);"),
     ("let crossed = t_corner <= vec3<f32>(tc_max);", "let crossed = t_corner < vec3<f32>(tc_max) + vec3<f32>(1e-3);"),
     ("if CONTOURS {", "if CONTOURS && false {"),
     ("if FAR_POINTERS {", "if FAR_POINTERS && scale < 20u {"),

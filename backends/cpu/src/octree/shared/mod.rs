@@ -32,9 +32,7 @@
 //! least `e`: `N`'s exit is `e`. The planes of `N` with this `t` are those of the crossed axes outside `U`: for `a`
 //! in `U`, `lower_a > middle_a >= e` by (A). Crossing `middle_a` of such an axis changes a bit of the position that POP rounds
 //! away. So leaving the voxel is the same as leaving `N` by its own planes at its own exit. By induction this holds for all
-//! nodes that are left at once, and `t_min` is the exit of the last of them. The frame that POP reads was written: PUSH leaves it out if
-//! child and node have the same exit, and then, by (A), the child is the lower half on the axis of that exit, so that
-//! leaving it leaves the node.
+//! nodes that are left at once, and `t_min` is the exit of the last of them, if that is above the `t_min` before: it is, by step 3.
 //!
 //! **2. The children that a ray visits.** In a node that is entered at `start`, the reference begins with the child `F` of the
 //! axes whose centre, computed in another way than `middle_a`, is above `start`. Then it crosses middle planes in the order of
