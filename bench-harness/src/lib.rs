@@ -21,6 +21,7 @@
 //! - [`picture_bench`]: `esvo bench pictures`, octrees next to their triangles. Also the exact pictures of meshes.
 //! - [`needs_bench`]: `esvo bench needs`, what code for features that a scene does not need costs.
 //! - [`ray_bench`]: `esvo bench rays`, lists of rays on every engine next to a picture.
+//! - [`stability_bench`]: `esvo bench stability`, hard rays through hard octrees on every engine, judged by an oracle.
 //! - [`sweep_bench`]: `esvo bench sweep`, error against run time; `esvo advise` picks settings from its record.
 //! - [`import_bench`]: `esvo bench import`, what happens to each mesh file of a folder.
 //!
@@ -51,6 +52,7 @@ mod progress;
 pub mod ray_bench;
 pub mod ray_files;
 pub mod scene;
+pub mod stability_bench;
 pub mod sweep_bench;
 pub mod system;
 pub mod text;

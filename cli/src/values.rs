@@ -54,6 +54,20 @@ pub(crate) fn parse_size(text: &str) -> Result<[u32; 2], String> {
     }
 }
 
+/// A number of things, 1 to 10^12: `500000`, `500k`, `10M`.
+pub(crate) fn parse_count(text: &str) -> Result<u64, String> {
+    let (digits, unit) = match text.strip_suffix(['k', 'M', 'G']) {
+        Some(digits) if text.ends_with('k') => (digits, 1000),
+        Some(digits) if text.ends_with('M') => (digits, 1_000_000),
+        Some(digits) => (digits, 1_000_000_000),
+        None => (text, 1),
+    };
+    let count = digits.parse::<u64>().ok().and_then(|count| count.checked_mul(unit));
+    count
+        .filter(|count| (1..=1_000_000_000_000).contains(count))
+        .ok_or_else(|| "expected a number from 1 to 10^12, e.g. 500000, 500k or 10M".into())
+}
+
 /// Finite numbers separated by commas; `None` for anything else.
 pub(crate) fn parse_numbers(text: &str) -> Option<Vec<f64>> {
     text.split(',').map(|s| s.trim().parse::<f64>().ok().filter(|x| x.is_finite())).collect()

@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 use common::Folder;
 
 /// All commands, by the names of their pages.
-const PAGES: [&str; 24] = [
+const PAGES: [&str; 25] = [
     "esvo",
     "esvo-advise",
     "esvo-ambient",
@@ -18,6 +18,7 @@ const PAGES: [&str; 24] = [
     "esvo-bench-needs",
     "esvo-bench-pictures",
     "esvo-bench-rays",
+    "esvo-bench-stability",
     "esvo-bench-sweep",
     "esvo-build",
     "esvo-completions",

@@ -10,6 +10,7 @@ pub(crate) mod pictures;
 pub(crate) mod rays;
 mod record;
 pub(crate) mod selection;
+pub(crate) mod stability;
 pub(crate) mod sweep;
 pub(crate) mod tables;
 
@@ -22,6 +23,7 @@ use import::BenchImportArguments;
 use needs::BenchNeedsArguments;
 use pictures::BenchPicturesArguments;
 use rays::BenchRaysArguments;
+use stability::BenchStabilityArguments;
 use sweep::BenchSweepArguments;
 use tables::TablesArguments;
 
@@ -55,6 +57,7 @@ pub(crate) enum BenchCommand {
     Import(BenchImportArguments),
     Rays(BenchRaysArguments),
     Needs(BenchNeedsArguments),
+    Stability(BenchStabilityArguments),
     Sweep(BenchSweepArguments),
 }
 
@@ -67,6 +70,7 @@ pub(crate) fn run_bench(arguments: &BenchArguments) -> Result<(), Failure> {
         Some(BenchCommand::Import(arguments)) => import::run_bench_import(arguments),
         Some(BenchCommand::Rays(arguments)) => rays::run_bench_rays(arguments),
         Some(BenchCommand::Needs(arguments)) => needs::run_bench_needs(arguments),
+        Some(BenchCommand::Stability(arguments)) => stability::run_bench_stability(arguments),
         Some(BenchCommand::Sweep(arguments)) => sweep::run_bench_sweep(arguments),
     }
 }
