@@ -90,6 +90,15 @@ fn kernels_are_printed_as_the_engines_compile_them() {
     assert!(folder.ok(&["kernel", "--pass", "coarse"]).contains("const CONTOURS: bool = false;"));
     assert!(folder.ok(&["kernel", "--pass", "rays"]).contains("const RAYS: bool = true;"));
     assert!(folder.ok(&["kernel", "--pass", "instances"]).contains("fn instances_pass("));
+    let triangles = folder.ok(&["kernel", "--pass", "triangles", "--parts", "2", "--workgroup", "16x4"]);
+    assert!(triangles.contains("fn triangles_any(") && triangles.contains("const STACK: u32 = 64u;"));
+    assert!(triangles.contains("const WIDTH: u32 = 16u;"));
+    assert!(triangles.contains("@group(1) @binding(3) var<storage, read> triangle_part_1: array<vec4<u32>>;"));
+    assert!(
+        folder
+            .ok(&["kernel", "--pass", "triangles", "--texture", "11"])
+            .contains("texture_storage_2d<rgba32uint, read>")
+    );
 }
 
 #[test]

@@ -7,6 +7,7 @@ use esvo_core::BEAM_BLOCK;
 use esvo_core::filter::kernel::FILTER_WGSL;
 use esvo_core::gpu::kernel::{Variant, WORKGROUP};
 use esvo_core::gpu::slots::Slots;
+use esvo_core::gpu::triangles::{MAX_STACK, TrianglePlacement};
 
 use crate::fail::{Failure, print};
 use crate::files::open;
@@ -21,6 +22,7 @@ bindings. A feature that is left out is a constant that is false, so that compil
 Examples:
   esvo kernel sibenik.esvo > cast.wgsl                what this octree needs, and nothing else
   esvo kernel --pass filter > filter.wgsl             the post-process filter
+  esvo kernel --pass triangles > triangles.wgsl       rays at triangles
   esvo kernel --levels 12 --no-contours --beam        without an octree")]
 pub(crate) struct KernelArguments {
     /// Contours, far pointers and levels as this octree needs them
@@ -46,10 +48,10 @@ pub(crate) struct KernelArguments {
     /// Levels of the deepest octree [default: those of the file, else 23]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=23))]
     pub(crate) levels: Option<u32>,
-    /// Bindings that hold the octree
+    /// Bindings that hold the octree; for triangles, those that hold the nodes, and as many behind them
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=64))]
     pub(crate) parts: u32,
-    /// With several bindings, each but the last holds 2^N slots of 8 bytes
+    /// With several bindings, each but the last holds 2^N slots: of 8 bytes, of triangles and their nodes 16
     #[arg(long, value_name = "N", default_value_t = 24, value_parser = clap::value_parser!(u32).range(0..=31))]
     pub(crate) part_shift: u32,
     /// The octree is in a storage texture, each row of which holds 2^N slots: for drivers that run on the processor. Needs
@@ -74,6 +76,9 @@ pub(crate) enum KernelPass {
     Instances,
     /// The post-process filter: entry point `filter_band`
     Filter,
+    /// The hits of rays at triangles: entry points `triangles_pass` for a picture, `triangles_rays` and `triangles_any` for a list of
+    /// rays. Takes --parts, --part-shift, --texture and --workgroup
+    Triangles,
 }
 
 pub(crate) fn run_kernel(arguments: &KernelArguments) -> Result<(), Failure> {
@@ -89,6 +94,10 @@ pub(crate) fn run_kernel(arguments: &KernelArguments) -> Result<(), Failure> {
     }
     let rays = arguments.pass == KernelPass::Rays;
     let instances = arguments.pass == KernelPass::Instances;
+    let slots = match arguments.texture {
+        Some(row_shift) => Slots::Texture { row_shift },
+        None => Slots::Buffers { parts: arguments.parts, part_shift: arguments.part_shift },
+    };
     let variant = Variant {
         contours: !arguments.no_contours && needs.is_none_or(|needs| needs.contours),
         far_pointers: !arguments.no_far_pointers && needs.is_none_or(|needs| needs.far_pointers),
@@ -98,14 +107,15 @@ pub(crate) fn run_kernel(arguments: &KernelArguments) -> Result<(), Failure> {
         instances,
         beam_block: arguments.beam_block,
         levels: arguments.levels.or(needs.map(|needs| needs.levels)).unwrap_or(23),
-        slots: match arguments.texture {
-            Some(row_shift) => Slots::Texture { row_shift },
-            None => Slots::Buffers { parts: arguments.parts, part_shift: arguments.part_shift },
-        },
+        slots,
         workgroup: (width, height),
     };
     match arguments.pass {
         KernelPass::Filter => print(FILTER_WGSL),
+        KernelPass::Triangles => {
+            let workgroup = (width, height);
+            print(&TrianglePlacement { nodes: slots, triangles: slots, stack: MAX_STACK, workgroup }.source())
+        }
         KernelPass::Coarse => print(&variant.of_coarse_pass().source()),
         KernelPass::Main | KernelPass::Rays | KernelPass::Instances => print(&variant.source()),
     }
