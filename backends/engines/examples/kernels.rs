@@ -24,7 +24,7 @@ use esvo_core::{Caster, DeviceKind, Hit, View};
 use esvo_engines::{EngineId, OpenOptions};
 use esvo_format::Octree;
 
-use self::measuring::{Error, MODES, views};
+use self::measuring::{Error, MODES, processor_time, views};
 
 /// A kernel to be measured.
 struct Kernel {
@@ -266,16 +266,6 @@ fn seconds(caster: &mut dyn Caster, view: &View) -> Result<(f64, f64), Error> {
     }
     let seconds = processor_time() - start;
     Ok((seconds, seconds * coarse / total))
-}
-
-/// Seconds that the threads of this process have run on a processor, as Linux counts them.
-fn processor_time() -> f64 {
-    let tasks = std::fs::read_dir("/proc/self/task").into_iter().flatten().flatten();
-    let nanoseconds = tasks.filter_map(|task| {
-        let text = std::fs::read_to_string(task.path().join("schedstat")).ok()?;
-        text.split_whitespace().next()?.parse::<u64>().ok()
-    });
-    nanoseconds.sum::<u64>() as f64 * 1e-9
 }
 
 /// Pixels in which a kernel finds something else than the processor.

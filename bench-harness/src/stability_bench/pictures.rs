@@ -19,7 +19,9 @@ pub(super) const SHARE: u64 = 2;
 
 /// The picture of a number; `None` for numbers whose camera cannot be used.
 pub(super) fn view(set: &DataSet, contours: bool, number: u64) -> Option<View> {
-    let noise = &mut noise(number ^ 0x71c7);
+    // Other cameras for other octrees.
+    let of_name = set.name.bytes().fold(0u64, |hash, byte| hash.wrapping_mul(257).wrapping_add(byte.into()));
+    let noise = &mut noise(number ^ of_name << 20);
     let vector = |noise: &mut Noise, half: f64| {
         DVec3::new(noise.number() - 0.5, noise.number() - 0.5, noise.number() - 0.5) * 2.0 * half
     };
@@ -35,7 +37,9 @@ pub(super) fn view(set: &DataSet, contours: bool, number: u64) -> Option<View> {
         forward = forward.map(|x| if x.abs() == size { x } else { 0.0 });
     }
     let distance = forward.length();
-    let fov_degrees = if noise.number() < 0.3 { 90.0 } else { (noise.number() * 120.0).max(1e-3 / distance.max(1e-3)) };
+    // So that the octree fills the picture, or nearly, or a part of it.
+    let around = 2.0 * (0.7 / distance.max(1e-3)).atan().to_degrees();
+    let fov_degrees = if noise.number() < 0.2 { 90.0 } else { around * (0.1 + 1.2 * noise.number()) };
     let far = (distance + 1.0) * [1.0, 3.0][(noise.number() * 2.0) as usize];
     let camera = Camera {
         eye: eye.into(),
