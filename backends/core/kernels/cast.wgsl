@@ -69,6 +69,7 @@ const MAX_ITERATIONS: u32 = 1u << 20u;
 const EPSILON_BITS: u32 = 0x34000000u; // 2^-23
 const EPSILON: f32 = 1.1920928955078125e-7;
 const MAX_COMPONENT_BITS: u32 = 0x49800000u; // 2^20
+const MAX_ORIGIN_BITS: u32 = 0x53800000u; // 2^40
 const INFINITY_BITS: u32 = 0x7f800000u;
 const MAGNITUDE: u32 = 0x7fffffffu;
 const MISS_T: f32 = 2.0;
@@ -128,7 +129,7 @@ fn cast_ray(ray: Ray) -> Hit {
     // Compares bits, since a shader compiler may assume that no number is NaN.
     let direction_bits = bitcast<vec3<u32>>(ray.direction) & vec3<u32>(MAGNITUDE);
     let origin_bits = bitcast<vec3<u32>>(ray.origin) & vec3<u32>(MAGNITUDE);
-    if any(direction_bits > vec3<u32>(MAX_COMPONENT_BITS)) || any(origin_bits >= vec3<u32>(INFINITY_BITS)) {
+    if any(direction_bits > vec3<u32>(MAX_COMPONENT_BITS)) || any(origin_bits > vec3<u32>(MAX_ORIGIN_BITS)) {
         return miss(0u);
     }
     let direction = vec3<f32>(

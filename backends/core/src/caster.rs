@@ -43,8 +43,8 @@ pub trait Caster: Send {
 
     /// Casts one frame: `hits[y * width + x]`, the first row on top. Resizes `hits`.
     ///
-    /// A ray misses if it is not finite or if a component of its direction exceeds 2^20
-    /// ([`MAX_COMPONENT`](crate::reference::MAX_COMPONENT)).
+    /// A ray misses if it is not finite, or if a component of its direction exceeds 2^20
+    /// ([`MAX_COMPONENT`](crate::reference::MAX_COMPONENT)), or one of its origin 2^40.
     ///
     /// # Errors
     /// No octree loaded; a view that [`View::check`] refuses; a root that is not one of the octree's; what the device said.
@@ -66,8 +66,8 @@ pub trait Caster: Send {
     /// Casts rays of any origin, direction, span and size: `hits[i]` is that of `rays.rays[i]`. Resizes `hits`. A GPU casts
     /// them in one submission, or in a few if their number exceeds what the device takes at once.
     ///
-    /// A ray that [is not cast](crate::Ray::is_cast) misses: one with a number that is NaN, with an infinite origin or
-    /// direction, or with a direction of more than 2^20 on an axis.
+    /// A ray that [is not cast](crate::Ray::is_cast) misses: one with a number that is NaN, or with a direction of more
+    /// than 2^20 or an origin of more than 2^40 on an axis.
     ///
     /// # Errors
     /// No octree loaded; a root that is not one of the octree's; what the device said.

@@ -7,6 +7,10 @@ use glam::Vec3;
 /// Largest absolute value of a direction component. Rays with a larger one miss.
 pub const MAX_COMPONENT: f32 = (1u32 << 20) as f32;
 
+/// Largest absolute value of an origin's component. Rays with a larger one miss: `t` of planes and contours would overflow. Single precision
+/// tells no voxels apart from farther than 2^24.
+pub const MAX_ORIGIN: f32 = (1u64 << 40) as f32;
+
 /// One ray in cast space, the cube `[1, 2]³` of the casters, 40 bytes, as the kernels read it. A test compares it with the
 /// kernel's struct `RayRecord`.
 ///
@@ -42,13 +46,15 @@ impl Ray {
         self.origin.is_finite() && self.direction.is_finite()
     }
 
-    /// Whether a caster follows the ray: origin and direction are finite, no component of the direction exceeds 2^20
-    /// ([`MAX_COMPONENT`]), and no number is NaN. All other rays miss.
+    /// Whether a caster follows the ray: no component of the direction exceeds 2^20 ([`MAX_COMPONENT`]), none of the origin 2^40
+    /// ([`MAX_ORIGIN`]), and no number is NaN. All other rays miss.
     #[inline(always)]
     pub fn is_cast(&self) -> bool {
         let spans = self.t_min.is_nan() || self.t_max.is_nan();
         let sizes = self.size_at_origin.is_nan() || self.size_per_t.is_nan();
-        self.is_finite() && self.direction.abs().max_element() <= MAX_COMPONENT && !spans && !sizes
+        // False for NaN, which the greatest component may hide.
+        let within = |vector: Vec3, most: f32| vector.to_array().iter().all(|x| x.abs() <= most);
+        within(self.direction, MAX_COMPONENT) && within(self.origin, MAX_ORIGIN) && !spans && !sizes
     }
 
     /// Whether small voxels can end the ray.
@@ -93,6 +99,7 @@ mod tests {
             Ray { origin: Vec3::new(1.0, f32::INFINITY, 1.0), ..ray },
             Ray { direction: Vec3::new(0.0, 0.0, f32::NAN), ..ray },
             Ray { direction: Vec3::splat(MAX_COMPONENT.next_up()), ..ray },
+            Ray { origin: Vec3::new(1.0, -MAX_ORIGIN.next_up(), 1.0), ..ray },
             Ray { t_min: f32::NAN, ..ray },
             Ray { t_max: f32::NAN, ..ray },
             Ray { size_at_origin: f32::NAN, ..ray },

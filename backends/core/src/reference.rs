@@ -21,7 +21,7 @@ use glam::Vec3;
 
 use crate::frame::mad;
 use crate::hit::exp2;
-pub use crate::ray::MAX_COMPONENT;
+pub use crate::ray::{MAX_COMPONENT, MAX_ORIGIN};
 use crate::{CastError, Caster, Checked, Device, DeviceKind, Fans, FrameTime, Hit, Ray, Rays, Roots, View};
 
 /// Scale of the root cube: the paper's `s_max`.

@@ -158,7 +158,6 @@ pub(super) fn judge(
         cell.iterations = cell.iterations.max(hit.iterations.into());
         match judged {
             Ok(right) => {
-                cell.vacuous += u64::from(right.vacuous);
                 if right.error > cell.worst {
                     cell.worst = right.error;
                     if cell.failures == 0 {

@@ -127,8 +127,6 @@ pub struct Cell {
     pub cases: u64,
     /// Those that hit.
     pub hits: u64,
-    /// Those that hit where a bound is infinite, so that `t` cannot be judged.
-    pub vacuous: u64,
     /// Those whose hit is wrong.
     pub failures: u64,
     /// Largest error of `t` over its bound, of hits that are right.

@@ -51,7 +51,6 @@ fn document(report: &StabilityReport) -> Document<'_> {
 struct Sum<'a> {
     cases: u64,
     hits: u64,
-    vacuous: u64,
     failures: u64,
     iterations: u64,
     /// With the largest error, or the first with a failure.
@@ -60,11 +59,10 @@ struct Sum<'a> {
 
 impl<'a> Sum<'a> {
     fn of(cells: impl Iterator<Item = &'a Cell>) -> Self {
-        let mut sum = Self { cases: 0, hits: 0, vacuous: 0, failures: 0, iterations: 0, worst: None };
+        let mut sum = Self { cases: 0, hits: 0, failures: 0, iterations: 0, worst: None };
         for cell in cells {
             sum.cases += cell.cases;
             sum.hits += cell.hits;
-            sum.vacuous += cell.vacuous;
             sum.failures += cell.failures;
             sum.iterations = sum.iterations.max(cell.iterations);
             let rank = |cell: &Cell| (cell.failures > 0, cell.worst);
@@ -81,7 +79,6 @@ impl<'a> Sum<'a> {
         vec![
             self.cases.to_string(),
             format!("{share:.0} %"),
-            self.vacuous.to_string(),
             self.failures.to_string(),
             format!("{:.3}", self.worst.map_or(0.0, |cell| cell.worst)),
             case,
@@ -97,7 +94,6 @@ fn by_octree(report: &StabilityReport) -> TextTable {
         "voxels",
         "rays",
         "hit",
-        "no bound",
         "failed",
         "worst error / bound",
         "case",
@@ -107,8 +103,7 @@ fn by_octree(report: &StabilityReport) -> TextTable {
     let mut table = TextTable::new("Octrees", 2, &head);
     table.notes = vec![
         "Hits of the reference caster against an oracle in double precision: the right voxel but for ties within the bound, no miss of what \
-         is certainly hit, t within a derived bound, no more iterations than a derived bound. `no bound`: the origin is so far \
-         that t overflows. The case can be cast again: `esvo bench stability --replay CASE`."
+         is certainly hit, t within a derived bound, no more iterations than a derived bound. The case can be cast again: `esvo bench stability --replay CASE`."
             .into(),
     ];
     for set in &report.sets {
@@ -122,7 +117,7 @@ fn by_octree(report: &StabilityReport) -> TextTable {
 }
 
 fn by_kind(report: &StabilityReport) -> TextTable {
-    let head = ["rays", "number", "hit", "no bound", "failed", "worst error / bound", "case"];
+    let head = ["rays", "number", "hit", "failed", "worst error / bound", "case"];
     let mut table = TextTable::new("Rays", 1, &head);
     table.notes = vec!["The same by kind of rays.".into()];
     let mut kinds: Vec<&str> = Vec::new();

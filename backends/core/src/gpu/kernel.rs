@@ -563,6 +563,7 @@ mod tests {
         assert_eq!(number("EPSILON"), crate::reference::EPSILON);
         assert_eq!(bits("EPSILON_BITS").map(f32::from_bits), Ok(crate::reference::EPSILON));
         assert_eq!(bits("MAX_COMPONENT_BITS").map(f32::from_bits), Ok(crate::reference::MAX_COMPONENT));
+        assert_eq!(bits("MAX_ORIGIN_BITS").map(f32::from_bits), Ok(crate::ray::MAX_ORIGIN));
         assert_eq!(number("COARSE_VOXEL_BLOCKS"), crate::COARSE_VOXEL_BLOCKS);
         assert_eq!(number("MISS_T"), crate::Hit::MISS_T);
         assert_eq!(constant("MAX_ITERATIONS"), format!("1u << {}u", crate::reference::MAX_ITERATIONS.ilog2()));

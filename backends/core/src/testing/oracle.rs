@@ -42,7 +42,7 @@ const U: f64 = 1.0 / (1u64 << 24) as f64;
 const MORE: f64 = 1.0 + 1e-5;
 /// Of the oracle's own operations, in all.
 const OWN: f64 = 1.0 / (1u64 << 50) as f64;
-/// Products may underflow by this.
+/// Products may underflow by this. They do not overflow: [`MAX_ORIGIN`](crate::reference::MAX_ORIGIN).
 const TINY: f64 = 1e-37;
 
 /// An octree's object, and what is right there.
@@ -57,8 +57,6 @@ pub struct Oracle<'a> {
 pub struct Right {
     /// How far `t` is from the exact one, divided by the greater of the bounds to both sides; 0 for a miss and where both are 0.
     pub error: f64,
-    /// Whether a bound is infinite, so that nothing but the voxel was judged, or not even that.
-    pub vacuous: bool,
     /// Lower corner and edge of the voxel, for a hit.
     pub cube: Option<([f64; 3], f64)>,
 }
@@ -139,11 +137,12 @@ impl<'a> Oracle<'a> {
     /// # Errors
     /// It is not right; why.
     pub fn judge_hit(&self, ray: &Ray, contours: bool, hit: &Hit) -> Result<Right, Mistake> {
-        let miss = Right { error: 0.0, vacuous: false, cube: None };
+        let miss = Right { error: 0.0, cube: None };
         if !ray.is_cast() {
             return if hit.is_miss() { Ok(miss) } else { Err(Mistake::NotCast) };
         }
-        if !hit.is_miss() && !(hit.raw_t.is_finite() && ray.t_min <= hit.raw_t && hit.raw_t <= ray.t_max) {
+        let in_span = hit.raw_t.is_finite() && ray.t_min <= hit.raw_t && hit.raw_t <= ray.t_max;
+        if !(hit.is_miss() || in_span) {
             return Err(Mistake::Number(hit.raw_t));
         }
         let line = Line::new(ray);
@@ -176,9 +175,8 @@ impl<'a> Oracle<'a> {
         }
         // On the side of an exact number, as the ray's own beginning, the bound may be smaller than the error that a plane could have.
         let bound = (start.to - start.at).max(start.at - start.from);
-        let vacuous = !bound.is_finite();
-        let error = if error == 0.0 || vacuous { 0.0 } else { error / bound };
-        Ok(Right { error, vacuous, cube: Some((corner, edge)) })
+        let error = if error == 0.0 { 0.0 } else { error / bound };
+        Ok(Right { error, cube: Some((corner, edge)) })
     }
 }
 
@@ -268,9 +266,6 @@ impl Line {
         let a = 1.0 / d.abs();
         let t = (p - o) / d;
         let parts = if d > 0.0 { (3.0 - p) + 3.0 + o.abs() + (3.0 - o).abs() } else { p + o.abs() };
-        if a * (o.abs() + 6.0) > f64::from(f32::MAX) / 4.0 {
-            return (t, f64::INFINITY);
-        }
         (t, U * MORE * (2.0 * t.abs() + a * parts) + OWN * (t.abs() + a * (p + o.abs())) + TINY)
     }
 
@@ -318,7 +313,7 @@ impl Line {
         }
         let sum_error = (3.0 * U * MORE + OWN) * sum_of_sizes;
         let above_error = above_error + (7.0 * U * MORE + OWN) * above_sizes;
-        if !above_error.is_finite() || sum.abs() <= 2.0 * sum_error || sum.abs() < 1.5 * f64::from(EPSILON) {
+        if sum.abs() <= 2.0 * sum_error || sum.abs() < 1.5 * f64::from(EPSILON) {
             return anywhere;
         }
         let (middle, half) = (above / sum, (f64::from(word) * edge * 0.75 / sum).abs());

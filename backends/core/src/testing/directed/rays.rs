@@ -218,7 +218,7 @@ pub fn ray(kind: Kind, target: &Target, seed: u64) -> Ray {
         }
         Kind::Spans => {
             // Where planes of the voxel are crossed.
-            let planes = (Vec3::from(point(noise, voxel, 1.0)) - plain.origin) / plain.direction;
+            let planes = (point(noise, voxel, 1.0) - plain.origin) / plain.direction;
             let mut end = || {
                 let plane = planes[(noise.number() * 3.0) as usize % 3];
                 let number =

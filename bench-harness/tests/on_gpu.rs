@@ -1,0 +1,60 @@
+//! The script for machines with a GPU, with a program that only pretends to be esvo.
+#![cfg(unix)]
+
+use std::os::unix::fs::PermissionsExt;
+use std::path::Path;
+use std::process::{Command, Output};
+
+/// Runs the script with a program that is this text of a shell.
+fn run(folder: &Path, program: &str, seconds: &str) -> (Output, String) {
+    let esvo = folder.join("esvo");
+    std::fs::write(&esvo, format!("#!/bin/sh\n[ \"$1\" = --version ] && echo 'esvo 1' && exit 0\n{program}\n"))
+        .unwrap();
+    std::fs::set_permissions(&esvo, std::fs::Permissions::from_mode(0o755)).unwrap();
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("on-gpu.sh");
+    let results = folder.join("out");
+    let output = Command::new("bash")
+        .arg(script)
+        .args([&esvo, &results])
+        .env("SECONDS_IN_ALL", seconds)
+        .current_dir(folder)
+        .output()
+        .unwrap();
+    let summary = std::fs::read_to_string(results.join("on-gpu.txt")).unwrap_or_default();
+    (output, summary)
+}
+
+#[test]
+fn every_step_is_run_and_what_fails_is_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let (output, summary) = run(folder.path(), "echo \"$@\"", "60");
+    assert!(output.status.success(), "{summary}");
+    for step in ["tables", "stability", "needs", "rays"] {
+        assert!(summary.contains(&format!("{step}: done in ")), "{summary}");
+    }
+    let said = std::fs::read_to_string(folder.path().join("out/stability.txt")).unwrap();
+    assert!(said.starts_with("bench stability --backends wgpu,ash "), "{said}");
+    assert!(summary.starts_with("esvo 1\n"));
+
+    let (output, summary) = run(folder.path(), "[ \"$2\" = needs ] && echo no GPU && exit 1\nexit 0", "60");
+    assert_eq!(output.status.code(), Some(1));
+    assert!(summary.contains("needs: FAILED with exit code 1: no GPU") && summary.contains("rays: done"), "{summary}");
+}
+
+#[test]
+fn time_that_is_over_is_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let (output, summary) = run(folder.path(), "exec sleep 30", "5");
+    assert_eq!(output.status.code(), Some(1));
+    assert!(summary.contains("tables: stopped after 5 s") && summary.contains("rays: left out"), "{summary}");
+}
+
+#[test]
+fn what_does_not_run_is_an_error() {
+    let folder = tempfile::tempdir().unwrap();
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("on-gpu.sh");
+    let output = Command::new("bash").arg(&script).arg(folder.path().join("nothing")).output().unwrap();
+    assert_eq!(output.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("does not run"));
+    assert_eq!(Command::new("bash").arg(&script).output().unwrap().status.code(), Some(2));
+}
