@@ -29,12 +29,19 @@ fn quiet_device_selection() {
     }
 }
 
+/// Starts the threads of parallel work. Without this, work that starts them itself would panic if the system refuses them.
+fn start_threads() -> Result<(), Failure> {
+    let started = rayon::ThreadPoolBuilder::new().build_global();
+    started.map_err(|error| format!("the system starts no threads to work with: {error}; raise its limits").into())
+}
+
 fn main() -> ExitCode {
     quiet_device_selection();
     if let Err(error) = signals::end_tidily() {
         complain("warning", &format!("cannot handle interrupts, which may leave temporary files: {error}"));
     }
-    let result = match Arguments::parse().command {
+    let arguments = Arguments::parse();
+    let result = start_threads().and_then(|()| match arguments.command {
         Command::Build(arguments) => commands::build::run_build(&arguments),
         Command::Info(arguments) => commands::info::run_info(&arguments),
         Command::Kernel(arguments) => commands::kernel::run_kernel(&arguments),
@@ -51,7 +58,7 @@ fn main() -> ExitCode {
         Command::Advise(arguments) => commands::advise::run_advise(&arguments),
         Command::Completions(arguments) => commands::completions::run_completions(&arguments, Arguments::command()),
         Command::Man(arguments) => commands::man::run_man(&arguments, Arguments::command()),
-    };
+    });
     match result {
         Ok(()) => ExitCode::SUCCESS,
         // The reader of standard output has closed it, as `head` does.

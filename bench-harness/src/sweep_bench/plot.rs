@@ -175,7 +175,7 @@ fn draw_panel<'a>(panel: &Area<'a>, report: &SweepReport, scene: &SceneSweep, me
     }
     chart
         .configure_series_labels()
-        .position(SeriesLabelPosition::LowerLeft)
+        .position(SeriesLabelPosition::UpperRight)
         .background_style(PAPER.mix(0.8))
         .border_style(RGBColor(160, 160, 160))
         .label_font(("sans-serif", 12))
