@@ -22,7 +22,7 @@
 //!
 //! Where a voxel begins may be the middle plane of its parent, which is computed from the corner by one more product and sum. With the
 //! voxel's edge `s`, that adds `u (5 a s + |t|)`. The planes of a contour are crossed at `N / S` with `S = sum n d` and
-//! `N = sum t n d + q`: [`Line::contour`] bounds both and what the quotient makes of it; where `S` may be zero, anything is possible.
+//! `N = sum t n d + q`: `Line::contour` bounds both and what the quotient makes of it; where `S` may be zero, anything is possible.
 //! Terms of second order are covered by a factor, and the oracle's own errors by one of 2^-50.
 //!
 //! A voxel may be hit if its span, widened by the bounds, is not empty; it is certainly hit if the span is not empty when narrowed by
