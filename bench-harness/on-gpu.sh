@@ -51,7 +51,7 @@ step() {
 }
 
 # Table 2 with triangles, after every answer was compared with the reference caster's.
-step tables 240 "$esvo" bench --out "$folder" --time-limit 150
+step tables 330 "$esvo" bench --out "$folder" --time-limit 120
 # Hard rays, which a GPU may round otherwise: judged by derived bounds.
 step stability 150 "$esvo" bench stability --backends wgpu,ash --rays 1M --gpu-rays 1M --out "$folder"
 # What kernels save by leaving out what a scene does not need.
