@@ -55,7 +55,7 @@ step tables 330 "$esvo" bench --out "$folder" --time-limit 120
 # Hard rays, which a GPU may round otherwise: judged by derived bounds.
 step stability 150 "$esvo" bench stability --backends wgpu,ash --rays 1M --gpu-rays 1M --out "$folder"
 # What kernels save by leaving out what a scene does not need.
-step needs 120 "$esvo" bench needs --backends wgpu,ash --views 2 --out "$folder"
+step needs 120 "$esvo" bench needs --backends wgpu,ash --scenes sibenik --views 2 --rounds 3 --out "$folder"
 # Incoherent rays and shadow rays.
 step rays 90 "$esvo" bench rays --seconds 20 --out "$folder"
 
