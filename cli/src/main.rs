@@ -29,7 +29,8 @@ fn quiet_device_selection() {
     }
 }
 
-/// Starts the threads of parallel work. Without this, work that starts them itself would panic if the system refuses them.
+/// Starts the threads of parallel work, before anything else does. Work that starts them itself would panic if the system refuses
+/// them.
 fn start_threads() -> Result<(), Failure> {
     let started = rayon::ThreadPoolBuilder::new().build_global();
     started.map_err(|error| format!("the system starts no threads to work with: {error}; raise its limits").into())
@@ -40,8 +41,7 @@ fn main() -> ExitCode {
     if let Err(error) = signals::end_tidily() {
         complain("warning", &format!("cannot handle interrupts, which may leave temporary files: {error}"));
     }
-    let arguments = Arguments::parse();
-    let result = start_threads().and_then(|()| match arguments.command {
+    let result = start_threads().and_then(|()| match Arguments::parse().command {
         Command::Build(arguments) => commands::build::run_build(&arguments),
         Command::Info(arguments) => commands::info::run_info(&arguments),
         Command::Kernel(arguments) => commands::kernel::run_kernel(&arguments),

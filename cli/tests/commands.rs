@@ -235,6 +235,25 @@ fn bench_rays_writes_its_record() {
 }
 
 #[test]
+fn bench_stability_writes_its_record_and_casts_a_ray_again() {
+    let folder = Folder::new();
+    let small = "bench stability --rays 1k --gpu-rays 1 --backends cpu";
+    let text = folder.ok(&small.split(' ').chain(["--machine", "Test Machine"]).collect::<Vec<_>>());
+    for part in ["nothing failed", "cpu, scalar", "Mistakes on purpose", "Written to "] {
+        assert!(text.contains(part), "{part} is not in:\n{text}");
+    }
+    let day = std::fs::read_dir(folder.path("results/test-machine")).unwrap().next().unwrap().unwrap();
+    assert!(day.file_name().to_string_lossy().ends_with("-stability"));
+    assert!(day.path().join("report.json").is_file() && day.path().join("tables.md").is_file());
+    let replay = |case| ["bench", "stability", "--backends", "cpu", "--replay", case];
+    let text = folder.ok(&replay("sparse/far/cubes#18446744073709551615"));
+    assert!(text.contains("reference: ") && text.contains("cpu, scalar: the same"), "{text}");
+    folder.fails(&replay("sparse/far/cubes"), 2, "expected OCTREE/KIND");
+    folder.fails(&["bench", "stability", "--rays", "0"], 2, "expected a number from 1");
+    folder.fails(&["bench", "stability", "--rays", "20000000000G"], 2, "expected a number from 1");
+}
+
+#[test]
 fn bench_needs_writes_its_record() {
     let folder = Folder::new();
     let small = "bench needs --scenes fairy --levels 4 --size 32x24 --views 1 --rounds 1 --backends cpu";

@@ -1,7 +1,7 @@
 //! Hard rays through hard octrees: the reference caster is right within derived bounds, and the oracle sees what is not.
 
 use esvo_core::reference::cast_ray;
-use esvo_core::testing::directed::{DataSet, Kind, Target, data_sets, leaks, ray, sphere};
+use esvo_core::testing::directed::{DATA_SETS, DataSet, Kind, Target, data_sets, leaks, ray, sphere};
 use esvo_core::testing::oracle::{Mistake, Oracle};
 use esvo_core::{Hit, Ray};
 use glam::Vec3;
@@ -15,7 +15,9 @@ fn root(set: &DataSet) -> u32 {
 
 #[test]
 fn the_reference_is_right_within_the_bounds() {
-    for set in data_sets().unwrap() {
+    let sets = data_sets().unwrap();
+    assert_eq!(sets.iter().map(|set| set.name).collect::<Vec<_>>(), DATA_SETS);
+    for set in sets {
         let oracle = Oracle::new(&set.octree, 0);
         let target = Target::of(&set.octree, 10_000);
         for contours in [false, true] {

@@ -5,7 +5,7 @@ use std::fmt::Write;
 use std::str::FromStr;
 
 use esvo_core::reference::cast_ray;
-use esvo_core::testing::directed::{Kind, Target, ray};
+use esvo_core::testing::directed::{DATA_SETS, Kind, Target, ray};
 use esvo_core::testing::oracle::Oracle;
 use esvo_core::{Hit, Rays};
 
@@ -49,13 +49,10 @@ impl FromStr for Case {
         let kind = Kind::ALL.into_iter().find(|known| known.name() == kind).ok_or_else(|| {
             format!("{text}: {kind:?} is no kind of rays that are replayed; expected one of {}", kinds())
         })?;
-        let all = sets().map_err(|error| error.to_string())?;
-        let names: Vec<_> = all.iter().map(|set| set.name).collect();
-        let set = names
-            .iter()
-            .copied()
+        let set = DATA_SETS
+            .into_iter()
             .find(|known| *known == set)
-            .ok_or_else(|| format!("{text}: there is no octree {set:?}; expected one of {}", names.join(", ")))?;
+            .ok_or_else(|| format!("{text}: there is no octree {set:?}; expected one of {}", DATA_SETS.join(", ")))?;
         let contours = match shape {
             "contours" => true,
             "cubes" => false,

@@ -136,6 +136,9 @@ impl Write for Counter {
     }
 }
 
+/// Most voxels that the first level that is asked for may have: nothing tells what it takes.
+const MOST_LEAVES: f64 = 1e9;
+
 /// The octrees of a scene, with and without contours, at these levels: from the cache, or built. What is expected to need more
 /// memory than the limit is left out, and so are the levels below it.
 pub(crate) fn build_all(
@@ -159,6 +162,17 @@ pub(crate) fn build_all(
                     reason: format!(
                         "would take about {:.1} GB of memory, and the limit is {memory_gb}; see --memory",
                         expected / GB
+                    ),
+                });
+                break;
+            }
+            let leaves = esvo_builder::expected_leaves(&scene.mesh, levels);
+            if bytes.is_empty() && leaves > MOST_LEAVES {
+                left_out.push(LeftOut {
+                    what: format!("{}, {kind}, from {levels} levels on", scene.name),
+                    reason: format!(
+                        "may have {:.1} billion voxels, and no level above tells how many; add levels above",
+                        leaves / 1e9
                     ),
                 });
                 break;

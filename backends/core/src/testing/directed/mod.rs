@@ -3,7 +3,7 @@
 mod octrees;
 mod rays;
 
-pub use octrees::{DataSet, Symmetry, data_sets, sphere};
+pub use octrees::{DATA_SETS, DataSet, Symmetry, data_sets, sphere};
 pub use rays::{Kind, Target, leaks, ray};
 
 use crate::testing::sample::Noise;

@@ -133,6 +133,10 @@ fn cubes(
     Ok(DataSet { name, about, octree: shape.octree(Symmetry::NONE, layout)?, turned })
 }
 
+/// The names of all sets, in their order.
+pub const DATA_SETS: [&str; 12] =
+    ["one-voxel", "full", "checkers", "chains", "sparse", "far", "sphere", "thin", "wide", "any", "aside", "dents"];
+
 /// Few nodes, and far pointers wherever there is a pointer.
 const FAR: AssembleOptions = AssembleOptions { block_slots: 64, near_limit: 1 };
 
