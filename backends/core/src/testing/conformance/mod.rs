@@ -182,6 +182,7 @@ macro_rules! conformance_suite {
             fans_agree
             strange_rays_agree
             rays_agree
+            hard_rays_agree
             lists_of_rays_stand_alone
             strange_lists_of_rays_agree
             bad_views_are_refused
@@ -237,6 +238,7 @@ macro_rules! kernel_suite {
             beams_of_both_blocks_save_the_same
             broken_kernels_are_caught
             batches_of_rays_agree
+            kernels_led_astray_are_caught
             kernels_that_break_rays_are_caught
             what_a_device_cannot_do_is_an_error
             filters_in_bands_agree

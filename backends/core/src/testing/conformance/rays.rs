@@ -9,7 +9,9 @@ use super::checks::demand_agreement;
 use super::{Fault, Subject, demand};
 use crate::gpu::kernel::{CAST_WGSL, GpuOptions};
 use crate::testing::compare::{Allowed, Comparison};
-use crate::testing::rays::{against_reference, incoherent, strange};
+use crate::testing::directed::{Kind, Target, data_sets, ray};
+use crate::testing::oracle::Oracle;
+use crate::testing::rays::{against_reference, both, incoherent, strange};
 use crate::testing::sample::{Sample, two_objects};
 use crate::{CastError, Caster, Device, DeviceKind, Hit, Ray, Rays};
 
@@ -19,6 +21,26 @@ const RAY_MISTAKES: [(&str, &str); 4] = [
     ("ray.t_max = rays[at].t_max;", "ray.t_max = 1.0;"),
     ("if at >= view.width {", "if at >= view.width - 1u {"),
     ("rays[at].origin[2]);", "rays[0].origin[2]);"),
+];
+
+/// What the kernel does as the paper does not, undone.
+const ASTRAY: [&[(&str, &str)]; 2] = [
+    &[("t_min = max(t_min, tc_max);", "t_min = tc_max;")],
+    &[
+        ("    var scale = MAX_SCALE - 1u;\n", "    var scale = MAX_SCALE - 1u;\n    var h = t_max;\n"),
+        (
+            "stack_parent[scale - LOWEST_SCALE] = parent;",
+            "if tc_max < h { stack_parent[scale - LOWEST_SCALE] = parent; }",
+        ),
+        (
+            "stack_t_max[scale - LOWEST_SCALE] = t_max;",
+            "if tc_max < h { stack_t_max[scale - LOWEST_SCALE] = t_max; }\n h = tc_max;",
+        ),
+        (
+            "    idx = axes((path & vec3<u32>(1u)) != vec3<u32>(0u));",
+            "    idx = axes((path & vec3<u32>(1u)) != vec3<u32>(0u)); h = 0.0;",
+        ),
+    ],
 ];
 
 /// Rays to compare on this device: many where that takes no long time.
@@ -50,6 +72,56 @@ pub fn rays_agree(subject: &Subject) -> Result<(), Fault> {
     let without: Vec<Ray> =
         incoherent(500, 5).iter().map(|ray| Ray { size_at_origin: 0.0, size_per_t: 0.0, ..*ray }).collect();
     agrees_on(&mut *caster, &scattered, &without)
+}
+
+/// Hard rays through hard octrees give the reference's hits; where a device may round otherwise, what the
+/// [oracle](crate::testing::oracle) allows. Among them are rays that rounding led astray in the paper's traversal.
+///
+/// # Errors
+/// Rays that end elsewhere; what the caster said.
+pub fn hard_rays_agree(subject: &Subject) -> Result<(), Fault> {
+    hard_rays(&mut *subject.open()?)
+}
+
+/// The paper's traversal, which rounding can lead astray, does not pass: `t` that goes back, and frames that are not written.
+///
+/// # Errors
+/// A kernel that passes, or that no longer has the lines; what the caster said elsewhere.
+pub fn kernels_led_astray_are_caught(subject: &Subject) -> Result<(), Fault> {
+    for changes in ASTRAY {
+        let mut kernel = CAST_WGSL.to_owned();
+        for (right, wrong) in changes {
+            demand(kernel.contains(right), || format!("the kernel has no {right:?}"))?;
+            kernel = kernel.replace(right, wrong);
+        }
+        let kernel = Some(kernel);
+        let mut caster = subject.open_with(&GpuOptions { kernel, ..GpuOptions::default() })??;
+        match hard_rays(&mut *caster) {
+            Err(Fault::Wrong(_)) => {}
+            Err(other) => return Err(other),
+            Ok(()) => return Err(Fault::Wrong(format!("not noticed: {changes:?}"))),
+        }
+    }
+    Ok(())
+}
+
+fn hard_rays(caster: &mut dyn Caster) -> Result<(), Fault> {
+    for set in data_sets()? {
+        let oracle = Oracle::new(&set.octree, 0);
+        let target = Target::of(&set.octree, 10_000);
+        let kinds = Kind::ALL.into_iter().flat_map(|kind| (0..400).map(move |number| (kind, number)));
+        let rays: Vec<Ray> = kinds.map(|(kind, number)| ray(kind, &target, number)).collect();
+        for contours in [false, true] {
+            let (ours, theirs) = both(caster, &set.octree, &rays, contours)?;
+            let exact = Allowed::on(caster.device().kind) == Allowed::EXACT;
+            for (ray, (hit, expected)) in rays.iter().zip(ours.iter().zip(&theirs)) {
+                let same = hit.same_voxel(expected) && hit.raw_t == expected.raw_t;
+                let right = same || (!exact && oracle.judge_hit(ray, contours, hit).is_ok());
+                demand(right, || format!("{}, {ray:?}: {hit:?} instead of {expected:?}", set.name))?;
+            }
+        }
+    }
+    Ok(())
 }
 
 /// No rays give no hits, each object's rays its own hits, and more rays after fewer, and fewer after more, theirs.

@@ -148,7 +148,7 @@ const REFERENCE: Subject = Subject::native(|| Ok(Box::new(ReferenceCaster::defau
 conformance_suite!(reference, super::REFERENCE);
 
 /// For every check, a caster that fails it.
-const FAILING: [(&str, Subject); 26] = [
+const FAILING: [(&str, Subject); 27] = [
     ("cubes_agree", Subject::native(|| open(Mistake::Forgets))),
     ("contours_agree", Subject::native(|| open(Mistake::Forgets))),
     ("blocks_and_far_pointers_agree", Subject::native(|| open(Mistake::Forgets))),
@@ -157,6 +157,7 @@ const FAILING: [(&str, Subject); 26] = [
     ("fans_agree", Subject::native(|| open(Mistake::ShiftsFans))),
     ("strange_rays_agree", Subject::native(|| open(Mistake::Blind))),
     ("rays_agree", Subject::native(|| open(Mistake::ShiftsRays))),
+    ("hard_rays_agree", Subject::native(|| open(Mistake::ShiftsRays))),
     ("lists_of_rays_stand_alone", Subject::native(|| open(Mistake::ShiftsRays))),
     ("strange_lists_of_rays_agree", Subject::native(|| open(Mistake::HitsByNaN))),
     ("bad_views_are_refused", Subject::native(|| open(Mistake::ChecksNothing))),
