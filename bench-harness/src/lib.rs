@@ -24,6 +24,7 @@
 //! - [`stability_bench`]: `esvo bench stability`, hard rays through hard octrees on every engine, judged by an oracle.
 //! - [`sweep_bench`]: `esvo bench sweep`, error against run time; `esvo advise` picks settings from its record.
 //! - [`import_bench`]: `esvo bench import`, what happens to each mesh file of a folder.
+//! - [`page`]: `esvo bench page`, one HTML file of the records of the others.
 //!
 //! What they share:
 //! - [`scene`]: from a scene's name to its mesh and viewpoints. [`matrix_parts`]: scenes and levels of a matrix.
@@ -46,6 +47,7 @@ pub mod import_bench;
 pub mod matrix_parts;
 pub mod needs_bench;
 pub mod output;
+pub mod page;
 pub mod paper_bench;
 pub mod picture_bench;
 mod progress;

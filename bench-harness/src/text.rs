@@ -136,6 +136,11 @@ pub(crate) fn or_dash(value: Option<String>) -> String {
     value.unwrap_or_else(|| "-".into())
 }
 
+/// A text as a field of a CSV file: as RFC 4180 has it.
+pub(crate) fn csv_field(text: &str) -> String {
+    if text.contains([',', '"', '\n', '\r']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text.into() }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -28,6 +28,8 @@ fn every_set_is_compared_timed_written_and_read_back() {
             ("picture", 1536, 1),
             ("the picture's rays", 1536, 1),
             ("shadow rays", shadow, 1),
+            ("ambient occlusion", shadow, 1),
+            ("diffuse bounce", shadow, 1),
             ("incoherent, few", 1000, 1),
             ("few, one by one", 1000, 1000),
             ("incoherent, many", 3000, 1)
@@ -37,9 +39,11 @@ fn every_set_is_compared_timed_written_and_read_back() {
     assert!(shadow > 500, "{shadow}");
     assert!(report.sets[2..].iter().all(|set| set.hits > 0 && set.hits < set.rays), "{:?}", report.sets);
     assert_eq!(report.sets[0].hits, report.sets[1].hits);
+    // Without end, more of the same kind hit.
+    assert!(report.sets[3].hits < report.sets[4].hits, "{:?}", report.sets);
     assert!(report.passed() && report.engines.len() >= 2);
     for engine in &report.engines {
-        assert!(engine.error.is_none() && engine.cells.len() == 6, "{engine:?}");
+        assert!(engine.error.is_none() && engine.cells.len() == 8, "{engine:?}");
         assert!(engine.cells.iter().all(|cell| cell.seconds.len() == 3 && cell.agreement.different_voxel == 0));
     }
     let again: RayReport = serde_json::from_str(&report.to_json()).unwrap();
@@ -54,7 +58,7 @@ fn every_set_is_compared_timed_written_and_read_back() {
     assert_eq!(std::fs::read_to_string(written.join("tables.md")).unwrap(), to_markdown(&report));
 
     // An engine with other hits does not pass.
-    report.engines[1].cells[5].agreement.different_voxel = 1;
+    report.engines[1].cells[7].agreement.different_voxel = 1;
     assert!(!report.passed() && to_text(&report).contains("NOT ALLOWED"));
 }
 

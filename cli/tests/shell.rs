@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 use common::Folder;
 
 /// All commands, by the names of their pages.
-const PAGES: [&str; 25] = [
+const PAGES: [&str; 26] = [
     "esvo",
     "esvo-advise",
     "esvo-ambient",
@@ -16,6 +16,7 @@ const PAGES: [&str; 25] = [
     "esvo-bench-format",
     "esvo-bench-import",
     "esvo-bench-needs",
+    "esvo-bench-page",
     "esvo-bench-pictures",
     "esvo-bench-rays",
     "esvo-bench-stability",

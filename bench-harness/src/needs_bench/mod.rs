@@ -6,7 +6,7 @@
 
 mod measure;
 mod output;
-mod tables;
+pub(crate) mod tables;
 
 use std::path::PathBuf;
 

@@ -13,6 +13,13 @@ pub fn to_markdown(report: &NeedsReport) -> String {
     document(report).to_markdown()
 }
 
+/// All tables, in the order of printing.
+pub(crate) fn tables(report: &NeedsReport) -> Vec<TextTable> {
+    let mut tables = vec![octrees(report)];
+    tables.extend((0..report.engines.len()).map(|engine| times(report, engine)));
+    tables
+}
+
 fn document(report: &NeedsReport) -> Document<'_> {
     let m = &report.machine;
     let mut header = vec![
@@ -21,12 +28,10 @@ fn document(report: &NeedsReport) -> Document<'_> {
     ];
     header
         .extend(report.engines.iter().map(|row| format!("{}: {} ({})", row.name, row.device.name, row.device.detail)));
-    let mut tables = vec![octrees(report)];
-    tables.extend((0..report.engines.len()).map(|engine| times(report, engine)));
     Document {
         title: format!("esvo bench needs, {}", m.date),
         header,
-        tables,
+        tables: tables(report),
         left_out: Vec::new(),
         credits: report
             .credits

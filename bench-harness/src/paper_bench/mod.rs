@@ -4,6 +4,7 @@
 //! [`tables`] makes the tables from the report, and [`write_paper_record`] writes report, tables and pictures.
 
 pub mod check;
+pub(crate) mod figures;
 pub(crate) mod levels;
 pub mod matrix;
 mod measure;

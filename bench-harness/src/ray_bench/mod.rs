@@ -4,7 +4,7 @@
 mod measure;
 mod output;
 mod sets;
-mod tables;
+pub(crate) mod tables;
 
 use std::path::PathBuf;
 

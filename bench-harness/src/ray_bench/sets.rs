@@ -9,6 +9,8 @@ use super::SetRow;
 
 /// Rays of the short lists.
 const FEW: usize = 1000;
+/// Length of the rays of ambient occlusion: this share of the diagonal of the mesh's bounds.
+const AMBIENT: f64 = 0.05;
 
 /// A set of rays, and the reference's hits.
 pub(super) struct Set {
@@ -69,10 +71,15 @@ pub(super) fn all(
     let picture = Set::new("picture", Work::Picture(*view), reference, object)?;
     let pixels: Vec<Ray> = (0..view.height).flat_map(|y| (0..view.width).map(move |x| view.ray(x, y))).collect();
     let shadow = shadow_rays(object, &pixels, &picture.expected);
+    let diagonal = (DVec3::from(bounds[1]) - DVec3::from(bounds[0])).length();
+    let ambient = scattered(object, &pixels, &picture.expected, AMBIENT * diagonal, 3);
+    let bounce = scattered(object, &pixels, &picture.expected, f64::INFINITY, 4);
     let few = incoherent(object, bounds, FEW, 1);
     let lists = [
         ("the picture's rays", Work::List(pixels)),
         ("shadow rays", Work::List(shadow)),
+        ("ambient occlusion", Work::List(ambient)),
+        ("diffuse bounce", Work::List(bounce)),
         ("incoherent, few", Work::List(few.clone())),
         ("few, one by one", Work::OneByOne(few)),
         ("incoherent, many", Work::List(incoherent(object, bounds, rays, 2))),
@@ -108,4 +115,44 @@ fn shadow_rays(object: &Object, rays: &[Ray], hits: &[Hit]) -> Vec<Ray> {
             point.next_ray(way, way.length())
         })
         .collect()
+}
+
+/// One ray from each hit, of at most this length in mesh units, into the hemisphere around the normal. As for a surface that scatters light
+/// equally in all directions, their density is proportional to the cosine of the angle to the normal.
+fn scattered(object: &Object, rays: &[Ray], hits: &[Hit], length: f64, seed: u64) -> Vec<Ray> {
+    let mut noise = Noise(seed);
+    let points = rays.iter().zip(hits).filter_map(|(ray, hit)| HitPoint::new(object, ray, hit));
+    points
+        .map(|point| {
+            let around = around(point.normal(), [noise.number(), noise.number()]);
+            point.next_ray(around, length)
+        })
+        .collect()
+}
+
+/// A direction around a unit normal, of two numbers from 0 to 1.
+fn around(normal: DVec3, [first, second]: [f64; 2]) -> DVec3 {
+    let (right, up) = normal.any_orthonormal_pair();
+    let (radius, angle) = (first.sqrt(), std::f64::consts::TAU * second);
+    let height = (1.0 - first).max(1e-6).sqrt();
+    right * (radius * angle.cos()) + up * (radius * angle.sin()) + normal * height
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn scattered_rays_are_denser_around_the_normal() {
+        let normal = DVec3::new(1.0, -2.0, 0.5).normalize();
+        let mut noise = Noise(5);
+        let cosines: Vec<f64> = (0..20_000)
+            .map(|_| around(normal, [noise.number(), noise.number()]))
+            .map(|way| way.normalize().dot(normal))
+            .collect();
+        assert!(cosines.iter().all(|cosine| *cosine > 0.0));
+        // The mean cosine of such a distribution is 2/3, and that of an even one is 1/2.
+        let mean = cosines.iter().sum::<f64>() / cosines.len() as f64;
+        assert!((mean - 2.0 / 3.0).abs() < 0.01, "{mean}");
+    }
 }

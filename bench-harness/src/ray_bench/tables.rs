@@ -15,6 +15,11 @@ pub fn to_markdown(report: &RayReport) -> String {
     document(report).to_markdown()
 }
 
+/// All tables, in the order of printing.
+pub(crate) fn tables(report: &RayReport) -> Vec<TextTable> {
+    vec![sets(report), rates(report), costs(report), agreement(report)]
+}
+
 fn document(report: &RayReport) -> Document<'_> {
     let m = &report.machine;
     let mut header = vec![
@@ -31,7 +36,7 @@ fn document(report: &RayReport) -> Document<'_> {
     Document {
         title: format!("esvo bench rays, {}", m.date),
         header,
-        tables: vec![sets(report), rates(report), costs(report), agreement(report)],
+        tables: tables(report),
         left_out: (report.engines.iter().filter(|row| failed(row)))
             .map(|row| [row.name.as_str(), row.error.as_deref().unwrap_or_default()])
             .collect(),
@@ -51,8 +56,9 @@ fn sets(report: &RayReport) -> TextTable {
             report.voxels as f64 / 1e6,
             report.view
         ),
-        "Shadow rays go from the picture's hits to a lamp in the middle of the root cube. Incoherent rays start anywhere in the \
-         bounds of the mesh, go in any direction and have no end."
+        "Shadow rays go from the picture's hits to a lamp in the middle of the root cube. Rays of ambient occlusion go from the hits into \
+         the hemisphere around the normal, a twentieth of the diagonal of the mesh's bounds far; those of the diffuse bounce have no end. \
+         Incoherent rays start anywhere in the bounds of the mesh, go in any direction and have no end."
             .into(),
     ];
     for set in &report.sets {

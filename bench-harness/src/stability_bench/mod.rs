@@ -12,7 +12,7 @@ mod meshes;
 mod output;
 mod pictures;
 mod replay;
-mod tables;
+pub(crate) mod tables;
 
 use esvo_core::Device;
 use esvo_engines::EngineId;

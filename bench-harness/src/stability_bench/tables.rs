@@ -15,6 +15,11 @@ pub fn to_markdown(report: &StabilityReport) -> String {
     document(report).to_markdown()
 }
 
+/// All tables, in the order of printing.
+pub(crate) fn tables(report: &StabilityReport) -> Vec<TextTable> {
+    vec![by_octree(report), by_kind(report), symmetries(report), engines(report), meshes(report), controls(report)]
+}
+
 fn document(report: &StabilityReport) -> Document<'_> {
     let m = &report.machine;
     let mut header = vec![
@@ -32,14 +37,7 @@ fn document(report: &StabilityReport) -> Document<'_> {
     Document {
         title: format!("esvo bench stability, {}", m.date),
         header,
-        tables: vec![
-            by_octree(report),
-            by_kind(report),
-            symmetries(report),
-            engines(report),
-            meshes(report),
-            controls(report),
-        ],
+        tables: tables(report),
         left_out: (report.engines.iter())
             .filter_map(|row| row.error.as_deref().map(|error| [row.name.as_str(), error]))
             .collect(),

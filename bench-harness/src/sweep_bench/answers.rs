@@ -80,7 +80,7 @@ pub fn answers(report: &SweepReport) -> Vec<Answer> {
 }
 
 /// Engines that cast all settings: not those that cast the subset for software.
-fn compared_engines(report: &SweepReport) -> Vec<EngineId> {
+pub(crate) fn compared_engines(report: &SweepReport) -> Vec<EngineId> {
     report.devices.iter().filter(|device| !device.is_software()).map(|device| device.backend).collect()
 }
 
@@ -97,7 +97,7 @@ pub(crate) fn triangles(scene: &SceneSweep) -> Option<(&Cell, f64)> {
 }
 
 /// The fastest of some settings with at most this error.
-fn fastest<'a>(
+pub(crate) fn fastest<'a>(
     cells: impl Iterator<Item = (&'a Cell, f64)>,
     measure: ErrorMeasure,
     target: f64,

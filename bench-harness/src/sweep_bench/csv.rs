@@ -4,6 +4,7 @@ use super::errors::ErrorMeasure;
 use super::record::{Cell, SceneSweep, SweepReport};
 use super::tables::{Among, fronts};
 use crate::error::depth::Summary;
+use crate::text::csv_field;
 
 /// The columns.
 const HEAD: [&str; 37] = [
@@ -70,7 +71,7 @@ fn line(report: &SweepReport, scene: &SceneSweep, cell: &Cell, [depth, flip]: [b
     let error = &cell.error;
     let [width, height] = report.plan.size;
     let mut line = vec![
-        quoted(&scene.name),
+        csv_field(&scene.name),
         cell.engine.to_string(),
         kind.into(),
         scene.levels(cell).map_or(String::new(), |levels| levels.to_string()),
@@ -95,11 +96,6 @@ fn line(report: &SweepReport, scene: &SceneSweep, cell: &Cell, [depth, flip]: [b
     line.extend(all(&error.normal_degrees).into_iter().take(3));
     line.extend([error.color, error.flip].map(|x| x.to_string()));
     line
-}
-
-/// A text as RFC 4180 has it.
-fn quoted(text: &str) -> String {
-    if text.contains([',', '"', '\n', '\r']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text.into() }
 }
 
 #[cfg(test)]

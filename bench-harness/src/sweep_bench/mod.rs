@@ -22,9 +22,9 @@ pub mod plot;
 pub mod record;
 mod run;
 #[cfg(test)]
-mod sample;
+pub(crate) mod sample;
 mod subject;
-mod tables;
+pub(crate) mod tables;
 
 pub use cache::{Cache, image_key};
 pub use file_sweep::{FileSweepOptions, run_file_sweep};

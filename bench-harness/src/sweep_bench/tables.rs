@@ -50,7 +50,7 @@ fn answer(answer: &Answer) -> TextTable {
     table
 }
 
-fn octrees(report: &SweepReport) -> TextTable {
+pub(crate) fn octrees(report: &SweepReport) -> TextTable {
     let head = ["scene", "octree", "levels", "million voxels", "memory MB", "file MB", "build s"];
     let mut table = TextTable::new("Octrees", 2, &head);
     table
@@ -98,7 +98,7 @@ pub(crate) enum Among {
     Octrees,
 }
 
-fn settings(report: &SweepReport, scene: &SceneSweep, all: bool) -> TextTable {
+pub(crate) fn settings(report: &SweepReport, scene: &SceneSweep, all: bool) -> TextTable {
     let head = [
         "engine",
         "octree",

@@ -4,7 +4,7 @@ use crate::paper_bench::report::PaperReport;
 use crate::text::{TextTable, or_dash, short};
 
 /// Distance of the hits from the triangles.
-pub(super) fn errors(report: &PaperReport) -> TextTable {
+pub(crate) fn errors(report: &PaperReport) -> TextTable {
     let head =
         ["scene", "cast", "levels", "median px", "90th", "99th", "median voxels", "holes", "hit/miss differ", "FLIP"];
     let mut table = TextTable::new("Error against the triangles", 2, &head);
@@ -36,7 +36,7 @@ pub(super) fn errors(report: &PaperReport) -> TextTable {
 }
 
 /// What the checks found.
-pub(super) fn checks(report: &PaperReport) -> TextTable {
+pub(crate) fn checks(report: &PaperReport) -> TextTable {
     let head = ["scene", "caster", "cast", "levels", "pixels", "other voxel", "allowed", ""];
     let mut table = TextTable::new("Answers against the reference caster, checked before timing", 3, &head);
     let decided: Vec<_> = (report.scenes.iter().flat_map(|scene| &scene.checks))

@@ -1,6 +1,8 @@
 //! The tables of `esvo bench`, from a [`PaperReport`]: the paper's Table 1 and Table 2, errors and checks.
 
 mod answers;
+mod csv;
+mod latex;
 mod table1;
 mod table2;
 
@@ -8,9 +10,13 @@ use crate::paper_bench::matrix::Variant;
 use crate::paper_bench::paper::Paper;
 use crate::paper_bench::report::PaperReport;
 use crate::text::{Document, TextTable};
-use answers::{checks, errors};
-use table1::{bytes_by_kind, table1};
-use table2::{device_title, table2};
+pub(crate) use answers::{checks, errors};
+pub use csv::to_csv;
+pub use latex::to_latex;
+pub(crate) use table1::bytes_by_kind;
+use table1::table1;
+pub(crate) use table2::device_title;
+use table2::table2;
 
 /// Every table of a report, in the order of printing.
 pub fn tables(report: &PaperReport) -> Vec<TextTable> {

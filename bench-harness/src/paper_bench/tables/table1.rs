@@ -61,7 +61,7 @@ pub(super) fn table1(report: &PaperReport, paper: &Paper) -> TextTable {
 }
 
 /// Bytes per voxel by kind, for every octree.
-pub(super) fn bytes_by_kind(report: &PaperReport) -> TextTable {
+pub(crate) fn bytes_by_kind(report: &PaperReport) -> TextTable {
     let builds = || report.scenes.iter().flat_map(|s| s.builds.iter().map(move |b| (s, b)));
     // Kinds that would show 0.00 in every row are added up in one column.
     let per_voxel = |build: &Table1Row, bytes: u64| bytes as f64 / build.voxels.max(1) as f64;

@@ -85,7 +85,7 @@ fn time_cell(scene: &SceneReport, device: &DeviceRecord, variant: Variant, size:
     or_dash(spread.map(|s| format!("{} ±{:.0}%", short(s.median), s.percent())))
 }
 
-pub(super) fn device_title(device: &DeviceRecord) -> String {
+pub(crate) fn device_title(device: &DeviceRecord) -> String {
     let software = if device.is_software() { "software Vulkan, not a GPU: " } else { "" };
     format!("{software}{} ({})", device.name, device.detail)
 }

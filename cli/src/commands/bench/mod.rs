@@ -6,6 +6,7 @@ mod casting;
 pub(crate) mod format;
 pub(crate) mod import;
 pub(crate) mod needs;
+pub(crate) mod page;
 pub(crate) mod pictures;
 pub(crate) mod rays;
 mod record;
@@ -21,6 +22,7 @@ use build::BenchBuildArguments;
 use format::BenchFormatArguments;
 use import::BenchImportArguments;
 use needs::BenchNeedsArguments;
+use page::BenchPageArguments;
 use pictures::BenchPicturesArguments;
 use rays::BenchRaysArguments;
 use stability::BenchStabilityArguments;
@@ -53,6 +55,7 @@ pub(crate) struct BenchArguments {
 pub(crate) enum BenchCommand {
     Build(BenchBuildArguments),
     Format(BenchFormatArguments),
+    Page(BenchPageArguments),
     Pictures(BenchPicturesArguments),
     Import(BenchImportArguments),
     Rays(BenchRaysArguments),
@@ -66,6 +69,7 @@ pub(crate) fn run_bench(arguments: &BenchArguments) -> Result<(), Failure> {
         None => tables::run_bench_tables(&arguments.tables),
         Some(BenchCommand::Build(arguments)) => build::run_bench_build(arguments),
         Some(BenchCommand::Format(arguments)) => format::run_bench_format(arguments),
+        Some(BenchCommand::Page(arguments)) => page::run_bench_page(arguments),
         Some(BenchCommand::Pictures(arguments)) => pictures::run_bench_pictures(arguments),
         Some(BenchCommand::Import(arguments)) => import::run_bench_import(arguments),
         Some(BenchCommand::Rays(arguments)) => rays::run_bench_rays(arguments),

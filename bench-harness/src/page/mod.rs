@@ -1,0 +1,80 @@
+//! `esvo bench page`: one HTML file made of stored records alone, to be read without any other file and without a network.
+//!
+//! - `records.rs`: finding records and reading them. `verdicts.rs`: which engine is wrong, by all of them. `answers.rs`: the questions
+//!   that a sweep answers, in words. `paper_tables.rs`: Table 1 and Table 2 with the paper's figures. `plot.rs`: error against time.
+//!   `pictures.rs`: pictures to compare. `sections.rs`: the rest, and the order.
+//! - `html.rs`: what the template is given. `templates/`: the template, its style and its script.
+
+mod answers;
+mod html;
+mod paper_tables;
+mod pictures;
+mod plot;
+mod records;
+mod sections;
+mod verdicts;
+
+use std::path::{Path, PathBuf};
+
+use askama::Template;
+use base64::Engine;
+use sha2::{Digest, Sha256};
+
+use crate::BenchError;
+use crate::output::write_text;
+use html::Page;
+pub use records::{Found, Record, find_records};
+
+/// The script of the page.
+const SCRIPT: &str = include_str!("../../templates/page.js");
+/// Its style.
+const STYLE: &str = include_str!("../../templates/page.css");
+
+/// What [`make_page`] makes a page of.
+#[derive(Clone, Debug)]
+pub struct PageOptions {
+    /// Records, or folders in which records are looked for.
+    pub inputs: Vec<PathBuf>,
+    /// Title of the page.
+    pub title: String,
+    /// Most bytes of the pictures' files in the page. Those that do not fit are named and left out.
+    pub picture_bytes: u64,
+}
+
+/// A page.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct MadePage {
+    /// The HTML file.
+    pub html: String,
+    /// Number of records that it shows.
+    pub records: usize,
+    /// Pictures in it.
+    pub pictures: usize,
+    /// Engines whose hits are wrong by one of the records.
+    pub wrong: Vec<String>,
+    /// What is not in the page, and why.
+    pub left_out: Vec<String>,
+}
+
+/// Makes a page of the records in `options.inputs`.
+///
+/// # Errors
+/// An input that cannot be read, a file that is no record, folders without a record.
+pub fn make_page(options: &PageOptions) -> Result<MadePage, BenchError> {
+    let found = find_records(&options.inputs)?;
+    let hash = base64::engine::general_purpose::STANDARD.encode(Sha256::digest(SCRIPT));
+    let (contents, left_out) = sections::contents(&found, options.picture_bytes);
+    let wrong = contents.wrong.clone();
+    let pictures = contents.pictures;
+    let page = Page { title: options.title.clone(), style: STYLE, script: SCRIPT, script_hash: hash, contents };
+    let html = page.render().map_err(|e| BenchError::io(Path::new("page"), std::io::Error::other(e)))?;
+    Ok(MadePage { html, records: found.len(), pictures, wrong, left_out })
+}
+
+/// Writes the page, whole or not at all.
+///
+/// # Errors
+/// The system's.
+pub fn write_page(page: &MadePage, path: &Path) -> Result<(), BenchError> {
+    write_text(path, &page.html)
+}

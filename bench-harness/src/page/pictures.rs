@@ -1,0 +1,128 @@
+//! Pictures to compare, as data in the page.
+
+use std::path::Path;
+
+use base64::Engine;
+
+use super::records::{Found, Record};
+use crate::paper_bench::report::SceneReport;
+use crate::system::machine::slug;
+
+/// The first bytes of a PNG file, up to the length of its first chunk.
+const PNG: &[u8] = b"\x89PNG\r\n\x1a\n";
+
+/// Pictures of one scene from one viewpoint.
+pub(super) struct Comparison {
+    pub(super) scene: String,
+    pub(super) credit: String,
+    pub(super) shots: Vec<Shot>,
+}
+
+/// A picture.
+pub(super) struct Shot {
+    /// What it shows.
+    pub(super) label: String,
+    /// The file as a data URI.
+    pub(super) uri: String,
+    pub(super) width: u32,
+    pub(super) height: u32,
+}
+
+/// The pictures of all records of the paper's tables, and what was left out. Scenes whose pictures may not be published have none.
+pub(super) fn comparisons(found: &[Found], most_bytes: u64) -> (Vec<Comparison>, Vec<String>) {
+    let (mut all, mut left_out, mut bytes) = (Vec::new(), Vec::new(), 0);
+    for one in found {
+        let Record::Paper(report) = &one.record else { continue };
+        let folder = one.path.parent().unwrap_or(Path::new(""));
+        for scene in &report.scenes {
+            if !scene.publish {
+                if !scene.pictures.is_empty() {
+                    left_out.push(format!("pictures of {}: they may not be published", scene.name));
+                }
+                continue;
+            }
+            let mut shots = Vec::new();
+            for name in &scene.pictures {
+                match shot(folder, name, scene, most_bytes.saturating_sub(bytes)) {
+                    Ok((shot, size)) => {
+                        bytes += size;
+                        shots.push(shot);
+                    }
+                    Err(why) => left_out.push(format!("{name} of {}: {why}", one.name)),
+                }
+            }
+            if !shots.is_empty() {
+                let scene_name = format!("{}, {}", scene.name, scene.mesh.title());
+                all.push(Comparison { scene: scene_name, credit: scene.credit.clone(), shots });
+            }
+        }
+    }
+    (all, left_out)
+}
+
+/// Reads a picture of at most `room` bytes.
+fn shot(folder: &Path, name: &str, scene: &SceneReport, room: u64) -> Result<(Shot, u64), String> {
+    // A record names files beside it, and nothing else.
+    if name.is_empty() || name.contains(['/', '\\', ':']) || name.starts_with('.') {
+        return Err("is no name of a file beside the record".into());
+    }
+    let path = folder.join(name);
+    let size = std::fs::metadata(&path).map_err(|e| e.to_string())?.len();
+    if size > room {
+        return Err(format!("has {:.1} MB, more than is left for pictures; see --picture-mb", size as f64 / 1e6));
+    }
+    let file = std::fs::read(&path).map_err(|e| e.to_string())?;
+    let Some([width, height]) = png_size(&file) else { return Err("is no PNG file".into()) };
+    let uri = format!("data:image/png;base64,{}", base64::engine::general_purpose::STANDARD.encode(&file));
+    Ok((Shot { label: label(name, &scene.name), uri, width, height }, size))
+}
+
+fn png_size(file: &[u8]) -> Option<[u32; 2]> {
+    let header = file.strip_prefix(PNG)?;
+    let number = |at: usize| Some(u32::from_be_bytes(header.get(at..at + 4)?.try_into().ok()?));
+    let is_header = header.get(4..8)? == b"IHDR";
+    Some([number(8)?, number(12)?]).filter(|size| is_header && size.iter().all(|n| (1..=16384).contains(n)))
+}
+
+/// What a picture shows, by the name that its record gives it: `sibenik-12-cubical.png`, `sibenik-triangles.png`.
+fn label(name: &str, scene: &str) -> String {
+    let stem = name.trim_end_matches(".png");
+    let rest = stem.strip_prefix(&slug(scene)).map_or(stem, |rest| rest.trim_start_matches('-'));
+    match rest.split_once('-') {
+        Some((levels, kind)) if levels.parse::<u32>().is_ok() => {
+            let kind = match kind {
+                "cubical" => "cubes",
+                "contours" => "contours",
+                other => other,
+            };
+            format!("{kind}, {levels} levels")
+        }
+        _ => rest.to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pictures_are_named_by_what_they_show() {
+        assert_eq!(label("sibenik-12-cubical.png", "SIBENIK"), "cubes, 12 levels");
+        assert_eq!(label("sibenik-d-9-contours.png", "SIBENIK-D"), "contours, 9 levels");
+        assert_eq!(label("sibenik-triangles.png", "SIBENIK"), "triangles");
+        assert_eq!(label("other.png", "SIBENIK"), "other");
+    }
+
+    #[test]
+    fn only_png_files_are_taken() {
+        let mut file = PNG.to_vec();
+        file.extend(13u32.to_be_bytes());
+        file.extend(b"IHDR");
+        file.extend([0, 0, 4, 0, 0, 0, 3, 0]);
+        assert_eq!(png_size(&file), Some([1024, 768]));
+        file[18] = 0;
+        assert_eq!(png_size(&file), None);
+        assert_eq!(png_size(b"<svg/>"), None);
+        assert_eq!(png_size(PNG), None);
+    }
+}
