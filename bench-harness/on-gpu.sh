@@ -58,5 +58,7 @@ step stability 150 "$esvo" bench stability --backends wgpu,ash --rays 1M --gpu-r
 step needs 120 "$esvo" bench needs --backends wgpu,ash --scenes sibenik --views 2 --rounds 3 --out "$folder"
 # Incoherent rays and shadow rays.
 step rays 90 "$esvo" bench rays --seconds 20 --out "$folder"
+# All of it on one page.
+step page 30 "$esvo" bench page "$folder" -o "$folder/page.html"
 
 exit $failed

@@ -65,8 +65,7 @@ pub fn entry<'a>(manifest: &'a SceneManifest, name: &str) -> Result<&'a SceneEnt
         return Err(BenchError::scene(name, format!("unknown scene; the scenes are {}", names.join(", "))));
     };
     if entry.displaced {
-        let what =
-            "displacement is not supported here; esvo build, esvo bench build and esvo bench pictures support it";
+        let what = "displacement is not supported here; esvo build, esvo bench, esvo bench build and esvo bench pictures support it";
         return Err(BenchError::scene(&entry.name, what));
     }
     match &entry.unsupported {

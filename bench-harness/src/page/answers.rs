@@ -169,20 +169,20 @@ fn at_targets(scene: &SceneSweep, engine: EngineId, measure: ErrorMeasure) -> Ve
     rows
 }
 
-/// What a series of targets says.
-fn verdict(measure: ErrorMeasure, rows: &[AtTarget]) -> (Mark, String) {
+/// What a series of targets says, and whether contours win up to an error and nowhere beyond.
+fn verdict(measure: ErrorMeasure, rows: &[AtTarget]) -> (Mark, String, bool) {
     let wins: Vec<f64> = rows.iter().filter(|row| row.contours_win()).map(|row| row.target).collect();
     let loses: Vec<f64> = rows.iter().filter(|row| !row.contours_win()).map(|row| row.target).collect();
     match (wins.last(), loses.first()) {
-        (None, None) => (Mark::Plain, "not measured".into()),
-        (Some(_), None) => (Mark::Good, "yes at every error that was reached".into()),
-        (None, Some(_)) => (Mark::Bad, "no at every error that was reached".into()),
+        (None, None) => (Mark::Plain, "not measured".into(), false),
+        (Some(_), None) => (Mark::Good, "yes at every error that was reached".into(), true),
+        (None, Some(_)) => (Mark::Bad, "no at every error that was reached".into(), false),
         (Some(last), Some(first)) if last < first => {
-            (Mark::Mixed, format!("yes up to {}, no from {} on", measure.show(*last), measure.show(*first)))
+            (Mark::Mixed, format!("yes up to {}, no from {} on", measure.show(*last), measure.show(*first)), true)
         }
         _ => {
             let shown = |list: &[f64]| list.iter().map(|t| measure.show(*t)).collect::<Vec<_>>().join(", ");
-            (Mark::Mixed, format!("yes at {}, no at {}", shown(&wins), shown(&loses)))
+            (Mark::Mixed, format!("yes at {}, no at {}", shown(&wins), shown(&loses)), false)
         }
     }
 }
@@ -190,11 +190,12 @@ fn verdict(measure: ErrorMeasure, rows: &[AtTarget]) -> (Mark, String) {
 fn contours_pay(subject: &Subject) -> Answered {
     let Subject { scene, engine, name } = subject;
     let mut details = Vec::new();
-    let mut marks = Vec::new();
+    let (mut marks, mut small) = (Vec::new(), true);
     for measure in ErrorMeasure::SHOWN {
         let rows = at_targets(scene, *engine, measure);
-        let (mark, words) = verdict(measure, &rows);
+        let (mark, words, wins_where_small) = verdict(measure, &rows);
         marks.push(mark);
+        small &= wins_where_small;
         details.push(format!("By {}: {words}.", by(measure)));
         // The most exact target that either reaches, and the one at which cubes first get there.
         let both = rows.iter().find(|row| row.contours.is_some() && row.cubes.is_some());
@@ -208,7 +209,7 @@ fn contours_pay(subject: &Subject) -> Answered {
         [Mark::Good, Mark::Good] => "Yes, at every error that was reached.",
         [Mark::Bad, Mark::Bad] => "No, at no error that was reached.",
         [Mark::Plain, Mark::Plain] => "Not measured.",
-        [Mark::Good | Mark::Mixed, Mark::Good | Mark::Mixed] => "Yes where the error is small; no for coarse pictures.",
+        _ if small => "Yes where the error is small; no for coarse pictures.",
         _ => "It depends on the error that counts.",
     };
     let mark = match marks[..] {
@@ -227,8 +228,8 @@ fn at_one(measure: ErrorMeasure, row: &AtTarget) -> String {
     let ms = |found: (&Cell, f64)| format!("{} ms, {}", short(found.1), megabytes(found.0));
     match (row.contours, row.cubes) {
         (Some(a), Some(b)) => {
-            let (faster, times) = if a.1 <= b.1 { ("less", b.1 / a.1) } else { ("more", a.1 / b.1) };
-            format!("{at}: contours {}; cubes {}: {} times {faster} time with contours.", ms(a), ms(b), short(times))
+            let (slower, times) = if a.1 <= b.1 { ("cubes", b.1 / a.1) } else { ("contours", a.1 / b.1) };
+            format!("{at}: contours {}; cubes {}: {slower} take {} times the time.", ms(a), ms(b), short(times))
         }
         (Some(a), None) => format!("{at}: contours {}; no cubes that were measured get there.", ms(a)),
         (None, Some(b)) => format!("{at}: cubes {}; no contours that were measured get there.", ms(b)),
@@ -365,7 +366,7 @@ mod tests {
             found.details[1],
             "Within 0.25 px: contours 2.00 ms, 4.00 MB; no cubes that were measured get there."
         );
-        assert!(found.details[2].ends_with("2.00 times more time with contours."), "{:?}", found.details);
+        assert!(found.details[2].ends_with("contours take 2.00 times the time."), "{:?}", found.details);
         let fast = cell(3, false, 1.0, [0.2, 0.02], ms(0.5));
         assert_eq!(answer(vec![fast, cubes.clone()], "contours").mark, Mark::Good);
         let bad = cell(3, false, 1.0, [1.5, 0.2], ms(2.0));

@@ -15,7 +15,7 @@ use crate::text::short;
 /// Table 1.
 pub(super) fn table1(rows: &[SizeRow], paper: &Paper) -> PageTable {
     let levels = levels(rows);
-    let mut head: Vec<String> = ["scene", "mesh", "octree", "triangles"].map(Into::into).into();
+    let mut head: Vec<String> = ["scene", "octree"].map(Into::into).into();
     head.extend(levels.iter().map(|l| format!("{l} levels")));
     head.push("bytes per voxel".into());
     let mut table = PageTable {
@@ -31,16 +31,13 @@ pub(super) fn table1(rows: &[SizeRow], paper: &Paper) -> PageTable {
             ),
         ],
         head,
-        left: 3,
+        left: 2,
         rows: Vec::new(),
     };
     for row in rows {
-        let mut cells = vec![
-            PageCell::new(row.scene.clone()),
-            PageCell::new(row.mesh.title()),
-            PageCell::new(row.kind()),
-            PageCell::number(row.triangles.to_string(), row.triangles as f64, Vec::new()),
-        ];
+        let displaced = if row.displaced { ", displaced" } else { "" };
+        let mesh = vec![row.mesh.title().to_owned(), format!("{} triangles{displaced}", row.triangles)];
+        let mut cells = vec![PageCell { small: mesh, ..PageCell::new(row.scene.clone()) }, PageCell::new(row.kind())];
         for level in &levels {
             let paper = row.paper.get(level);
             let theirs = paper.map(|[mb, s]| format!("paper {} MiB, {} s", short(*mb), short(*s)));
@@ -73,8 +70,11 @@ pub(super) fn table1(rows: &[SizeRow], paper: &Paper) -> PageTable {
 /// Table 2 of one device.
 pub(super) fn table2(report: &PaperReport, paper: &Paper, device: &DeviceRecord) -> PageTable {
     let variants = variants(report, device);
-    let mut head: Vec<String> = ["scene", "mesh", "picture", "levels"].map(Into::into).into();
+    let mut head: Vec<String> = ["scene", "picture"].map(Into::into).into();
     head.extend(variants.iter().map(|v| v.title().to_string()));
+    let rows = rates(report, paper, device);
+    let filtered = rows.iter().any(|row| row.filter.is_some());
+    head.extend(filtered.then(|| "filter, ms".into()));
     let compared = match device.kind {
         DeviceKind::Gpu => format!("The paper's device: {}, CUDA {}.", paper.machine.gpu, paper.machine.cuda),
         DeviceKind::Cpu => format!(
@@ -96,16 +96,21 @@ pub(super) fn table2(report: &PaperReport, paper: &Paper, device: &DeviceRecord)
                 .into(),
         ],
         head,
-        left: 3,
+        left: 2,
         rows: Vec::new(),
     };
-    for row in rates(report, paper, device) {
+    if filtered {
+        table
+            .notes
+            .push("Filter: the paper's post-process filter of a picture, in milliseconds, without copies.".into());
+    }
+    for row in rows {
         let [width, height] = row.size;
+        let levels = row.levels.map(|levels| format!("{levels} levels"));
+        let mesh = std::iter::once(row.mesh.title().to_owned()).chain(levels).collect();
         let mut cells = vec![
-            PageCell::new(row.scene.clone()),
-            PageCell::new(row.mesh.title()),
+            PageCell { small: mesh, ..PageCell::new(row.scene.clone()) },
             PageCell::new(format!("{width}x{height}")),
-            PageCell::new(row.levels.map_or_else(|| "-".into(), |levels| levels.to_string())),
         ];
         for cell in &row.cells {
             let theirs = cell.paper.map(|paper| match cell.ratio() {
@@ -119,7 +124,8 @@ pub(super) fn table2(report: &PaperReport, paper: &Paper, device: &DeviceRecord)
             cells.push(match cell.rate {
                 Rate::Measured(spread) => {
                     let text = format!("{} ±{:.0} %", short(spread.median), spread.percent());
-                    PageCell::number(text, spread.median, theirs.into_iter().chain(error).collect())
+                    let level = cell.hit_level.map(|level| format!("hits at level {level:.1}"));
+                    PageCell::number(text, spread.median, theirs.into_iter().chain(error).chain(level).collect())
                 }
                 Rate::Wrong => PageCell::new("WRONG"),
                 Rate::Absent => {
@@ -127,6 +133,14 @@ pub(super) fn table2(report: &PaperReport, paper: &Paper, device: &DeviceRecord)
                 }
             });
         }
+        cells.extend(filtered.then(|| match row.filter {
+            Some(spread) => PageCell::number(
+                format!("{} ±{:.0} %", short(spread.median), spread.percent()),
+                spread.median,
+                Vec::new(),
+            ),
+            None => PageCell::default(),
+        }));
         table.rows.push(cells);
     }
     table

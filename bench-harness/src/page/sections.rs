@@ -7,7 +7,7 @@ use crate::build_bench::BuildReport;
 use crate::paper_bench::figures::{built_sizes, sizes};
 use crate::paper_bench::paper::Paper;
 use crate::paper_bench::report::PaperReport;
-use crate::paper_bench::tables::{bytes_by_kind, checks, errors};
+use crate::paper_bench::tables::{bytes_by_kind, checks, errors, fits};
 use crate::sweep_bench::SweepReport;
 use crate::system::machine::slug;
 use crate::text::{TextTable, short};
@@ -197,6 +197,7 @@ fn tables(report: &PaperReport, name: &str, paper: &Paper) -> Vec<Section> {
             lead: Vec::new(),
             blocks: vec![
                 Block::Table(paper_tables::table1(&rows, paper)),
+                Block::Table(fits(&rows).into()),
                 folded("Bytes per voxel by kind", [bytes_by_kind(report)]),
             ],
         });
@@ -230,7 +231,7 @@ fn builds(report: &BuildReport, name: &str, paper: &Paper) -> Option<Section> {
         title: "Table 1 by esvo bench build".into(),
         of: record.to_owned(),
         lead: vec!["Each octree was built in a process of its own; seconds end with the complete file.".into()],
-        blocks: vec![Block::Table(paper_tables::table1(&rows, paper))],
+        blocks: vec![Block::Table(paper_tables::table1(&rows, paper)), Block::Table(fits(&rows).into())],
     })
 }
 

@@ -6,12 +6,28 @@ use esvo_core::DeviceKind;
 use esvo_scenes::SceneVariant;
 
 use crate::build_bench::{BuildReport, Contours};
+use crate::growth::predict;
+use crate::paper_bench::levels::GROWTH;
 use crate::paper_bench::matrix::Variant;
 use crate::paper_bench::paper::Paper;
-use crate::paper_bench::report::{DeviceRecord, PaperReport, SceneReport};
+use crate::paper_bench::report::{DeviceRecord, ErrorRow, FilterCell, PaperReport, SceneReport};
 use crate::scene::compared_as;
 use crate::timing::Spread;
 use crate::units::MIB;
+
+/// Memory of the paper's GPU in MiB: 4 GB.
+pub(crate) const PAPER_MIB: f64 = 4096.0;
+/// The deepest level of the paper's Table 1.
+const PAPER_LEVELS: u32 = 16;
+
+/// The deepest octree that fits the memory of the paper's GPU.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub(crate) struct Fit {
+    pub(crate) levels: u32,
+    pub(crate) mib: f64,
+    /// Whether it was not built: its size follows from the growth of the last two levels.
+    pub(crate) predicted: bool,
+}
 
 /// A row of Table 1: the octrees of one scene and one kind.
 #[derive(Clone, Debug)]
@@ -19,6 +35,8 @@ pub(crate) struct SizeRow {
     pub(crate) scene: String,
     pub(crate) mesh: SceneVariant,
     pub(crate) triangles: u64,
+    /// Whether octrees are of the mesh after displacement.
+    pub(crate) displaced: bool,
     pub(crate) contours: bool,
     /// By level.
     pub(crate) cells: BTreeMap<u32, SizeCell>,
@@ -51,6 +69,7 @@ impl SizeRow {
             scene: scene.to_owned(),
             mesh,
             triangles,
+            displaced: false,
             contours,
             cells: BTreeMap::new(),
             paper: levels.filter_map(|l| paper.build(known, l).map(|(mb, s)| (l, [mb, s]))).collect(),
@@ -61,6 +80,32 @@ impl SizeRow {
     /// `contours` or `cubical`.
     pub(crate) fn kind(&self) -> &'static str {
         if self.contours { "contours" } else { "cubical" }
+    }
+
+    /// The deepest octree that fits the memory of the paper's GPU; `None` if the smallest that was built does not, or if the level above is
+    /// missing and cannot be predicted.
+    pub(crate) fn fit(&self) -> Option<Fit> {
+        let (&last, _) = self.cells.last_key_value()?;
+        let fits = |mib: f64| mib <= PAPER_MIB;
+        let (&levels, cell) = self.cells.iter().rfind(|(_, cell)| fits(cell.mib))?;
+        let measured = Fit { levels, mib: cell.mib, predicted: false };
+        if levels < last {
+            return Some(measured);
+        }
+        // Deeper levels, by the growth of the last two.
+        let mut sizes: Vec<f64> = self.cells.values().map(|cell| cell.mib).collect();
+        let mut best = measured;
+        while best.levels < PAPER_LEVELS {
+            let Some(mib) = predict(&sizes, GROWTH).filter(|mib| fits(*mib)) else { break };
+            sizes.push(mib);
+            best = Fit { levels: best.levels + 1, mib, predicted: true };
+        }
+        Some(best)
+    }
+
+    /// The paper's largest octree that fits: the deepest of its Table 1.
+    pub(crate) fn paper_fit(&self) -> Option<(u32, f64)> {
+        self.paper.last_key_value().map(|(levels, [mb, _])| (*levels, *mb))
     }
 
     /// The largest octree and its levels.
@@ -78,6 +123,7 @@ pub(crate) fn sizes(report: &PaperReport, paper: &Paper) -> Vec<SizeRow> {
             for b in scene.builds.iter().filter(|b| b.contours == contours) {
                 let cell = SizeCell { mib: b.mib(), seconds: b.seconds, voxels: b.voxels, bytes: b.bytes };
                 row.cells.insert(b.levels, cell);
+                row.displaced |= b.displaced_triangles.is_some();
             }
             rows.extend(Some(row).filter(|row| !row.cells.is_empty()));
         }
@@ -122,6 +168,8 @@ pub(crate) struct RateRow {
     pub(crate) levels: Option<u32>,
     /// One for each of the device's [`variants`].
     pub(crate) cells: Vec<RateCell>,
+    /// Milliseconds of the post-process filter for a picture.
+    pub(crate) filter: Option<Spread>,
 }
 
 /// A cell of Table 2.
@@ -133,6 +181,8 @@ pub(crate) struct RateCell {
     pub(crate) paper: Option<f64>,
     /// Depth error in pixels, median and 99th percentile, mean over the views; 0 for triangles.
     pub(crate) error: Option<[f64; 2]>,
+    /// Mean level of the voxels that are hit.
+    pub(crate) hit_level: Option<f64>,
 }
 
 /// Millions of rays per second.
@@ -187,21 +237,50 @@ pub(crate) fn rates(report: &PaperReport, paper: &Paper, device: &DeviceRecord) 
                     },
                     paper: paper.mrays(known, size, variant).filter(|_| compared),
                     error: error(scene, variant, levels),
+                    hit_level: row_of(scene, variant, levels).and_then(ErrorRow::mean_hit_level),
                 }
             };
             let cells: Vec<_> = variants.iter().map(|&v| cell(v)).collect();
             if cells.iter().any(|cell| !matches!(cell.rate, Rate::Absent)) {
-                rows.push(RateRow { scene: scene.name.clone(), mesh: scene.mesh, size, levels, cells });
+                let filter = scene.filter(device.backend, size).and_then(FilterCell::milliseconds);
+                rows.push(RateRow { scene: scene.name.clone(), mesh: scene.mesh, size, levels, cells, filter });
             }
         }
     }
     rows
 }
 
+fn row_of(scene: &SceneReport, variant: Variant, levels: Option<u32>) -> Option<&ErrorRow> {
+    scene.errors.iter().find(|e| e.variant == variant && Some(e.levels) == levels)
+}
+
 fn error(scene: &SceneReport, variant: Variant, levels: Option<u32>) -> Option<[f64; 2]> {
     if variant == Variant::Triangles {
         return Some([0.0; 2]);
     }
-    let row = scene.errors.iter().find(|e| e.variant == variant && Some(e.levels) == levels)?;
+    let row = row_of(scene, variant, levels)?;
     Some([row.mean(|v| v.pixels.median), row.mean(|v| v.pixels.p99)])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn fit(sizes: &[(u32, f64)]) -> Option<(u32, bool)> {
+        let cell = |mib| SizeCell { mib, seconds: 1.0, voxels: 1, bytes: 1 };
+        let mut row = SizeRow::new(&Paper::figures(), "SIBENIK", SceneVariant::Real, 1, true);
+        row.cells = sizes.iter().map(|(levels, mib)| (*levels, cell(*mib))).collect();
+        row.fit().map(|fit| (fit.levels, fit.predicted))
+    }
+
+    #[test]
+    fn the_deepest_octree_that_fits_is_measured_or_predicted() {
+        assert_eq!(fit(&[]), None);
+        assert_eq!(fit(&[(10, 5000.0)]), None);
+        assert_eq!(fit(&[(10, 1000.0), (11, 5000.0)]), Some((10, false)));
+        // Growth 2: 800, 1600, 3200, and no more.
+        assert_eq!(fit(&[(10, 200.0), (11, 400.0)]), Some((14, true)));
+        assert_eq!(fit(&[(10, 1.0), (11, 2.0)]), Some((16, true)), "as deep as the paper's, and no deeper");
+        assert_eq!(fit(&[(10, 400.0), (11, 2000.0)]), Some((11, false)), "the next one would have 10,000");
+    }
 }

@@ -89,6 +89,7 @@ mod tests {
             far_pointers: 0,
             blocks: 1,
             kinds: Vec::new(),
+            displaced_triangles: None,
         }
     }
 

@@ -146,6 +146,9 @@ mod tests {
         let full = Matrix::full_run();
         assert_eq!(full.resolutions, [[512, 384], [1024, 768], [2048, 1536]]);
         assert_eq!(full.variants, Variant::ALL);
+        assert!(
+            full.scenes.len() == 9 && full.scenes.iter().any(|s| s.name == "sibenik-d") && full.left_out.is_empty()
+        );
     }
 
     #[test]

@@ -28,6 +28,7 @@ use crate::{BenchError, Progress};
 /// Builds one octree of a scene.
 pub(crate) fn build(
     scene: &Scene,
+    mesh: &Mesh,
     levels: u32,
     contours: bool,
     progress: &Progress,
@@ -36,7 +37,7 @@ pub(crate) fn build(
     let what = format!("{}: building {levels} levels {kind}", scene.name);
     let settings = BuildSettings { levels, contours, ..scene.settings };
     let start = Instant::now();
-    let built = esvo_builder::build(&scene.mesh, &settings, &|p| {
+    let built = esvo_builder::build(mesh, &settings, &|p| {
         progress.fraction(&what, p.done, &format!("{:.1} M voxels", p.voxels as f64 / 1e6));
     })
     .map_err(|e| BenchError::scene(&scene.name, e))?;
@@ -58,6 +59,7 @@ pub(crate) fn build(
         kinds: (stats.bytes.named().iter())
             .map(|(kind, bytes)| KindBytes { kind: kind.to_string(), bytes: *bytes })
             .collect(),
+        displaced_triangles: scene.displaced.then_some(mesh.triangle_count() as u64),
     };
     Ok((built.octree, row))
 }
@@ -67,8 +69,12 @@ pub(crate) fn build(
 pub(crate) struct TriangleTruth<'a> {
     mesh: &'a Mesh,
     triangles: &'a TriangleScene,
-    views: Vec<TrueView>,
+    views: &'a mut ExactViews,
 }
+
+/// The views that were cast against one mesh.
+#[derive(Default)]
+pub(crate) struct ExactViews(Vec<TrueView>);
 
 struct TrueView {
     rays: CameraRays,
@@ -77,19 +83,21 @@ struct TrueView {
 }
 
 impl<'a> TriangleTruth<'a> {
-    pub(crate) fn new(mesh: &'a Mesh, triangles: &'a TriangleScene) -> Self {
-        Self { mesh, triangles, views: Vec::new() }
+    /// `views` are those that were cast against this mesh before.
+    pub(crate) fn new(mesh: &'a Mesh, triangles: &'a TriangleScene, views: &'a mut ExactViews) -> Self {
+        Self { mesh, triangles, views }
     }
 
     fn of(&mut self, rays: CameraRays) -> &TrueView {
-        let known = self.views.iter().position(|known| known.rays == rays);
+        let views = &mut self.views.0;
+        let known = views.iter().position(|known| known.rays == rays);
         let index = known.unwrap_or_else(|| {
             let hits = self.triangles.cast_exact(&rays);
             let picture = mesh_picture::shade_mesh(self.mesh, &rays, &hits);
-            self.views.push(TrueView { rays, hits, picture });
-            self.views.len() - 1
+            views.push(TrueView { rays, hits, picture });
+            views.len() - 1
         });
-        &self.views[index]
+        &views[index]
     }
 }
 
@@ -106,15 +114,22 @@ pub(crate) fn error(
     let mut hits = Vec::new();
     let mut errors = Vec::new();
     let mut pictures = Vec::new();
+    let mut hit_levels = Vec::new();
     for view in views {
         caster.cast(view, &mut hits)?;
+        let mut by_level = vec![0; levels as usize + 1];
+        for hit in hits.iter().filter(|hit| !hit.is_miss()) {
+            // A caster whose hits are wrong may name a level that the octree does not have: checks find that.
+            by_level[hit.level().min(levels) as usize] += 1;
+        }
+        hit_levels.push(by_level);
         // The rays of the view, as the casters use them: rounding in the camera is not an error of the octree.
         let rays = CameraRays::of_view(view, octree.octree_to_mesh(0));
         let exact = truth.of(rays);
         errors.push(DepthError::between(&rays, &exact.hits, &hits, voxel_edges(octree, 0)));
         pictures.extend(image_error(&exact.picture, &shade(octree, view, &hits)));
     }
-    Ok(ErrorRow { variant, levels, size: CHECK_SIZE, views: errors, pictures })
+    Ok(ErrorRow { variant, levels, size: CHECK_SIZE, views: errors, pictures, hit_levels })
 }
 
 /// The view that shows the largest number of different voxels, so that pictures do not show a wall.
@@ -133,6 +148,18 @@ pub(crate) fn richest_view<'a>(views: &'a [NamedView], octree: &Arc<Octree>) -> 
         }
     }
     Ok(best.1)
+}
+
+/// The shaded picture of the triangles themselves with the rays of a view, cast in double precision.
+pub(crate) fn mesh_picture(
+    mesh: &Mesh,
+    triangles: &TriangleScene,
+    camera: &Camera,
+    octree: &Octree,
+) -> Result<Picture, CastError> {
+    let view = view(camera, octree, Variant::Contours, PICTURE_SIZE)?;
+    let rays = CameraRays::of_view(&view, octree.octree_to_mesh(0));
+    Ok(mesh_picture::shade_mesh(mesh, &rays, &triangles.cast_exact(&rays)))
 }
 
 /// A shaded picture, cast on the CPU.

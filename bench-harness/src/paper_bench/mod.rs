@@ -5,6 +5,8 @@
 
 pub mod check;
 pub(crate) mod figures;
+mod filter_row;
+mod level_mesh;
 pub(crate) mod levels;
 pub mod matrix;
 mod measure;

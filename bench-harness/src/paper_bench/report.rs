@@ -103,6 +103,9 @@ pub struct SceneReport {
     pub checks: Vec<CheckRow>,
     /// Cells of Table 2.
     pub times: Vec<TimeCell>,
+    /// What the post-process filter takes on each engine.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub filters: Vec<FilterCell>,
     /// File names of the pictures.
     pub pictures: Vec<String>,
 }
@@ -136,6 +139,9 @@ pub struct Table1Row {
     pub blocks: u64,
     /// Bytes by kind. Their sum is `bytes`.
     pub kinds: Vec<KindBytes>,
+    /// Triangles after displacement; `None` if the mesh is not displaced.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub displaced_triangles: Option<u64>,
 }
 
 impl Table1Row {
@@ -164,12 +170,22 @@ pub struct ErrorRow {
     /// Image error of each view: the shaded picture against that of the triangles.
     #[serde(default)]
     pub pictures: Vec<ImageError>,
+    /// Of each view, how many rays hit a voxel of each level, from level 0 on.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub hit_levels: Vec<Vec<u64>>,
 }
 
 impl ErrorRow {
     /// Mean of a value over the views.
     pub fn mean(&self, of: impl Fn(&DepthError) -> f64) -> f64 {
         self.views.iter().map(of).sum::<f64>() / self.views.len().max(1) as f64
+    }
+
+    /// Mean level of the voxels that the rays of all views hit; `None` if it was not recorded or nothing was hit.
+    pub fn mean_hit_level(&self) -> Option<f64> {
+        let levels = self.hit_levels.iter().flat_map(|view| view.iter().enumerate());
+        let (hits, sum) = levels.fold((0, 0), |(hits, sum), (level, count)| (hits + count, sum + level as u64 * count));
+        (hits > 0).then(|| sum as f64 / hits as f64)
     }
 
     /// Mean FLIP over the views; `None` if no pictures were compared.
@@ -219,6 +235,29 @@ pub struct TimeCell {
     pub mrays: Option<Spread>,
 }
 
+/// What the post-process filter (paper, section 4.3) takes for the pictures of the octree with contours, cast with beam optimization.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+pub struct FilterCell {
+    /// The engine.
+    pub backend: EngineId,
+    /// Deepest level.
+    pub levels: u32,
+    /// Size of the picture.
+    pub size: [u32; 2],
+    /// Share of the pixels whose voxel is larger than a pixel: the others keep their colour.
+    pub blurred: f64,
+    /// Seconds without copies: `seconds[round][view]`.
+    pub seconds: Vec<Vec<f64>>,
+}
+
+impl FilterCell {
+    /// Milliseconds per picture: median and quartiles over the rounds of the mean over the views.
+    pub fn milliseconds(&self) -> Option<Spread> {
+        let mean = |views: &Vec<f64>| 1e3 * views.iter().sum::<f64>() / views.len() as f64;
+        Spread::of(&self.seconds.iter().filter(|views| !views.is_empty()).map(mean).collect::<Vec<_>>())
+    }
+}
+
 impl PaperReport {
     /// Whether every check passed.
     pub fn passed(&self) -> bool {
@@ -260,6 +299,11 @@ impl SceneReport {
     /// A cell of Table 2.
     pub fn time(&self, backend: EngineId, variant: Variant, size: [u32; 2]) -> Option<&TimeCell> {
         self.times.iter().find(|c| c.backend == backend && c.variant == variant && c.size == size)
+    }
+
+    /// What the filter takes.
+    pub fn filter(&self, backend: EngineId, size: [u32; 2]) -> Option<&FilterCell> {
+        self.filters.iter().find(|c| c.backend == backend && c.size == size)
     }
 
     /// A row of Table 1.

@@ -3,18 +3,20 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use esvo_builder::Mesh;
 use esvo_core::exact::CameraRays;
 use esvo_core::{CastError, DeviceKind, View};
-use esvo_cpu::triangles::TriangleScene;
 use esvo_engines::{EngineId, OpenOptions};
 use esvo_format::Octree;
 
 use crate::matrix_parts::{LeftOut, SceneLevels};
 use crate::output::NamedPicture;
+use crate::paper_bench::filter_row::FilterRow;
+use crate::paper_bench::level_mesh::LevelMesh;
 use crate::paper_bench::levels::{self, Both, Limits};
 use crate::paper_bench::matrix::{Matrix, Variant};
 use crate::paper_bench::measure;
-use crate::paper_bench::measure::TriangleTruth;
+use crate::paper_bench::measure::{ExactViews, TriangleTruth};
 use crate::paper_bench::pair::{CHECK_SIZE, EnginePair, OctreePair};
 use crate::paper_bench::report::{DeviceRecord, PaperOutcome, PaperReport, SCHEMA, SceneReport, Table1Row};
 use crate::paper_bench::timed_row::TimedRow;
@@ -55,7 +57,7 @@ pub fn run_paper_bench(options: &PaperBenchOptions, progress: &Progress) -> Resu
     options.matrix.validate().map_err(|what| BenchError::Matrix { file: options.matrix.name.clone(), what })?;
     let manifest = scene::manifest(options.manifest.as_deref())?;
     let wanted = (options.matrix.scenes.iter())
-        .map(|wanted| Ok((wanted, scene::entry(&manifest, &wanted.name)?)))
+        .map(|wanted| Ok((wanted, scene::buildable(&manifest, &wanted.name)?)))
         .collect::<Result<Vec<_>, BenchError>>()?;
 
     let clock = Clock::start(options.matrix.time_limit_seconds);
@@ -151,13 +153,15 @@ impl PaperRun<'_> {
             errors: Vec::new(),
             checks: Vec::new(),
             times: Vec::new(),
+            filters: Vec::new(),
             pictures: Vec::new(),
         };
+        let first = wanted.levels.first().copied().unwrap_or(1);
         self.progress.say(format!("{}: sorting triangles", scene.name));
-        let mesh = &scene.mesh;
-        let corners = mesh.triangles.iter().map(|t| t.map(|v| mesh.positions[v as usize])).collect();
-        let triangles = TriangleScene::new(corners).map_err(|e| BenchError::scene(&scene.name, e))?;
-        let mut truth = TriangleTruth::new(mesh, &triangles);
+        let mut mesh = LevelMesh::new(scene, first)?;
+        let mut mesh_levels = first;
+        // The exact hits of a mesh that is the same at every level are cast once.
+        let mut exact = ExactViews::default();
 
         let limit = self.options.matrix.memory_gb;
         let held = resident_bytes() as f64;
@@ -192,7 +196,14 @@ impl PaperRun<'_> {
             if kinds == wanted_kinds {
                 drop(last.take());
             }
-            let pair = self.build(scene, levels, kinds, &mut report.builds)?;
+            if scene.displaced && levels != mesh_levels {
+                self.progress.say(format!("{}: displacing for {levels} levels", scene.name));
+                mesh = LevelMesh::new(scene, levels)?;
+                mesh_levels = levels;
+                exact = ExactViews::default();
+            }
+            let pair = self.build(scene, mesh.mesh(), levels, kinds, &mut report.builds)?;
+            let mut truth = TriangleTruth::new(mesh.mesh(), &mesh.triangles, &mut exact);
             for variant in [Variant::Cubical, Variant::Contours, Variant::Beam] {
                 if let Some(octree) = pair.of(variant).filter(|_| self.options.matrix.variants.contains(&variant)) {
                     self.progress.say(format!("{}: error at {levels} levels, {}", scene.name, variant.title()));
@@ -205,14 +216,18 @@ impl PaperRun<'_> {
                 last = Some(pair);
             }
         }
-        drop(truth);
+        drop(exact);
         if wanted_kinds == [false, false] {
             // Triangles alone.
             last = Some(OctreePair { levels: 0, cubical: None, contours: None });
         }
         let Some(pair) = last else { return Ok(report) };
-        self.pictures(scene, &pair, &mut report)?;
-        self.cast(scene, &pair, &triangles, clock, &mut report)?;
+        if scene.displaced && pair.levels != mesh_levels && pair.levels > 0 {
+            // A deeper octree of one kind was built and dropped.
+            mesh = LevelMesh::new(scene, pair.levels)?;
+        }
+        self.pictures(scene, &pair, &mesh, &mut report)?;
+        self.cast(scene, &pair, &mesh, clock, &mut report)?;
         Ok(report)
     }
 
@@ -236,20 +251,27 @@ impl PaperRun<'_> {
     fn build(
         &self,
         scene: &Scene,
+        mesh: &Mesh,
         levels: u32,
         kinds: Both<bool>,
         rows: &mut Vec<Table1Row>,
     ) -> Result<OctreePair, BenchError> {
         let mut pair = OctreePair { levels, cubical: None, contours: None };
         for contours in [false, true].into_iter().filter(|&c| kinds[usize::from(c)]) {
-            let (octree, row) = measure::build(scene, levels, contours, self.progress)?;
+            let (octree, row) = measure::build(scene, mesh, levels, contours, self.progress)?;
             rows.push(row);
             *(if contours { &mut pair.contours } else { &mut pair.cubical }) = Some(Arc::new(octree));
         }
         Ok(pair)
     }
 
-    fn pictures(&mut self, scene: &Scene, pair: &OctreePair, report: &mut SceneReport) -> Result<(), BenchError> {
+    fn pictures(
+        &mut self,
+        scene: &Scene,
+        pair: &OctreePair,
+        mesh: &LevelMesh,
+        report: &mut SceneReport,
+    ) -> Result<(), BenchError> {
         if let Some(why) = scene.not_published {
             self.leave_out(format!("pictures of {}", scene.name), why);
             return Ok(());
@@ -265,6 +287,11 @@ impl PaperRun<'_> {
             report.pictures.push(name.clone());
             self.pictures.push(NamedPicture { name, picture });
         }
+        self.progress.say(format!("{}: picture of the triangles", scene.name));
+        let picture = measure::mesh_picture(mesh.mesh(), &mesh.triangles, &view.camera, any).map_err(failed)?;
+        let name = format!("{}-triangles.png", crate::system::machine::slug(&scene.name));
+        report.pictures.push(name.clone());
+        self.pictures.push(NamedPicture { name, picture });
         Ok(())
     }
 
@@ -273,9 +300,10 @@ impl PaperRun<'_> {
         &mut self,
         scene: &Scene,
         engines: &mut [EnginePair],
-        triangles: &TriangleScene,
+        mesh: &LevelMesh,
         report: &mut SceneReport,
     ) -> Result<(), BenchError> {
+        let triangles = &mesh.triangles;
         let mut wide = None;
         for engine in engines {
             let backend = engine.backend;
@@ -299,7 +327,7 @@ impl PaperRun<'_> {
         &mut self,
         scene: &Scene,
         pair: &OctreePair,
-        triangles: &TriangleScene,
+        mesh: &LevelMesh,
         clock: &Clock,
         report: &mut SceneReport,
     ) -> Result<(), BenchError> {
@@ -311,7 +339,7 @@ impl PaperRun<'_> {
             engines.push(EnginePair { backend, cubical: open()?, contours: open()?, triangles: None });
         }
         if variants.contains(&Variant::Triangles) {
-            self.check_triangles(scene, &mut engines, triangles, report)?;
+            self.check_triangles(scene, &mut engines, mesh, report)?;
         }
         // Check the answers first.
         let mut unloaded = Vec::new();
@@ -375,7 +403,17 @@ impl PaperRun<'_> {
             }
             let matrix = &self.options.matrix;
             let what = format!("{}: timing {}x{}", scene.name, size[0], size[1]);
-            report.times.extend(row.time(&mut engines, triangles, matrix, &clock, self.progress, &what)?);
+            report.times.extend(row.time(&mut engines, &mesh.triangles, matrix, &clock, self.progress, &what)?);
+            let sound: Vec<usize> = (0..engines.len())
+                .filter(|&e| report.check(engines[e].backend, Variant::Beam).is_some_and(|c| c.agreement.passed()))
+                .collect();
+            if let Some(octree) = pair.of(Variant::Beam).filter(|_| !sound.is_empty()) {
+                let views = views(scene, octree, Variant::Beam, size)?;
+                let what = format!("{}: timing the filter at {}x{}", scene.name, size[0], size[1]);
+                let all =
+                    FilterRow { pair, sound: &sound, views: &views, matrix, clock: &clock, progress: self.progress };
+                report.filters.extend(all.time(&mut engines, &what)?);
+            }
         }
         Ok(())
     }

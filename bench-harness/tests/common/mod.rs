@@ -9,7 +9,7 @@ use esvo_bench::matrix_parts::LeftOut;
 use esvo_bench::paper_bench::check::Agreement;
 use esvo_bench::paper_bench::matrix::{Matrix, Variant};
 use esvo_bench::paper_bench::report::{
-    CheckRow, DeviceRecord, ErrorRow, PaperReport, SCHEMA, SceneReport, Table1Row, TimeCell,
+    CheckRow, DeviceRecord, ErrorRow, FilterCell, PaperReport, SCHEMA, SceneReport, Table1Row, TimeCell,
 };
 use esvo_bench::scene::NamedView;
 use esvo_bench::system::machine::Machine;
@@ -76,6 +76,13 @@ fn scene(name: &str, mesh: SceneVariant, factor: f64) -> SceneReport {
         errors: Vec::new(),
         checks: Vec::new(),
         times: Vec::new(),
+        filters: vec![FilterCell {
+            backend: EngineId::Cpu,
+            levels: 10,
+            size: [512, 384],
+            blurred: 0.25,
+            seconds: vec![vec![0.004], vec![0.005], vec![0.006]],
+        }],
         pictures: vec![format!("{}-10-contours.png", name.to_lowercase())],
     };
     for levels in [9, 10] {
@@ -99,6 +106,7 @@ fn scene(name: &str, mesh: SceneVariant, factor: f64) -> SceneReport {
                     KindBytes { kind: "contours".into(), bytes: if contours { voxels * 2 } else { 0 } },
                     KindBytes { kind: "padding".into(), bytes: if contours { voxels * 4 } else { voxels * 6 } },
                 ],
+                displaced_triangles: None,
             });
         }
     }
@@ -122,6 +130,7 @@ fn scene(name: &str, mesh: SceneVariant, factor: f64) -> SceneReport {
             size: [512, 384],
             views: vec![view, view],
             pictures: vec![picture],
+            hit_levels: vec![vec![0, 0, 0, 0, 0, 0, 0, 0, 10, 20, 30], vec![0, 0, 0, 0, 0, 0, 0, 0, 10, 10, 10]],
         });
     }
     for backend in [EngineId::Cpu, EngineId::Wgpu, EngineId::Ash] {

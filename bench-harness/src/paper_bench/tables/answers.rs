@@ -5,12 +5,24 @@ use crate::text::{TextTable, or_dash, short};
 
 /// Distance of the hits from the triangles.
 pub(crate) fn errors(report: &PaperReport) -> TextTable {
-    let head =
-        ["scene", "cast", "levels", "median px", "90th", "99th", "median voxels", "holes", "hit/miss differ", "FLIP"];
+    let head = [
+        "scene",
+        "cast",
+        "levels",
+        "mean level hit",
+        "median px",
+        "90th",
+        "99th",
+        "median voxels",
+        "holes",
+        "hit/miss differ",
+        "FLIP",
+    ];
     let mut table = TextTable::new("Error against the triangles", 2, &head);
     table.notes = vec![
         "Difference of depth along the ray where both hit, in pixels (the footprint of a pixel at the hit), at 512x384, \
-         with rays that end at voxels of one pixel: median and percentiles, averaged over the views."
+         with rays that end at voxels of one pixel: median and percentiles, averaged over the views. Mean level hit: of the voxels \
+         that the rays end at."
             .into(),
         "Median voxels: in edges of the finest voxel. Holes: rays that hit a triangle but no voxel. Hit/miss: holes and rays that hit a voxel but no triangle."
             .into(),
@@ -22,6 +34,7 @@ pub(crate) fn errors(report: &PaperReport) -> TextTable {
                 scene.name.clone(),
                 format!("{}, {}", e.variant.title(), scene.mesh.title()),
                 e.levels.to_string(),
+                or_dash(e.mean_hit_level().map(|level| format!("{level:.2}"))),
                 short(e.mean(|v| v.pixels.median)),
                 short(e.mean(|v| v.pixels.p90)),
                 short(e.mean(|v| v.pixels.p99)),

@@ -109,6 +109,24 @@ pub fn to_csv(report: &PaperReport) -> String {
                 };
                 table2(cell, &line, &mut out);
             }
+            if let Some(spread) = row.filter {
+                let line = Line {
+                    table: 2,
+                    scene: &row.scene,
+                    mesh: row.mesh.title(),
+                    engine: device.backend.name(),
+                    device: kind,
+                    cast: "filter",
+                    levels: row.levels,
+                    size: Some(row.size),
+                    quantity: "filter time",
+                    unit: "ms",
+                    value: Some(spread.median),
+                    quartiles: Some([spread.lower_quartile, spread.upper_quartile]),
+                    ..Line::default()
+                };
+                out += &line.text();
+            }
         }
     }
     out
@@ -156,9 +174,12 @@ fn table2<'a>(cell: &RateCell, line: &dyn Fn() -> Line<'a>, out: &mut String) {
     };
     *out += &rate.text();
     let [median, p99] = [0, 1].map(|index| cell.error.map(|error| error[index]));
-    for (quantity, value) in [("depth error median", median), ("depth error p99", p99)] {
+    let level = cell.hit_level;
+    for (quantity, unit, value) in
+        [("depth error median", "px", median), ("depth error p99", "px", p99), ("mean level hit", "", level)]
+    {
         if value.is_some() {
-            *out += &Line { quantity, unit: "px", value, ..line() }.text();
+            *out += &Line { quantity, unit, value, ..line() }.text();
         }
     }
 }

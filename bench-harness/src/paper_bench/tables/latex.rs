@@ -114,6 +114,8 @@ fn table2(rows: &[RateRow], report: &PaperReport, device: &DeviceRecord, paper: 
     let width = if compared { 3 } else { 1 };
     let mut head = vec![String::new(); 3];
     head.extend(variants.iter().map(|v| format!("\\multicolumn{{{width}}}{{c}}{{{}}}", escape(v.title()))));
+    let filtered = rows.iter().any(|row| row.filter.is_some());
+    head.extend(filtered.then(String::new));
     let mut body = row(&head);
     for index in 0..variants.len() {
         let first = 4 + index * width;
@@ -123,6 +125,7 @@ fn table2(rows: &[RateRow], report: &PaperReport, device: &DeviceRecord, paper: 
     let mut names = ["scene", "mesh", "picture"].map(String::from).to_vec();
     let columns: &[&str] = if compared { &["ours", "paper", "ratio"] } else { &["ours"] };
     names.extend(variants.iter().flat_map(|_| columns.iter().map(|c| c.to_string())));
+    names.extend(filtered.then(|| "filter, ms".into()));
     body += &row(&names);
     for (index, rate) in rows.iter().enumerate() {
         let new = index == 0 || rows[index - 1].scene != rate.scene;
@@ -141,6 +144,7 @@ fn table2(rows: &[RateRow], report: &PaperReport, device: &DeviceRecord, paper: 
                 cells.extend([cell.paper, cell.ratio()].map(|x| x.map_or("--".into(), short)));
             }
         }
+        cells.extend(filtered.then(|| rate.filter.map_or("--".into(), |s| short(s.median))));
         body += &row(&cells);
         if rows.get(index + 1).is_none_or(|next| next.scene != rate.scene) {
             let levels = rate.levels.map_or(String::new(), |levels| format!("{levels} levels"));
@@ -153,6 +157,7 @@ fn table2(rows: &[RateRow], report: &PaperReport, device: &DeviceRecord, paper: 
                 };
                 cells.push(format!("\\multicolumn{{{width}}}{{c}}{{{text}}}"));
             }
+            cells.extend(filtered.then(String::new));
             body += &row(&cells);
         }
     }
@@ -166,7 +171,7 @@ fn table2(rows: &[RateRow], report: &PaperReport, device: &DeviceRecord, paper: 
         escape(device.backend.name()),
         escape(&device_title(device))
     );
-    let columns = format!("lll{}", "r".repeat(width * variants.len()));
+    let columns = format!("lll{}", "r".repeat(width * variants.len() + usize::from(filtered)));
     environment(&columns, &caption, &format!("tab:esvo-rate-{}", device.backend.name()), &body)
 }
 

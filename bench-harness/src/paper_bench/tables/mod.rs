@@ -6,6 +6,7 @@ mod latex;
 mod table1;
 mod table2;
 
+use crate::paper_bench::figures::sizes;
 use crate::paper_bench::matrix::Variant;
 use crate::paper_bench::paper::Paper;
 use crate::paper_bench::report::PaperReport;
@@ -13,15 +14,15 @@ use crate::text::{Document, TextTable};
 pub(crate) use answers::{checks, errors};
 pub use csv::to_csv;
 pub use latex::to_latex;
-pub(crate) use table1::bytes_by_kind;
 use table1::table1;
+pub(crate) use table1::{bytes_by_kind, fits};
 pub(crate) use table2::device_title;
 use table2::table2;
 
 /// Every table of a report, in the order of printing.
 pub fn tables(report: &PaperReport) -> Vec<TextTable> {
     let paper = Paper::figures();
-    let mut tables = vec![table1(report, &paper), bytes_by_kind(report)];
+    let mut tables = vec![table1(report, &paper), fits(&sizes(report, &paper)), bytes_by_kind(report)];
     tables.extend(report.devices.iter().map(|device| table2(report, &paper, device)));
     tables.push(errors(report));
     tables.push(checks(report));

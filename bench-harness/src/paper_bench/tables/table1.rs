@@ -2,6 +2,7 @@
 
 use esvo_scenes::SceneVariant;
 
+use crate::paper_bench::figures::{PAPER_MIB, SizeRow};
 use crate::paper_bench::paper::Paper;
 use crate::paper_bench::report::{PaperReport, Table1Row};
 use crate::scene::compared_as;
@@ -30,8 +31,11 @@ pub(super) fn table1(report: &PaperReport, paper: &Paper) -> TextTable {
             let rows: Vec<_> = scene.builds.iter().filter(|b| b.contours == contours).collect();
             let Some(largest) = rows.last() else { continue };
             let kind = if contours { "contours" } else { "cubical" };
-            let mut row =
-                vec![scene.name.clone(), format!("{kind}, {}", scene.mesh.title()), scene.triangles.to_string()];
+            let mut row = {
+                let displaced = if largest.displaced_triangles.is_some() { " + disp." } else { "" };
+                let triangles = format!("{}{displaced}", scene.triangles);
+                vec![scene.name.clone(), format!("{kind}, {}", scene.mesh.title()), triangles]
+            };
             row.extend(levels.iter().map(|&l| {
                 or_dash(scene.build(contours, l).map(|b| format!("{} MiB {} s", short(b.mib()), short(b.seconds))))
             }));
@@ -56,6 +60,30 @@ pub(super) fn table1(report: &PaperReport, paper: &Paper) -> TextTable {
             row.push(format!("{bytes:.1} at {at}"));
             table.rows.push(row);
         }
+    }
+    table
+}
+
+/// The deepest octrees that fit the memory of the paper's GPU.
+pub(crate) fn fits(rows: &[SizeRow]) -> TextTable {
+    let head = ["scene", "octree", "", "levels", "MiB", "paper's levels", "paper's MiB"];
+    let mut table = TextTable::new("The largest octree that fits 4 GB", 3, &head);
+    table.notes = vec![format!(
+        "The deepest octree of at most {PAPER_MIB:.0} MiB, the memory of the paper's GPU, and no deeper than the paper's deepest. Predicted: it \
+         was not built; its size follows from the growth of the last two levels, 1.5 to 5 times a level."
+    )];
+    for row in rows {
+        let Some(fit) = row.fit() else { continue };
+        let paper = row.paper_fit();
+        table.rows.push(vec![
+            row.scene.clone(),
+            format!("{}, {}", row.kind(), row.mesh.title()),
+            if fit.predicted { "predicted" } else { "built" }.into(),
+            fit.levels.to_string(),
+            short(fit.mib),
+            or_dash(paper.map(|(levels, _)| levels.to_string())),
+            or_dash(paper.map(|(_, mb)| short(mb))),
+        ]);
     }
     table
 }

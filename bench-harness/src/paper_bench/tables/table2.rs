@@ -4,7 +4,7 @@ use esvo_core::DeviceKind;
 
 use crate::paper_bench::matrix::Variant;
 use crate::paper_bench::paper::Paper;
-use crate::paper_bench::report::{DeviceRecord, PaperReport, SceneReport};
+use crate::paper_bench::report::{DeviceRecord, FilterCell, PaperReport, SceneReport};
 use crate::scene::compared_as;
 use crate::text::{TextTable, or_dash, short};
 
@@ -19,6 +19,10 @@ pub(super) fn table2(report: &PaperReport, paper: &Paper, device: &DeviceRecord)
     let with_paper = !device.is_software();
     let mut head: Vec<String> = ["scene", "mesh", "picture"].map(Into::into).into();
     head.extend(variants.iter().map(|v| v.title().to_string()));
+    let filtered = report.scenes.iter().any(|s| s.filters.iter().any(|f| f.backend == device.backend));
+    if filtered {
+        head.push("filter ms".into());
+    }
     if with_paper {
         head.extend(variants.iter().map(|v| format!("paper {}", v.short_title())));
     }
@@ -37,6 +41,11 @@ pub(super) fn table2(report: &PaperReport, paper: &Paper, device: &DeviceRecord)
         ),
         _ => "This driver runs on the processor: its times say nothing about a GPU, so the paper's times are not shown here.".into(),
     });
+    if filtered {
+        table.notes.push(
+            "Filter: milliseconds of the post-process filter for a picture of the last column before it, without copies.".into(),
+        );
+    }
     if report.scenes.iter().any(|s| s.check(device.backend, Variant::Triangles).is_some()) {
         table
             .notes
@@ -53,6 +62,10 @@ pub(super) fn table2(report: &PaperReport, paper: &Paper, device: &DeviceRecord)
             let mut row = vec![first, scene.mesh.title().into(), format!("{}x{}", size[0], size[1])];
             any = true;
             row.extend(own);
+            if filtered {
+                let spread = scene.filter(device.backend, size).and_then(FilterCell::milliseconds);
+                row.push(or_dash(spread.map(|s| format!("{} ±{:.0}%", short(s.median), s.percent()))));
+            }
             if with_paper {
                 let known = compared_as(&scene.name, scene.mesh);
                 row.extend(variants.iter().map(|&v| or_dash(paper.mrays(known, size, v).map(short))));

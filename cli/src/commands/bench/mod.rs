@@ -35,8 +35,8 @@ use tables::TablesArguments;
 #[command(after_help = "\
 Builds octrees of the paper's scenes (real meshes if they are found, otherwise procedural
 stand-ins), checks the answers of every engine against the reference caster, times the engines,
-prints the tables and writes report.json, tables.md and pictures to results/<machine>/<date>/.
-Exit code 1 if the answers of an engine are wrong.
+prints the tables and writes report.json, tables.md, tables.csv, tables.tex and pictures to
+results/<machine>/<date>/. Exit code 1 if the answers of an engine are wrong.
 
 Examples:
   esvo bench                                    about three minutes on two cores

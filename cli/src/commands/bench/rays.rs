@@ -12,11 +12,11 @@ use crate::values::{engine, parse_size};
 /// Measure lists of rays on every engine, next to a picture.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Builds an octree of a scene with contours; casts a picture, the picture's rays as a list, shadow
-rays from its hits, and incoherent rays on every engine; compares the hits with the reference
-caster's; and measures rays per second, including copies to and from a GPU. Prints tables and
-writes report.json and tables.md to results/<machine>/<date>-rays/. Exit code 1 if the hits of an
-engine are wrong.
+Builds an octree of a scene with contours; casts a picture, the picture's rays as a list, and from
+its hits shadow rays, rays of ambient occlusion and a diffuse bounce; then incoherent rays, all on
+every engine; compares the hits with the reference caster's; and measures rays per second,
+including copies to and from a GPU. Prints tables and writes report.json and tables.md to
+results/<machine>/<date>-rays/. Exit code 1 if the hits of an engine are wrong.
 
 Examples:
   esvo bench rays  SIBENIK at 10 levels, in two minutes on two cores
