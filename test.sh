@@ -62,6 +62,14 @@ else
     echo "none: the GPU tests are skipped. To run them, install a Vulkan driver (Debian: mesa-vulkan-drivers and libvulkan1)"
 fi
 
+step "Chromium"
+if command -v chromium >/dev/null 2>&1 || command -v chromium-browser >/dev/null 2>&1 || command -v google-chrome >/dev/null 2>&1; then
+    echo "there is one: the tests of the page in a browser must pass"
+    export ESVO_REQUIRE_CHROMIUM=1
+else
+    echo "none: the tests of the page in a browser are skipped. To run them, install Debian's chromium"
+fi
+
 step "format"
 cargo fmt --all --check
 

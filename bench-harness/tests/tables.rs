@@ -118,6 +118,23 @@ fn the_records_under_results_are_read() {
     assert!(!report.octrees.is_empty() && !report.large.access.is_empty());
 }
 
+/// The authors' viewpoints are told from ours, and from theirs on a mesh that is not theirs.
+#[test]
+fn viewpoints_are_told_apart() {
+    let mut report = fake_report();
+    for scene in &mut report.scenes {
+        scene.views[0].name = "paper-1".into();
+    }
+    let said = tables::to_text(&report);
+    assert!(
+        said.contains(
+            "Viewpoints: SIBENIK 1 of the paper's authors; HAIRBALL 1 of the paper's authors, on our stand-in."
+        ),
+        "{said}"
+    );
+    assert!(tables::to_text(&fake_report()).contains("Viewpoints: SIBENIK 1 of our own; HAIRBALL 1 of our own."));
+}
+
 #[test]
 fn csv() {
     let csv = tables::to_csv(&fake_report());

@@ -4,7 +4,7 @@ use super::html::{Block, Contents, PageTable, Section};
 use super::records::{Found, Record};
 use super::{answers, paper_tables, pictures, plot, verdicts};
 use crate::build_bench::BuildReport;
-use crate::paper_bench::figures::{built_sizes, sizes};
+use crate::paper_bench::figures::{built_sizes, sizes, viewpoints};
 use crate::paper_bench::paper::Paper;
 use crate::paper_bench::report::PaperReport;
 use crate::paper_bench::tables::{bytes_by_kind, checks, errors, fits};
@@ -216,7 +216,10 @@ fn tables(report: &PaperReport, name: &str, paper: &Paper) -> Vec<Section> {
         id: "table-2".into(),
         title: "Table 2: rays per second".into(),
         of: of(name),
-        lead: vec!["Rays end at voxels of one pixel, as in the paper. A cell that says WRONG was not timed: its answers are wrong.".into()],
+        lead: vec![format!(
+            "Rays end at voxels of one pixel, as in the paper. A cell that says WRONG was not timed: its answers are wrong. {}",
+            viewpoints(report)
+        )],
         blocks,
     });
     sections

@@ -250,6 +250,21 @@ pub(crate) fn rates(report: &PaperReport, paper: &Paper, device: &DeviceRecord) 
     rows
 }
 
+/// Whose viewpoints the scenes were cast from: the authors' own are listed as `paper-1` and so on.
+pub(crate) fn viewpoints(report: &PaperReport) -> String {
+    let of = |scene: &SceneReport| {
+        let authors = scene.views.iter().filter(|view| view.name.starts_with("paper-")).count();
+        let count = scene.views.len();
+        let stand_in = if scene.mesh == SceneVariant::StandIn { ", on our stand-in" } else { "" };
+        match authors {
+            0 => format!("{} {count} of our own", scene.name),
+            _ if authors == count => format!("{} {count} of the paper's authors{stand_in}", scene.name),
+            _ => format!("{} {count}, of which {authors} are the paper's authors'{stand_in}", scene.name),
+        }
+    };
+    format!("Viewpoints: {}.", report.scenes.iter().map(of).collect::<Vec<_>>().join("; "))
+}
+
 fn row_of(scene: &SceneReport, variant: Variant, levels: Option<u32>) -> Option<&ErrorRow> {
     scene.errors.iter().find(|e| e.variant == variant && Some(e.levels) == levels)
 }

@@ -2,6 +2,7 @@
 
 use esvo_core::DeviceKind;
 
+use crate::paper_bench::figures::viewpoints;
 use crate::paper_bench::matrix::Variant;
 use crate::paper_bench::paper::Paper;
 use crate::paper_bench::report::{DeviceRecord, FilterCell, PaperReport, SceneReport};
@@ -33,6 +34,7 @@ pub(super) fn table2(report: &PaperReport, paper: &Paper, device: &DeviceRecord)
         "Median over the rounds, ± half the distance between the quartiles. The last line of each scene names the level that was cast.".into(),
         "Depth error against the triangles in pixels, at 512x384: median / 99th percentile.".into(),
     ];
+    table.notes.push(viewpoints(report));
     table.notes.push(match (with_paper, device.kind) {
         (true, DeviceKind::Gpu) => format!("Paper: {}, CUDA {}.", paper.machine.gpu, paper.machine.cuda),
         (true, _) => format!(
