@@ -5,7 +5,7 @@
 //! use esvo_bench::paper_bench::{PaperBenchOptions, run_paper_bench, tables};
 //! use esvo_bench::{Matrix, Progress};
 //!
-//! let options = PaperBenchOptions { matrix: Matrix::default_run(), scenes_dir: None, manifest: None, threads: None };
+//! let options = PaperBenchOptions { matrix: Matrix::default_run(), scenes_dir: None, manifest: None, threads: None, slowed: Vec::new() };
 //! let outcome = run_paper_bench(&options, &Progress::terminal())?;
 //! print!("{}", tables::to_text(&outcome.report));
 //! # Ok::<(), esvo_bench::BenchError>(())
@@ -28,6 +28,8 @@
 //!
 //! What they share:
 //! - [`scene`]: from a scene's name to its mesh and viewpoints. [`matrix_parts`]: scenes and levels of a matrix.
+//! - [`calibration`]: a frozen kernel that is cast between timed casts. [`compare`]: `esvo bench compare`, what is slower in a
+//!   second record, and baselines.
 //! - [`error`]: depth error and image error (FLIP). [`timing`]: samples, medians and quartiles.
 //! - [`text`]: tables as text and Markdown. [`output`]: the only writer of records, tables and pictures.
 //! - [`ray_files`]: rays and hits in files, and comparing hits.
@@ -39,6 +41,8 @@
 mod bench_error;
 pub mod build_bench;
 pub mod build_summary;
+pub mod calibration;
+pub mod compare;
 mod curve;
 pub mod error;
 pub mod format_bench;

@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::calibration::GuardSamples;
+
 /// Raw times of one cell: `seconds[round][view]`.
 #[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize)]
 pub struct Samples {
@@ -10,6 +12,9 @@ pub struct Samples {
     /// The coarse pass of every frame, in seconds; empty without beam optimization.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub coarse_seconds: Vec<Vec<f64>>,
+    /// Calibration casts and processor times; empty in records that have none.
+    #[serde(default, skip_serializing_if = "GuardSamples::is_empty")]
+    pub guard: GuardSamples,
 }
 
 impl Samples {
@@ -74,7 +79,7 @@ mod tests {
 
     #[test]
     fn rays_per_second_are_those_of_all_views_of_a_round() {
-        let samples = Samples { seconds: vec![vec![0.1, 0.3], vec![0.2, 0.2], vec![]], coarse_seconds: Vec::new() };
+        let samples = Samples { seconds: vec![vec![0.1, 0.3], vec![0.2, 0.2], vec![]], ..Samples::default() };
         let rates = samples.mrays(1_000_000);
         assert_eq!(rates.len(), 2);
         assert!(rates.iter().all(|r| (r - 5.0).abs() < 1e-12));

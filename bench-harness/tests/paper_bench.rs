@@ -49,6 +49,7 @@ fn a_displaced_mesh_is_compared_with_its_own_triangles_at_every_level() {
         scenes_dir: None,
         manifest: Some(folder.path().join("scenes.toml")),
         threads: None,
+        slowed: Vec::new(),
     };
     let outcome = run_paper_bench(&options, &Progress::hidden()).unwrap();
     let report = &outcome.report;
@@ -73,7 +74,13 @@ fn a_displaced_mesh_is_compared_with_its_own_triangles_at_every_level() {
 #[test]
 fn levels_that_are_hit_the_filter_and_the_pictures_are_recorded() {
     // The stand-in, wherever this runs.
-    let options = PaperBenchOptions { matrix: matrix("fairy"), scenes_dir: None, manifest: None, threads: None };
+    let options = PaperBenchOptions {
+        matrix: matrix("fairy"),
+        scenes_dir: None,
+        manifest: None,
+        threads: None,
+        slowed: Vec::new(),
+    };
     let outcome = run_paper_bench(&options, &Progress::hidden()).unwrap();
     let report = &outcome.report;
     let scene = &report.scenes[0];

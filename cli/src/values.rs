@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use esvo_bench::paper_bench::Slowed;
 use esvo_core::lights::{Light, unit};
 use esvo_core::{BEAM_BLOCK, WIDE_BEAM_BLOCK};
 use esvo_engines::EngineId;
@@ -28,6 +29,13 @@ pub(crate) fn parse_gigabytes(text: &str) -> Result<f64, String> {
 pub(crate) fn parse_positive(text: &str) -> Result<f64, String> {
     let number = text.parse::<f64>().ok().filter(|number| *number > 0.0 && number.is_finite());
     number.ok_or_else(|| "expected a number above 0".into())
+}
+
+/// An engine and by how many percent it is slowed: `cpu=10`.
+pub(crate) fn parse_slowed(text: &str) -> Result<Slowed, String> {
+    let (engine, percent) = text.split_once('=').ok_or("expected ENGINE=PERCENT, e.g. cpu=10")?;
+    let engine = engine.parse::<EngineId>().map_err(|e| e.to_string())?;
+    Ok(Slowed { engine, percent: parse_positive(percent)? })
 }
 
 /// A number of pixels above 0, with or without its unit: `0.5px`.

@@ -7,12 +7,14 @@ use std::collections::BTreeSet;
 use common::Folder;
 
 /// All commands, by the names of their pages.
-const PAGES: [&str; 26] = [
+const PAGES: [&str; 28] = [
     "esvo",
     "esvo-advise",
     "esvo-ambient",
     "esvo-bench",
+    "esvo-bench-bless",
     "esvo-bench-build",
+    "esvo-bench-compare",
     "esvo-bench-format",
     "esvo-bench-import",
     "esvo-bench-needs",

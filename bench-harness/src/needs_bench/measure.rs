@@ -11,8 +11,10 @@ use esvo_engines::{EngineId, InstructionSet, OpenOptions};
 use esvo_format::Octree;
 
 use super::{Case, Cell, EngineRow, Needed, NeedsBenchOptions, NeedsReport, SCHEMA, Variant};
+use crate::calibration::{Calibrator, GuardRound, GuardSamples};
 use crate::paper_bench::check::Agreement;
 use crate::scene::{self, Scene};
+use crate::sweep_bench::image_key;
 use crate::system::machine::Machine;
 use crate::{BenchError, Progress};
 
@@ -27,10 +29,12 @@ pub fn run_needs_bench(options: &NeedsBenchOptions, progress: &Progress) -> Resu
     let start = Instant::now();
     let manifest = scene::manifest(None)?;
     let subjects = subjects(&options.engines);
+    let calibrator = Calibrator::new(options.threads)?;
     let mut report = NeedsReport {
         schema: SCHEMA,
         machine: Machine::detect(),
         size: options.size,
+        calibration: Some(calibrator.record()),
         credits: Vec::new(),
         engines: Vec::new(),
         cases: Vec::new(),
@@ -61,7 +65,9 @@ pub fn run_needs_bench(options: &NeedsBenchOptions, progress: &Progress) -> Resu
                     let cast =
                         CastOptions { contours: true, beam: false, max_voxel_pixels: if sizes { 1.0 } else { 0.0 } };
                     let case = views(&scene, &octree, options, &cast)
-                        .and_then(|views| measure(&octree, &views, &subjects, options, sizes, &mut report.engines))
+                        .and_then(|views| {
+                            measure(&octree, &views, &subjects, options, sizes, &calibrator, &mut report.engines)
+                        })
                         .map_err(|e| failed(e.to_string()))?;
                     report.cases.push(Case { scene: scene.name.clone(), levels, ..case });
                 }
@@ -107,6 +113,7 @@ fn measure(
     subjects: &[(EngineId, Option<InstructionSet>)],
     options: &NeedsBenchOptions,
     sizes: bool,
+    calibrator: &Calibrator,
     engines: &mut Vec<EngineRow>,
 ) -> Result<Case, CastError> {
     let needs = octree.needs();
@@ -132,16 +139,25 @@ fn measure(
                 });
             }
             let agreement = Agreement::new(Comparison::of(&cast(&mut *caster, views)?, &expected), id.allowed());
-            running.push((caster, Cell { engine, variant, agreement, seconds: Vec::new() }));
+            running.push((
+                caster,
+                Cell { engine, variant, agreement, seconds: Vec::new(), guard: GuardSamples::default() },
+            ));
         }
     }
     for _ in 0..options.rounds {
         for (caster, cell) in &mut running {
+            let mut guard = GuardRound::start(calibrator);
             let mut seconds = 0.0;
-            for view in views {
-                seconds += caster.time(view)?.total.as_secs_f64();
-            }
+            guard.frame(|| {
+                for view in views {
+                    seconds += caster.time(view)?.total.as_secs_f64();
+                }
+                Ok::<(), CastError>(())
+            })?;
             cell.seconds.push(seconds);
+            guard.calibrate(calibrator);
+            cell.guard.push(guard);
         }
     }
     let mut file = Vec::new();
@@ -151,6 +167,7 @@ fn measure(
         levels: 0,
         file_bytes: file.len() as u64,
         image_bytes: size_of_val(octree.slots()) as u64,
+        image_sha256: image_key(octree),
         needs: needed,
         rays: views.iter().map(|view| view.pixels() as u64).sum(),
         cells: running.into_iter().map(|(_, cell)| cell).collect(),

@@ -14,6 +14,7 @@ use esvo_core::Device;
 use esvo_engines::{EngineId, InstructionSet, LeaveOut};
 use serde::{Deserialize, Serialize};
 
+use crate::calibration::{CalibrationRecord, GuardSamples};
 use crate::output::to_json;
 use crate::paper_bench::check::Agreement;
 use crate::system::machine::Machine;
@@ -74,6 +75,9 @@ pub struct NeedsReport {
     pub size: [u32; 2],
     /// Scene, credit and identity of the meshes, as in [`Scene`](crate::scene::Scene).
     pub credits: Vec<[String; 3]>,
+    /// The calibration casts; `None` in records that have none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub calibration: Option<CalibrationRecord>,
     /// The instruction sets of the CPU engine, and the GPU engines.
     pub engines: Vec<EngineRow>,
     /// What was cast.
@@ -114,6 +118,9 @@ pub struct Case {
     pub file_bytes: u64,
     /// Bytes that casters read: descriptors, far pointers and contours.
     pub image_bytes: u64,
+    /// SHA-256 of the octree's image in hexadecimal digits; empty in records that have none.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub image_sha256: String,
     /// What octree and rays need.
     pub needs: Needed,
     /// Rays of a round.
@@ -209,6 +216,9 @@ pub struct Cell {
     pub agreement: Agreement,
     /// Seconds of all views, in the order of the rounds.
     pub seconds: Vec<f64>,
+    /// Calibration casts and processor times; empty in records that have none.
+    #[serde(default, skip_serializing_if = "GuardSamples::is_empty")]
+    pub guard: GuardSamples,
 }
 
 impl Cell {

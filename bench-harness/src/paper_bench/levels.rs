@@ -82,6 +82,7 @@ mod tests {
             color_error: 16.0,
             normal_error: 0.01,
             seconds,
+            image_sha256: String::new(),
             bytes: megabytes << 20,
             voxels: 1,
             leaves: 1,

@@ -23,6 +23,7 @@ use crate::paper_bench::report::{CheckRow, ErrorRow, Table1Row};
 use crate::picture_bench::mesh_picture;
 use crate::scene::NamedView;
 use crate::scene::Scene;
+use crate::sweep_bench::image_key;
 use crate::{BenchError, Progress};
 
 /// Builds one octree of a scene.
@@ -50,6 +51,7 @@ pub(crate) fn build(
         color_error: settings.color_error,
         normal_error: settings.normal_error,
         seconds,
+        image_sha256: image_key(&built.octree),
         bytes: stats.image_bytes,
         voxels: stats.voxels,
         leaves: stats.leaf_voxels,

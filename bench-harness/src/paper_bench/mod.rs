@@ -15,8 +15,10 @@ pub mod pair;
 pub(crate) mod paper;
 pub mod report;
 mod run;
+pub mod slowed;
 pub mod tables;
 mod timed_row;
 
 pub use output::write_paper_record;
 pub use run::{PaperBenchOptions, run_paper_bench};
+pub use slowed::Slowed;

@@ -7,12 +7,14 @@ use serde::{Deserialize, Serialize};
 
 use crate::BenchError;
 use crate::build_summary::KindBytes;
+use crate::calibration::CalibrationRecord;
 use crate::error::depth::DepthError;
 use crate::error::image::ImageError;
 use crate::matrix_parts::LeftOut;
 use crate::output::{NamedPicture, to_json};
 use crate::paper_bench::check::Agreement;
 use crate::paper_bench::matrix::{Matrix, Variant};
+use crate::paper_bench::slowed::Slowed;
 use crate::scene::NamedView;
 use crate::system::machine::Machine;
 use crate::timing::{Samples, Spread};
@@ -32,6 +34,12 @@ pub struct PaperReport {
     pub matrix: Matrix,
     /// The device of each engine.
     pub devices: Vec<DeviceRecord>,
+    /// The calibration casts; `None` in records that have none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub calibration: Option<CalibrationRecord>,
+    /// Engines that were slowed on purpose. Such a record says nothing about the engine.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub slowed: Vec<Slowed>,
     /// The scenes, in the order of the matrix.
     pub scenes: Vec<SceneReport>,
     /// What was not measured, and why.
@@ -125,6 +133,9 @@ pub struct Table1Row {
     pub normal_error: f64,
     /// Seconds from the mesh in memory to the octree in memory.
     pub seconds: f64,
+    /// SHA-256 of the image in hexadecimal digits; empty in records that have none.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub image_sha256: String,
     /// Bytes of the image: what a caster needs in memory.
     pub bytes: u64,
     /// All voxels, leaves and others.

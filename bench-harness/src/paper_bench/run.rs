@@ -9,6 +9,7 @@ use esvo_core::{CastError, DeviceKind, View};
 use esvo_engines::{EngineId, OpenOptions};
 use esvo_format::Octree;
 
+use crate::calibration::Calibrator;
 use crate::matrix_parts::{LeftOut, SceneLevels};
 use crate::output::NamedPicture;
 use crate::paper_bench::filter_row::FilterRow;
@@ -19,7 +20,8 @@ use crate::paper_bench::measure;
 use crate::paper_bench::measure::{ExactViews, TriangleTruth};
 use crate::paper_bench::pair::{CHECK_SIZE, EnginePair, OctreePair};
 use crate::paper_bench::report::{DeviceRecord, PaperOutcome, PaperReport, SCHEMA, SceneReport, Table1Row};
-use crate::paper_bench::timed_row::TimedRow;
+use crate::paper_bench::slowed::Slowed;
+use crate::paper_bench::timed_row::{Subjects, TimedRow};
 use crate::scene::{self, Scene};
 use crate::system::clock::Clock;
 use crate::system::machine::Machine;
@@ -38,6 +40,8 @@ pub struct PaperBenchOptions {
     pub manifest: Option<PathBuf>,
     /// Threads of the CPU caster; `None`: one per core.
     pub threads: Option<usize>,
+    /// Engines that are slowed on purpose: the negative control of [`compare`](crate::compare).
+    pub slowed: Vec<Slowed>,
 }
 
 impl PaperBenchOptions {
@@ -70,12 +74,13 @@ pub fn run_paper_bench(options: &PaperBenchOptions, progress: &Progress) -> Resu
     };
     let machine = Machine::detect();
     let devices = runner.find_devices();
+    let calibrator = Calibrator::new(options.threads)?;
     let mut scenes = Vec::new();
     for (index, (wanted, entry)) in wanted.iter().enumerate() {
         let clock = clock.share(options.matrix.scenes.len() - index);
         progress.say(format!("{}: reading the mesh", entry.name));
         let scene = Scene::load(entry, options.scenes_dir.as_deref(), options.matrix.views)?;
-        scenes.push(runner.scene(wanted, &scene, &clock)?);
+        scenes.push(runner.scene(wanted, &scene, &calibrator, &clock)?);
     }
     let PaperRun { left_out, pictures, .. } = runner;
     let report = PaperReport {
@@ -83,6 +88,8 @@ pub fn run_paper_bench(options: &PaperBenchOptions, progress: &Progress) -> Resu
         machine,
         matrix: options.matrix.clone(),
         devices,
+        calibration: Some(calibrator.record()),
+        slowed: options.slowed.clone(),
         scenes,
         left_out,
         seconds: clock.elapsed(),
@@ -138,7 +145,13 @@ impl PaperRun<'_> {
         devices
     }
 
-    fn scene(&mut self, wanted: &SceneLevels, scene: &Scene, clock: &Clock) -> Result<SceneReport, BenchError> {
+    fn scene(
+        &mut self,
+        wanted: &SceneLevels,
+        scene: &Scene,
+        calibrator: &Calibrator,
+        clock: &Clock,
+    ) -> Result<SceneReport, BenchError> {
         let mut report = SceneReport {
             name: scene.name.clone(),
             mesh: scene.variant,
@@ -227,7 +240,7 @@ impl PaperRun<'_> {
             mesh = LevelMesh::new(scene, pair.levels)?;
         }
         self.pictures(scene, &pair, &mesh, &mut report)?;
-        self.cast(scene, &pair, &mesh, clock, &mut report)?;
+        self.cast(scene, &pair, &mesh, calibrator, clock, &mut report)?;
         Ok(report)
     }
 
@@ -328,6 +341,7 @@ impl PaperRun<'_> {
         scene: &Scene,
         pair: &OctreePair,
         mesh: &LevelMesh,
+        calibrator: &Calibrator,
         clock: &Clock,
         report: &mut SceneReport,
     ) -> Result<(), BenchError> {
@@ -403,7 +417,13 @@ impl PaperRun<'_> {
             }
             let matrix = &self.options.matrix;
             let what = format!("{}: timing {}x{}", scene.name, size[0], size[1]);
-            report.times.extend(row.time(&mut engines, &mesh.triangles, matrix, &clock, self.progress, &what)?);
+            let mut subjects = Subjects {
+                engines: &mut engines,
+                triangles: &mesh.triangles,
+                calibrator,
+                slowed: &self.options.slowed,
+            };
+            report.times.extend(row.time(&mut subjects, matrix, &clock, self.progress, &what)?);
             let sound: Vec<usize> = (0..engines.len())
                 .filter(|&e| report.check(engines[e].backend, Variant::Beam).is_some_and(|c| c.agreement.passed()))
                 .collect();

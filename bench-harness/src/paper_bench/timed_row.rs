@@ -1,16 +1,28 @@
 //! One row of Table 2: timing everything that is cast at one picture size.
 
-use esvo_core::View;
+use std::time::Duration;
+
 use esvo_core::exact::CameraRays;
+use esvo_core::{CastError, View};
 use esvo_cpu::triangles::TriangleScene;
 use esvo_engines::EngineId;
 
+use crate::calibration::{Calibrator, GuardRound};
 use crate::paper_bench::matrix::{Matrix, Variant};
 use crate::paper_bench::pair::EnginePair;
 use crate::paper_bench::report::TimeCell;
+use crate::paper_bench::slowed::Slowed;
 use crate::system::clock::Clock;
 use crate::timing::{Samples, Spread};
 use crate::{BenchError, Progress};
+
+/// What is timed, and with what.
+pub(crate) struct Subjects<'a> {
+    pub(crate) engines: &'a mut [EnginePair],
+    pub(crate) triangles: &'a TriangleScene,
+    pub(crate) calibrator: &'a Calibrator,
+    pub(crate) slowed: &'a [Slowed],
+}
 
 /// One row of Table 2: a picture size, and everything that is cast at it.
 pub(crate) struct TimedRow {
@@ -46,11 +58,11 @@ impl TimedRow {
     }
 
     /// Times the row round by round: every cell casts every view once a round, so that drift hits all alike; every second
-    /// round goes backwards. When the clock runs out, the round that has begun is the last.
+    /// round goes backwards. Before each view and after a cell's last one, the calibrator casts. When the clock runs out, the round
+    /// that has begun is the last.
     pub(crate) fn time(
         mut self,
-        engines: &mut [EnginePair],
-        triangles: &TriangleScene,
+        subjects: &mut Subjects,
         matrix: &Matrix,
         clock: &Clock,
         progress: &Progress,
@@ -69,11 +81,12 @@ impl TimedRow {
             let order: Box<dyn Iterator<Item = &mut TimedCell>> =
                 if round % 2 == 0 { Box::new(self.cells.iter_mut()) } else { Box::new(self.cells.iter_mut().rev()) };
             for cell in order {
-                cell.round(engines, triangles, round >= matrix.warm_up)?;
+                cell.round(subjects, round >= matrix.warm_up)?;
             }
         }
         let pixels = u64::from(self.size[0]) * u64::from(self.size[1]);
         let size = self.size;
+        let Subjects { engines, triangles, .. } = subjects;
         let finish = |cell: TimedCell| TimeCell {
             backend: cell.engine.map_or(EngineId::Cpu, |e| engines[e].backend),
             variant: cell.variant,
@@ -94,34 +107,44 @@ impl TimedRow {
 }
 
 impl TimedCell {
-    fn round(&mut self, engines: &mut [EnginePair], triangles: &TriangleScene, keep: bool) -> Result<(), BenchError> {
+    fn round(&mut self, subjects: &mut Subjects, keep: bool) -> Result<(), BenchError> {
         let (mut total, mut coarse) = (Vec::new(), Vec::new());
-        match self.engine {
-            None => total.extend(self.rays.iter().map(|r| triangles.time(r).as_secs_f64())),
-            Some(engine) if self.variant == Variant::Triangles => {
-                let id = engines[engine].backend;
-                for rays in &self.rays {
-                    let Some(caster) = &mut engines[engine].triangles else { continue };
-                    let time = caster.time(rays).map_err(|source| BenchError::Cast { engine: id, source })?;
-                    total.push(time.as_secs_f64());
-                }
-            }
-            Some(engine) => {
-                let id = engines[engine].backend;
-                let caster = engines[engine].caster(self.variant);
-                for view in &self.views {
-                    let time = caster.time(view).map_err(|source| BenchError::Cast { engine: id, source })?;
-                    total.push(time.total.as_secs_f64());
-                    coarse.push(time.coarse.as_secs_f64());
-                }
-            }
+        let mut guard = GuardRound::start(subjects.calibrator);
+        for index in 0..self.rays.len().max(self.views.len()) {
+            let (seconds, coarse_seconds) = guard.frame(|| self.frame(subjects, index))?;
+            guard.calibrate(subjects.calibrator);
+            total.push(seconds);
+            coarse.push(coarse_seconds);
         }
         if keep {
             self.samples.seconds.push(total);
+            self.samples.guard.push(guard);
             if self.variant == Variant::Beam {
                 self.samples.coarse_seconds.push(coarse);
             }
         }
         Ok(())
+    }
+
+    /// Seconds of the frame of a view, and of its coarse pass.
+    fn frame(&self, subjects: &mut Subjects, index: usize) -> Result<(f64, f64), BenchError> {
+        let id = self.engine.map_or(EngineId::Cpu, |engine| subjects.engines[engine].backend);
+        let percent = Slowed::percent_of(subjects.slowed, id);
+        let mut coarse = Duration::ZERO;
+        let total = Slowed::time(percent, subjects.calibrator.pool(), || match self.engine {
+            // On as many threads as the octrees' caster.
+            None => Ok(subjects.calibrator.pool().install(|| subjects.triangles.time(&self.rays[index]))),
+            Some(engine) if self.variant == Variant::Triangles => match &mut subjects.engines[engine].triangles {
+                Some(caster) => caster.time(&self.rays[index]),
+                None => Err(CastError::Device("its triangles were not loaded".into())),
+            },
+            Some(engine) => {
+                let time = subjects.engines[engine].caster(self.variant).time(&self.views[index])?;
+                coarse = time.coarse;
+                Ok(time.total)
+            }
+        });
+        let total = total.map_err(|source| BenchError::Cast { engine: id, source })?;
+        Ok((total.as_secs_f64(), coarse.as_secs_f64()))
     }
 }

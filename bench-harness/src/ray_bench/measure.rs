@@ -12,8 +12,10 @@ use esvo_format::Octree;
 
 use super::sets::{self, Set};
 use super::{Cell, EngineRow, RayBenchOptions, RayReport, SCHEMA};
+use crate::calibration::{Calibrator, GuardRound, GuardSamples};
 use crate::paper_bench::check::Agreement;
 use crate::scene::{self, Scene};
+use crate::sweep_bench::image_key;
 use crate::system::machine::Machine;
 use crate::{BenchError, Progress};
 
@@ -62,12 +64,13 @@ pub fn run_ray_bench(options: &RayBenchOptions, progress: &Progress) -> Result<R
     });
     let sets = sets.map_err(|e| failed(e.to_string()))?;
 
+    let calibrator = Calibrator::new(options.threads)?;
     let mut engines = open(options);
     for engine in &mut engines {
         progress.say(format!("comparing {}", engine.row.name));
         engine.compare(&octree, &sets, &object);
     }
-    time(options, &mut engines, &sets, &object, progress);
+    time(options, &mut engines, &sets, &object, &calibrator, progress);
     Ok(RayReport {
         schema: SCHEMA,
         machine: Machine::detect(),
@@ -78,6 +81,8 @@ pub fn run_ray_bench(options: &RayBenchOptions, progress: &Progress) -> Result<R
         voxels: esvo_format::stats(&octree).voxels,
         view: scene.views[0].name.clone(),
         size: options.size,
+        image_sha256: image_key(&octree),
+        calibration: Some(calibrator.record()),
         sets: sets.into_iter().map(|set| set.row).collect(),
         engines: engines.into_iter().map(|engine| engine.row).collect(),
         seconds: start.elapsed().as_secs_f64(),
@@ -113,7 +118,11 @@ impl Running {
     /// Loads the octree, and compares every set with the reference.
     fn compare(&mut self, octree: &Arc<Octree>, sets: &[Set], object: &Object) {
         let allowed = self.id.allowed();
-        let cell = |found: Comparison| Cell { agreement: Agreement::new(found, allowed), seconds: Vec::new() };
+        let cell = |found: Comparison| Cell {
+            agreement: Agreement::new(found, allowed),
+            seconds: Vec::new(),
+            guard: GuardSamples::default(),
+        };
         self.try_with(|caster, cells| {
             caster.load(octree)?;
             for set in sets {
@@ -136,8 +145,15 @@ impl Running {
     }
 }
 
-/// Times round by round, so that drift hits all engines alike.
-fn time(options: &RayBenchOptions, engines: &mut [Running], sets: &[Set], object: &Object, progress: &Progress) {
+/// Times round by round, so that drift hits all engines alike. The calibrator casts before and after each set.
+fn time(
+    options: &RayBenchOptions,
+    engines: &mut [Running],
+    sets: &[Set],
+    object: &Object,
+    calibrator: &Calibrator,
+    progress: &Progress,
+) {
     let start = Instant::now();
     let mut hits = Vec::new();
     for round in 0.. {
@@ -148,9 +164,12 @@ fn time(options: &RayBenchOptions, engines: &mut [Running], sets: &[Set], object
         for engine in &mut *engines {
             engine.try_with(|caster, cells| {
                 for (set, cell) in sets.iter().zip(cells) {
+                    let mut guard = GuardRound::start(calibrator);
                     let start = Instant::now();
-                    set.cast(caster, object, &mut hits)?;
+                    guard.frame(|| set.cast(caster, object, &mut hits))?;
                     cell.seconds.push(start.elapsed().as_secs_f64());
+                    guard.calibrate(calibrator);
+                    cell.guard.push(guard);
                 }
                 Ok(())
             });

@@ -12,6 +12,7 @@ use esvo_core::Device;
 use esvo_engines::EngineId;
 use serde::{Deserialize, Serialize};
 
+use crate::calibration::{CalibrationRecord, GuardSamples};
 use crate::output::to_json;
 use crate::paper_bench::check::Agreement;
 use crate::system::machine::Machine;
@@ -82,6 +83,12 @@ pub struct RayReport {
     pub view: String,
     /// Size of the picture.
     pub size: [u32; 2],
+    /// SHA-256 of the octree's image in hexadecimal digits; empty in records that have none.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub image_sha256: String,
+    /// The calibration casts; `None` in records that have none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub calibration: Option<CalibrationRecord>,
     /// What is cast. The picture is the first.
     pub sets: Vec<SetRow>,
     /// The engines.
@@ -136,6 +143,9 @@ pub struct Cell {
     pub agreement: Agreement,
     /// Seconds from the call to the last hit in memory, in the order of the rounds.
     pub seconds: Vec<f64>,
+    /// Calibration casts and processor times; empty in records that have none.
+    #[serde(default, skip_serializing_if = "GuardSamples::is_empty")]
+    pub guard: GuardSamples,
 }
 
 impl Cell {

@@ -16,6 +16,7 @@ use super::plan::SweepPlan;
 use super::record::{ExactKind, SCHEMA, SceneSweep, SweepReport};
 use super::run::{casts, open};
 use super::subject::{Sample, Subject, Truth, row};
+use crate::calibration::Calibrator;
 use crate::matrix_parts::SceneLevels;
 use crate::scene::{self, NamedView, Scene};
 use crate::system::machine::Machine;
@@ -70,6 +71,7 @@ pub fn run_file_sweep(
     }
     let row = row(octree, levels, has_contours, None);
     let samples = vec![Sample { octree: octree.clone(), row: row.clone(), casts: settings }];
+    let calibrator = Calibrator::new(options.threads)?;
     let rounds = Rounds { timed: plan.rounds, warm_up: plan.warm_up, threads: options.threads };
 
     let scene = match &options.scene {
@@ -108,13 +110,14 @@ pub fn run_file_sweep(
         _ => Truth::Leaves,
     };
     let mut subject = Subject::new(&record.name, samples, &record.views, plan.size, truth, &options.cache);
-    let cells = measure(&mut subject, &engines, &rounds, progress, &mut left_out)?;
+    let cells = measure(&mut subject, &engines, &rounds, &calibrator, progress, &mut left_out)?;
     record.cells = cells;
     Ok(SweepReport {
         schema: SCHEMA,
         machine,
         plan,
         devices,
+        calibration: Some(calibrator.record()),
         scenes: vec![record],
         left_out,
         seconds: start.elapsed().as_secs_f64(),

@@ -12,6 +12,7 @@ use rayon::prelude::*;
 use super::exact::Errors;
 use super::record::{Cell, CellError};
 use super::subject::{Sample, Subject, Truth};
+use crate::calibration::{Calibrator, GuardRound, GuardSamples};
 use crate::matrix_parts::LeftOut;
 use crate::paper_bench::check::Agreement;
 use crate::{BenchError, Progress};
@@ -60,6 +61,7 @@ pub(crate) fn measure(
     subject: &mut Subject,
     engines: &[SweptEngine],
     rounds: &Rounds,
+    calibrator: &Calibrator,
     progress: &Progress,
     left_out: &mut Vec<LeftOut>,
 ) -> Result<Vec<Cell>, BenchError> {
@@ -74,7 +76,7 @@ pub(crate) fn measure(
         compare(subject, index, engines, rounds, left_out, &mut loaded, &mut running)?;
     }
     running.extend(compare_triangles(subject)?);
-    time(subject, rounds, progress, &mut loaded, &mut running)?;
+    time(subject, rounds, calibrator, progress, &mut loaded, &mut running)?;
     let mut cells: Vec<Cell> = running.into_iter().map(|running| running.cell).collect();
     cells.sort_by_key(|cell| (cell.octree.is_none(), cell.engine));
     Ok(cells)
@@ -149,6 +151,7 @@ fn compare(
                     agreement: Some(Agreement::new(all, engine.id.allowed())),
                     error,
                     seconds: Vec::new(),
+                    guard: GuardSamples::default(),
                 },
                 loaded: Some(loaded.len() - 1),
                 views: views[cast].clone(),
@@ -219,21 +222,21 @@ fn compare_triangles(subject: &mut Subject) -> Result<Option<Running>, BenchErro
         agreement: None,
         error: errors.finish(),
         seconds: Vec::new(),
+        guard: GuardSamples::default(),
     };
     Ok(Some(Running { cell, loaded: None, views: Vec::new(), exact }))
 }
 
 /// Times round by round: every setting casts every view once a round, so that drift hits all alike; every second round goes
-/// backwards. Settings whose hits are wrong are not timed.
+/// backwards. The calibrator casts before and after each setting. Settings whose hits are wrong are not timed.
 fn time(
     subject: &Subject,
     rounds: &Rounds,
+    calibrator: &Calibrator,
     progress: &Progress,
     loaded: &mut [Loaded],
     running: &mut [Running],
 ) -> Result<(), BenchError> {
-    let pool = rounds.threads.map(|threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build());
-    let pool = pool.transpose().map_err(|e| subject.failed(e))?;
     let all = rounds.warm_up + rounds.timed;
     for round in 0..all {
         let what = format!("{}: timing", subject.name);
@@ -242,20 +245,22 @@ fn time(
             if round % 2 == 0 { Box::new(running.iter_mut()) } else { Box::new(running.iter_mut().rev()) };
         for running in order.filter(|running| running.cell.passed()) {
             let mut seconds = Vec::new();
+            let mut guard = GuardRound::start(calibrator);
             match (running.loaded, &subject.truth) {
                 (Some(index), _) => {
                     let caster = &mut loaded[index].caster;
                     for view in &running.views {
                         let engine = running.cell.engine;
-                        let time = caster.time(view).map_err(|source| BenchError::Cast { engine, source })?;
+                        let time = guard.frame(|| caster.time(view));
+                        let time = time.map_err(|source| BenchError::Cast { engine, source })?;
                         seconds.push(time.total.as_secs_f64());
                     }
                 }
                 (None, Truth::Triangles { triangles, .. }) => {
                     for exact in &running.exact {
                         let rays = subject.exact(*exact).rays();
-                        let time = || triangles.time(rays);
-                        let time = pool.as_ref().map_or_else(time, |pool| pool.install(time));
+                        // On as many threads as the octrees' caster.
+                        let time = guard.frame(|| calibrator.pool().install(|| triangles.time(rays)));
                         seconds.push(time.as_secs_f64());
                     }
                 }
@@ -263,6 +268,8 @@ fn time(
             }
             if round >= rounds.warm_up {
                 running.cell.seconds.push(seconds);
+                guard.calibrate(calibrator);
+                running.cell.guard.push(guard);
             }
         }
     }
@@ -308,9 +315,14 @@ mod tests {
         let mut subject = Subject::new("ball", samples, &views, [80, 60], truth, &cache);
         let engines = [SweptEngine { id: EngineId::Cpu, subset: false }];
         let rounds = Rounds { timed: 2, warm_up: 0, threads: None };
-        let cells = measure(&mut subject, &engines, &rounds, &Progress::hidden(), &mut Vec::new()).unwrap();
+        let calibrator = Calibrator::new(None).unwrap();
+        let cells =
+            measure(&mut subject, &engines, &rounds, &calibrator, &Progress::hidden(), &mut Vec::new()).unwrap();
         let good = cells[0].error;
-        assert!(cells.len() == 2 && cells.iter().all(|c| c.passed() && c.seconds.len() == 2));
+        assert!(
+            cells.len() == 2
+                && cells.iter().all(|c| c.passed() && c.seconds.len() == 2 && c.guard.calibration_seconds.len() == 2)
+        );
 
         let views = subject.views_of(&octree, &cast).unwrap();
         let exact = subject.find_exact(&octree, &views).unwrap();
@@ -334,7 +346,7 @@ mod tests {
         let mut running =
             vec![Running { cell: Cell { error: strange, ..cells[0].clone() }, loaded: Some(0), views, exact }];
         running[0].cell.seconds.clear();
-        time(&subject, &rounds, &Progress::hidden(), &mut [], &mut running).unwrap();
+        time(&subject, &rounds, &calibrator, &Progress::hidden(), &mut [], &mut running).unwrap();
         assert!(running[0].cell.seconds.is_empty() && !running[0].cell.passed());
     }
 }

@@ -5,6 +5,7 @@ use esvo_scenes::SceneVariant;
 use serde::{Deserialize, Serialize};
 
 use super::plan::SweepPlan;
+use crate::calibration::{CalibrationRecord, GuardSamples};
 use crate::error::depth::Summary;
 use crate::matrix_parts::LeftOut;
 use crate::output::to_json;
@@ -28,6 +29,9 @@ pub struct SweepReport {
     pub plan: SweepPlan,
     /// The engines that were opened.
     pub devices: Vec<DeviceRecord>,
+    /// The calibration casts; `None` in records that have none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub calibration: Option<CalibrationRecord>,
     /// The scenes, in the order of the plan.
     pub scenes: Vec<SceneSweep>,
     /// What was not measured, and why.
@@ -117,6 +121,9 @@ pub struct Cell {
     pub error: CellError,
     /// Both passes of every frame in seconds: `seconds[round][view]`. Empty if the hits were wrong.
     pub seconds: Vec<Vec<f64>>,
+    /// Calibration casts and processor times; empty in records that have none.
+    #[serde(default, skip_serializing_if = "GuardSamples::is_empty")]
+    pub guard: GuardSamples,
 }
 
 /// The error of a setting against the exact answer, over all views.

@@ -13,6 +13,7 @@ use super::measure::{Rounds, SOFTWARE_SUBSET, SweptEngine, measure};
 use super::plan::SweepPlan;
 use super::record::{ExactKind, SCHEMA, SceneSweep, SweepReport};
 use super::subject::{Sample, Subject, Truth, build_all};
+use crate::calibration::Calibrator;
 use crate::matrix_parts::{LeftOut, SceneLevels};
 use crate::paper_bench::report::DeviceRecord;
 use crate::scene::{self, Scene};
@@ -52,15 +53,17 @@ pub fn run_sweep_bench(options: &SweepBenchOptions, progress: &Progress) -> Resu
         .collect::<Result<Vec<_>, BenchError>>()?;
     let mut left_out = Vec::new();
     let (devices, engines) = open(&options.plan, options.threads, options.all_on_software, &mut left_out);
+    let calibrator = Calibrator::new(options.threads)?;
     let mut scenes = Vec::new();
     for (wanted, entry) in wanted {
-        scenes.push(sweep(options, wanted, entry, &engines, progress, &mut left_out)?);
+        scenes.push(sweep(options, wanted, entry, &engines, &calibrator, progress, &mut left_out)?);
     }
     Ok(SweepReport {
         schema: SCHEMA,
         machine,
         plan: options.plan.clone(),
         devices,
+        calibration: Some(calibrator.record()),
         scenes,
         left_out,
         seconds: start.elapsed().as_secs_f64(),
@@ -104,6 +107,7 @@ fn sweep(
     wanted: &SceneLevels,
     entry: &SceneEntry,
     engines: &[SweptEngine],
+    calibrator: &Calibrator,
     progress: &Progress,
     left_out: &mut Vec<LeftOut>,
 ) -> Result<SceneSweep, BenchError> {
@@ -123,7 +127,7 @@ fn sweep(
     let truth = Truth::Triangles { mesh, triangles: &triangles, key: &key };
     let mut subject = Subject::new(&scene.name, samples, &scene.views, plan.size, truth, &options.cache);
     let rounds = Rounds { timed: plan.rounds, warm_up: plan.warm_up, threads: options.threads };
-    let cells = measure(&mut subject, engines, &rounds, progress, left_out)?;
+    let cells = measure(&mut subject, engines, &rounds, calibrator, progress, left_out)?;
     let octrees = subject.samples.iter().map(|sample| sample.row.clone()).collect();
     Ok(SceneSweep {
         name: scene.name.clone(),

@@ -6,6 +6,7 @@ use esvo_scenes::SceneVariant;
 
 use super::plan::SweepPlan;
 use super::record::{Cell, CellError, ExactKind, OctreeRow, SCHEMA, SceneSweep, SweepReport};
+use crate::calibration::GuardSamples;
 use crate::error::depth::Summary;
 use crate::paper_bench::report::DeviceRecord;
 use crate::system::machine::Machine;
@@ -25,6 +26,7 @@ pub(crate) fn cell(octree: usize, beam: bool, pixels: f32, [p90, flip]: [f64; 2]
         agreement: None,
         error: CellError { rays: 100, both_hit: 90, pixels: summary, scene: summary, flip, ..CellError::default() },
         seconds,
+        guard: GuardSamples::default(),
     }
 }
 
@@ -60,6 +62,7 @@ pub(crate) fn report(cells: Vec<Cell>) -> SweepReport {
             kind: DeviceKind::Cpu,
             detail: "2 threads".into(),
         }],
+        calibration: None,
         scenes: vec![SceneSweep {
             name: "SIBENIK".into(),
             mesh: SceneVariant::Real,

@@ -48,6 +48,8 @@ pub(crate) fn fake_report() -> PaperReport {
             device(EngineId::Ash, "Example GPU", DeviceKind::Gpu, "driver 2"),
         ],
         scenes: vec![scene("SIBENIK", SceneVariant::Real, 1.0), scene("HAIRBALL", SceneVariant::StandIn, 2.0)],
+        calibration: None,
+        slowed: Vec::new(),
         left_out: vec![LeftOut { what: "SIBENIK-D".into(), reason: "displacement is not supported yet".into() }],
         seconds: 123.4,
     }
@@ -95,6 +97,7 @@ fn scene(name: &str, mesh: SceneVariant, factor: f64) -> SceneReport {
                 color_error: 16.0,
                 normal_error: 0.01,
                 seconds: 1.25 * factor * f64::from(levels),
+                image_sha256: String::new(),
                 bytes: voxels * 8,
                 voxels,
                 leaves: voxels * 3 / 4,
@@ -171,10 +174,8 @@ fn scene(name: &str, mesh: SceneVariant, factor: f64) -> SceneReport {
 fn times(backend: EngineId, variant: Variant, mrays: f64) -> Vec<TimeCell> {
     let cell = |size: [u32; 2]| {
         let rays = f64::from(size[0] * size[1]) / 1e6;
-        let samples = Samples {
-            seconds: [0.9, 1.0, 1.2].map(|slower| vec![rays / mrays * slower]).into(),
-            coarse_seconds: Vec::new(),
-        };
+        let samples =
+            Samples { seconds: [0.9, 1.0, 1.2].map(|slower| vec![rays / mrays * slower]).into(), ..Samples::default() };
         let rates = samples.mrays(u64::from(size[0] * size[1]));
         let levels = if variant == Variant::Triangles { 0 } else { 10 };
         TimeCell { backend, variant, levels, size, resident_bytes: 1 << 20, mrays: Spread::of(&rates), samples }

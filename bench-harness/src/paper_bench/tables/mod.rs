@@ -66,6 +66,12 @@ fn header(report: &PaperReport) -> Vec<String> {
     for device in &report.devices {
         lines.push(format!("{}: {}", device.backend.name(), device_title(device)));
     }
+    for slowed in &report.slowed {
+        lines.push(format!(
+            "SLOWED on purpose: {} takes {} % longer, to test esvo bench compare",
+            slowed.engine, slowed.percent
+        ));
+    }
     lines.extend(report.failures().map(|(scene, check)| {
         let a = &check.agreement;
         format!(

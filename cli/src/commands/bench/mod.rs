@@ -3,6 +3,7 @@
 pub(crate) mod build;
 pub(crate) mod cache;
 mod casting;
+pub(crate) mod compare;
 pub(crate) mod format;
 pub(crate) mod import;
 pub(crate) mod needs;
@@ -19,6 +20,7 @@ use clap::{Args, Subcommand};
 
 use crate::fail::Failure;
 use build::BenchBuildArguments;
+use compare::{BenchBlessArguments, BenchCompareArguments};
 use format::BenchFormatArguments;
 use import::BenchImportArguments;
 use needs::BenchNeedsArguments;
@@ -50,7 +52,7 @@ pub(crate) struct BenchArguments {
     tables: TablesArguments,
 }
 
-/// The other benchmarks.
+/// The other benchmarks, and what is done with their records.
 #[derive(Debug, Subcommand)]
 pub(crate) enum BenchCommand {
     Build(BenchBuildArguments),
@@ -62,6 +64,8 @@ pub(crate) enum BenchCommand {
     Needs(BenchNeedsArguments),
     Stability(BenchStabilityArguments),
     Sweep(BenchSweepArguments),
+    Compare(BenchCompareArguments),
+    Bless(BenchBlessArguments),
 }
 
 pub(crate) fn run_bench(arguments: &BenchArguments) -> Result<(), Failure> {
@@ -76,5 +80,7 @@ pub(crate) fn run_bench(arguments: &BenchArguments) -> Result<(), Failure> {
         Some(BenchCommand::Needs(arguments)) => needs::run_bench_needs(arguments),
         Some(BenchCommand::Stability(arguments)) => stability::run_bench_stability(arguments),
         Some(BenchCommand::Sweep(arguments)) => sweep::run_bench_sweep(arguments),
+        Some(BenchCommand::Compare(arguments)) => compare::run_bench_compare(arguments),
+        Some(BenchCommand::Bless(arguments)) => compare::run_bench_bless(arguments),
     }
 }

@@ -4,13 +4,13 @@ use std::path::PathBuf;
 
 use clap::Args;
 use esvo_bench::output::check_writable;
-use esvo_bench::paper_bench::{PaperBenchOptions, run_paper_bench, tables, write_paper_record};
+use esvo_bench::paper_bench::{PaperBenchOptions, Slowed, run_paper_bench, tables, write_paper_record};
 use esvo_bench::{Matrix, Progress};
 use esvo_engines::EngineId;
 
 use crate::commands::bench::selection::Selection;
 use crate::fail::{Failure, complain, print};
-use crate::values::{engine, parse_size};
+use crate::values::{engine, parse_size, parse_slowed};
 
 /// What `esvo bench` measures, and where its record goes.
 #[derive(Debug, Args)]
@@ -35,6 +35,9 @@ pub(crate) struct TablesArguments {
     /// Threads of the CPU caster
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
     pub(crate) threads: Option<u16>,
+    /// Make every time of an engine this many percent longer: the negative control of `esvo bench compare`
+    #[arg(long, value_name = "ENGINE=PERCENT", hide = true, value_parser = parse_slowed)]
+    pub(crate) slow: Vec<Slowed>,
     /// Folder in which the folder MACHINE/DATE/ is made
     #[arg(long, value_name = "FOLDER", default_value = "results")]
     pub(crate) out: PathBuf,
@@ -53,6 +56,7 @@ pub(crate) fn run_bench_tables(arguments: &TablesArguments) -> Result<(), Failur
         scenes_dir: selection.scenes_dir.clone(),
         manifest: selection.manifest.clone(),
         threads: arguments.threads.map(Into::into),
+        slowed: arguments.slow.clone(),
     };
     let progress = Progress::terminal();
     let outcome = run_paper_bench(&options, &progress);
