@@ -34,7 +34,7 @@
 //! - [`text`]: tables as text and Markdown. [`output`]: the only writer of records, tables and pictures.
 //! - [`ray_files`]: rays and hits in files, and comparing hits.
 //! - [`build_summary`]: what `esvo build --json` prints. `growth`: predicting the next level. `curve`: between
-//!   levels and beyond them. `units`: bytes.
+//!   levels and beyond them. `content_hash`: of octrees. `units`: bytes.
 //! - [`system`]: machine, clock, processes, temporary folders; the only reader of `/proc`.
 //! - [`BenchError`]: all errors. [`Progress`]: the line on the terminal.
 
@@ -43,6 +43,7 @@ pub mod build_bench;
 pub mod build_summary;
 pub mod calibration;
 pub mod compare;
+mod content_hash;
 mod curve;
 pub mod error;
 pub mod format_bench;

@@ -41,6 +41,11 @@ fn slow_down(report: &mut PaperReport, factor: f64) {
     report.scenes.iter_mut().flat_map(|scene| &mut scene.times).for_each(|cell| slow_cell(cell, factor));
 }
 
+fn other_mesh(report: &mut PaperReport) {
+    report.scenes[0].triangles += 1;
+    report.scenes[0].builds.iter_mut().for_each(|build| build.image_sha256 = "0".repeat(64));
+}
+
 #[test]
 fn a_second_run_of_the_same_program_passes() {
     let found = judge("again", |_| ());
@@ -63,7 +68,7 @@ fn a_run_that_is_slower_by_ten_percent_fails() {
     let found = compare(&before, &after, ["a", "b"], DEFAULT_THRESHOLD);
     assert!(found.passed() && found.count(Verdict::Faster) == found.cells.len());
 
-    for (factor, threshold, passes) in [(1.1, 5.0, false), (1.04, 5.0, true), (1.04, 3.0, false), (1.1, 15.0, true)] {
+    for (factor, threshold, passes) in [(1.1, 5.0, false), (1.04, 5.0, true), (1.08, 3.0, false), (1.1, 15.0, true)] {
         let mut after = report("before");
         slow_down(&mut after, factor);
         let found = compare(&report("before").measured(), &after.measured(), ["a", "b"], threshold);
@@ -93,22 +98,29 @@ fn a_run_under_load_passes_because_of_its_calibration() {
 
 #[test]
 fn what_is_something_else_is_incomparable() {
-    let octree = judge("again", |after| {
+    // Another mesh has other triangles and other octrees.
+    let mesh = judge("again", |after| {
         slow_down(after, 2.0);
+        other_mesh(after);
+    });
+    assert_eq!(mesh.count(Verdict::Incomparable), mesh.cells.len());
+    assert!(!mesh.passed(), "nothing was compared");
+    insta::assert_snapshot!("other_mesh", to_text(&mesh, false));
+    // Of another octree of the same mesh, the triangles are still compared.
+    let octree = judge("again", |after| {
+        slow_cell(&mut after.scenes[0].times[1], 2.0);
         after.scenes[0].builds.iter_mut().for_each(|build| build.image_sha256 = "0".repeat(64));
     });
-    assert_eq!(octree.count(Verdict::Incomparable), octree.cells.len());
-    assert!(!octree.passed(), "nothing was compared");
-    insta::assert_snapshot!("other_octree", to_text(&octree, false));
-    let reasons = |found: CompareReport| {
+    assert!(octree.passed() && octree.count(Verdict::Incomparable) == 1 && octree.count(Verdict::Same) == 1);
+    assert_eq!(octree.cells[1].reason, "other octree SHA-256");
+    let fewer_voxels = judge("again", |after| after.scenes[0].builds.iter_mut().for_each(|b| b.voxels = 1));
+    assert!(fewer_voxels.cells[1].reason.starts_with("other voxels: "), "{fewer_voxels:?}");
+
+    let has = |found: CompareReport, what: &str| {
         assert!(found.compared() == 0 && !found.passed());
-        found.cells.into_iter().map(|cell| cell.reason).collect::<Vec<_>>().join("\n")
-    };
-    let has = |found, what: &str| {
-        let reasons = reasons(found);
+        let reasons = found.cells.into_iter().map(|cell| cell.reason).collect::<Vec<_>>().join("\n");
         assert!(reasons.contains(what), "{reasons}");
     };
-    has(judge("again", |after| after.scenes[0].builds.iter_mut().for_each(|b| b.voxels += 1)), "other voxels: ");
     has(judge("again", |after| after.machine.threads = 64), "another machine: ");
     has(judge("again", |after| after.machine.cpu = "Another".into()), "another machine: ");
     has(judge("again", |after| after.machine.profile = "debug".into()), "another build: release and debug");
@@ -247,9 +259,9 @@ fn the_baseline_is_the_blessed_record_or_else_the_newest() {
     let none = find().unwrap_err().to_string();
     assert!(none.contains("esvo bench bless"), "{none}");
 
-    // Not candidates: another machine, other octrees, wrong answers, slowed, another benchmark, no record.
+    // Not candidates: another machine, another mesh, wrong answers, slowed, another benchmark, no record.
     put("m/machine/report.json", &|r| r.machine.threads = 64);
-    put("m/octree/report.json", &|r| r.scenes[0].builds.iter_mut().for_each(|b| b.image_sha256 = "0".into()));
+    put("m/mesh/report.json", &other_mesh);
     put("m/wrong/report.json", &|r| r.scenes[0].checks[0].agreement.different_voxel = 7);
     let slowed = put("m/slowed/report.json", &|r| r.slowed = report("slowed").slowed);
     std::fs::write(results.join("m/wrong/other.json"), "{}").unwrap();

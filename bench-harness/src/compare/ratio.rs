@@ -9,7 +9,6 @@
 use serde::Serialize;
 
 use crate::compare::measured::MeasuredCell;
-use crate::compare::verdicts::Verdict;
 
 /// Percent by which times have to differ if processor times do not: work that waits shows in these alone, and so do other programs.
 const WAIT_THRESHOLD: f64 = 30.0;
@@ -23,6 +22,38 @@ const LEAST_PAIRS: usize = 50;
 const RESAMPLES: usize = 200;
 /// Part of the resamples that is outside of the interval, on either side.
 const TAIL: f64 = 0.025;
+
+/// What is said of a cell.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Verdict {
+    /// No difference above the threshold that the spread allows to tell.
+    Same,
+    /// Slower in the second record.
+    Slower,
+    /// Faster in the second record.
+    Faster,
+    /// Only in the first record.
+    OnlyBefore,
+    /// Only in the second record.
+    OnlyAfter,
+    /// Something else was measured: `reason` says what differs.
+    Incomparable,
+}
+
+impl Verdict {
+    /// In tables.
+    pub fn title(self) -> &'static str {
+        match self {
+            Self::Same => "same",
+            Self::Slower => "SLOWER",
+            Self::Faster => "faster",
+            Self::OnlyBefore => "only before",
+            Self::OnlyAfter => "only after",
+            Self::Incomparable => "incomparable",
+        }
+    }
+}
 
 /// What was compared.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]

@@ -1,6 +1,7 @@
 //! What `esvo bench compare` prints.
 
-use crate::compare::verdicts::{CompareReport, ComparedCell, RunSummary, Verdict};
+use crate::compare::ratio::Verdict;
+use crate::compare::verdicts::{CompareReport, ComparedCell, RunSummary};
 use crate::text::{TextTable, or_dash, short};
 
 /// Aligned text for a terminal. Cells that did not move are listed only if `all` is set.

@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use crate::compare::measured::{MeasuredCell, MeasuredRun, RecordKind};
-use crate::compare::ratio::{Ratio, ratio};
+use crate::compare::ratio::{Ratio, Verdict, ratio};
 use crate::output::to_json;
 
 /// Version of the layout of [`CompareReport`]. Fields may be added without a new one.
@@ -49,38 +49,6 @@ pub struct RunSummary {
     pub commit: String,
     /// Start of the run, UTC.
     pub date: String,
-}
-
-/// What is said of a cell.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Verdict {
-    /// No difference above the threshold that the spread allows to tell.
-    Same,
-    /// Slower in the second record.
-    Slower,
-    /// Faster in the second record.
-    Faster,
-    /// Only in the first record.
-    OnlyBefore,
-    /// Only in the second record.
-    OnlyAfter,
-    /// Something else was measured: `reason` says what differs.
-    Incomparable,
-}
-
-impl Verdict {
-    /// In tables.
-    pub fn title(self) -> &'static str {
-        match self {
-            Self::Same => "same",
-            Self::Slower => "SLOWER",
-            Self::Faster => "faster",
-            Self::OnlyBefore => "only before",
-            Self::OnlyAfter => "only after",
-            Self::Incomparable => "incomparable",
-        }
-    }
 }
 
 /// A cell of either record.

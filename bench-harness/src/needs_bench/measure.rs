@@ -12,9 +12,9 @@ use esvo_format::Octree;
 
 use super::{Case, Cell, EngineRow, Needed, NeedsBenchOptions, NeedsReport, SCHEMA, Variant};
 use crate::calibration::{Calibrator, GuardRound, GuardSamples};
+use crate::content_hash::image_key;
 use crate::paper_bench::check::Agreement;
 use crate::scene::{self, Scene};
-use crate::sweep_bench::image_key;
 use crate::system::machine::Machine;
 use crate::{BenchError, Progress};
 

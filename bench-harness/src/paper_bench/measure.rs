@@ -14,6 +14,7 @@ use esvo_engines::EngineId;
 use esvo_format::Octree;
 
 use crate::build_summary::KindBytes;
+use crate::content_hash::image_key;
 use crate::error::depth::{DepthError, voxel_edges};
 use crate::error::image::image_error;
 use crate::paper_bench::check::{self, Agreement};
@@ -23,7 +24,6 @@ use crate::paper_bench::report::{CheckRow, ErrorRow, Table1Row};
 use crate::picture_bench::mesh_picture;
 use crate::scene::NamedView;
 use crate::scene::Scene;
-use crate::sweep_bench::image_key;
 use crate::{BenchError, Progress};
 
 /// Builds one octree of a scene.

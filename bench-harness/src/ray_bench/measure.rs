@@ -13,9 +13,9 @@ use esvo_format::Octree;
 use super::sets::{self, Set};
 use super::{Cell, EngineRow, RayBenchOptions, RayReport, SCHEMA};
 use crate::calibration::{Calibrator, GuardRound, GuardSamples};
+use crate::content_hash::image_key;
 use crate::paper_bench::check::Agreement;
 use crate::scene::{self, Scene};
-use crate::sweep_bench::image_key;
 use crate::system::machine::Machine;
 use crate::{BenchError, Progress};
 

@@ -13,6 +13,7 @@ use esvo_format::{Octree, write_atomically};
 use sha2::{Digest, Sha256};
 
 use crate::BenchError;
+use crate::content_hash::hex;
 
 /// Hash of the sources of builder, format, exact caster and textures, made when this program was built.
 const MAKERS: &str = env!("ESVO_MAKERS");
@@ -139,18 +140,6 @@ pub(crate) fn hits_key(mesh_key: &str, rays: &CameraRays) -> String {
     hash.finish()
 }
 
-/// SHA-256 of an octree's image in memory.
-pub fn image_key(octree: &Octree) -> String {
-    let mut hash = Sha256::new();
-    let mut bytes = Vec::with_capacity(8 << 12);
-    for slots in octree.slots().chunks(1 << 12) {
-        bytes.clear();
-        slots.iter().for_each(|slot| bytes.extend(slot.to_le_bytes()));
-        hash.update(&bytes);
-    }
-    hex(&hash.finalize())
-}
-
 /// A hash that text and numbers are written to.
 struct Hash(Sha256);
 
@@ -185,10 +174,6 @@ impl std::fmt::Write for Hash {
     }
 }
 
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|b| format!("{b:02x}")).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use std::sync::Arc;
@@ -196,6 +181,7 @@ mod tests {
     use esvo_builder::{Material, MipLevel, Texture, Wrap};
 
     use super::*;
+    use crate::content_hash::image_key;
 
     fn mesh() -> Mesh {
         let corners = vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.5]];

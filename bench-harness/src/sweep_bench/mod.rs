@@ -26,7 +26,8 @@ pub(crate) mod sample;
 mod subject;
 pub(crate) mod tables;
 
-pub use cache::{Cache, image_key};
+pub use crate::content_hash::image_key;
+pub use cache::Cache;
 pub use file_sweep::{FileSweepOptions, run_file_sweep};
 pub use output::{read_sweep_record, write_sweep_record};
 pub use plan::SweepPlan;

@@ -9,9 +9,10 @@ use esvo_core::{CastError, CastOptions, Object, View};
 use esvo_cpu::triangles::TriangleScene;
 use esvo_format::Octree;
 
-use super::cache::{Cache, image_key, octree_key};
+use super::cache::{Cache, octree_key};
 use super::exact::ExactView;
 use super::record::OctreeRow;
+use crate::content_hash::image_key;
 use crate::growth::predict;
 use crate::matrix_parts::LeftOut;
 use crate::paper_bench::levels::{GROWTH, PEAK};
