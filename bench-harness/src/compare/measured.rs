@@ -90,6 +90,8 @@ impl Measured for PaperReport {
                 }
                 if time.variant == Variant::Triangles {
                     same.extend(mesh(&scene.identity, scene.triangles));
+                    let displaced = scene.builds.iter().rev().find_map(|build| build.displaced_triangles);
+                    same.extend(displaced.map(|count| ("displaced triangles", count.to_string())));
                 } else if let Some(build) = scene.build(time.variant != Variant::Cubical, time.levels) {
                     same.extend(octree(&build.image_sha256));
                     same.extend([("voxels", build.voxels.to_string()), ("bytes", build.bytes.to_string())]);
