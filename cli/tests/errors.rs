@@ -335,7 +335,7 @@ fn a_full_standard_output_is_an_error_and_a_closed_one_is_not() {
 fn benches_that_cannot_be_run() {
     let folder = Folder::new();
     folder.fails(&["bench", "--scenes", "teapot"], 1, "the scenes are");
-    folder.fails(&["bench", "--scenes", "sibenik-d"], 1, "not supported");
+    folder.fails(&["bench", "--scenes", "sibenik-d"], 1, "it has no stand-in");
     folder.fails(&["bench", "--scenes-dir", "absent"], 1, "absent");
     folder.fails(&["bench", "--matrix", "absent.toml"], 1, "absent.toml");
     folder.put("bad.toml", "name = \"bad\"\nviews = \"two\"\n");
