@@ -4,11 +4,12 @@
 //! ```text
 //! git show 357f175:backends/core/kernels/cast.wgsl > old.wgsl
 //! cargo run --release -p esvo-engines --features wgpu,ash --example kernels -- \
-//!     [--engines wgpu,ash] [--rounds N] [--size 1024x768] [--experiments] old=old.wgsl sibenik=sibenik.esvo ...
+//!     [--engines wgpu,ash] [--rounds N] [--size 1024x768] [--experiments | --only NAME,NAME] \
+//!     old=old.wgsl sibenik=sibenik.esvo ...
 //! ```
 //!
-//! Measured are the kernel that is built in, as the engines use it on this device, the [`EXPERIMENTS`] with `--experiments`, and
-//! each `NAME=FILE.wgsl`: a kernel without its prelude, with the octree in buffers. `SCENE=FILE.esvo` is a scene of the built-in manifest and an octree of it. Every viewpoint of the manifest is cast with contours, with contours and
+//! Measured are the kernel that is built in, as the engines use it on this device, the [`EXPERIMENTS`] with `--experiments` or those of
+//! them that `--only` names, and each `NAME=FILE.wgsl`: a kernel without its prelude, with the octree in buffers. `SCENE=FILE.esvo` is a scene of the built-in manifest and an octree of it. Every viewpoint of the manifest is cast with contours, with contours and
 //! beam, and with cubes; rays end at voxels of one pixel. All kernels of all engines cast each view in turn in every round. Printed
 //! is a table of million rays per second over all viewpoints, by the least time of each view in the rounds: by the device's own clock, or of
 //! processor time where the device is a driver that runs on the processor, so that other work on the machine does not count. With the
@@ -174,16 +175,98 @@ fn cast_ray(ray: Ray) -> Hit {",
             ),
         ],
     ),
+    (
+        // Before the corners of its 16 x 16 blocks, a workgroup casts those of blocks four times as wide, and starts there. Workgroups
+        // overlap: a quarter more rays.
+        "two-level beam",
+        None,
+        Some((16, 16)),
+        &[
+            (
+                "@compute @workgroup_size(WIDTH * HEIGHT)
+fn coarse_pass(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
+    let at = place(group, local);
+    if at.x >= coarse_columns() || at.y >= coarse_rows() {
+        return;
+    }
+    let corner = (vec2<f32>(at) - vec2<f32>(1.0)) * f32(BEAM_BLOCK);
+    var ray: Ray;
+    ray.root = view.root;
+    ray.origin = view.origin;
+    ray.direction = direction_through(corner.x, corner.y);
+    ray.t_min = view.t_near;
+",
+                "var<workgroup> wide: array<f32, 64>;
+fn coarse_start(corner: vec2<f32>, block: f32, t_min: f32) -> f32 {
+    var ray: Ray;
+    ray.root = view.root;
+    ray.origin = view.origin;
+    ray.direction = direction_through(corner.x, corner.y);
+    ray.t_min = t_min;
+    ray.t_max = bitcast<f32>(0x7f7fffffu);
+    ray.size_per_t = view.pixel_size * (block * COARSE_VOXEL_BLOCKS);
+    let hit = cast_ray(ray);
+    if hit.voxel == MISS_VOXEL {
+        return 1.0;
+    }
+    let size = bitcast<f32>(((hit.voxel >> 8u) + 104u) << 23u);
+    return max(mad(size * -SQRT_3, view.t_per_depth, hit.raw_t), view.t_near);
+}
+
+@compute @workgroup_size(WIDTH * HEIGHT)
+fn coarse_pass(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
+    let block = f32(BEAM_BLOCK);
+    if local < 64u {
+        let corner = 4.0 * vec2<f32>(group.xy) + vec2<f32>(vec2<u32>(local % 8u, local / 8u)) - 2.0;
+        wide[local] = coarse_start(corner * (4.0 * block), 4.0 * block, view.t_near);
+    }
+    workgroupBarrier();
+    let at = place(group, local);
+    if at.x >= coarse_columns() || at.y >= coarse_rows() {
+        return;
+    }
+    let within = (at - 16u * group.xy + 3u) / 4u;
+    var t_min = 1.0;
+    for (var k = 0u; k < 16u; k++) {
+        t_min = min(t_min, wide[(within.y + k / 4u) * 8u + within.x + k % 4u]);
+    }
+    coarse_out[at.y * coarse_columns() + at.x] = coarse_start((vec2<f32>(at) - 1.0) * block, block, t_min);
+}
+",
+            ),
+            (
+                "    ray.t_max = bitcast<f32>(0x7f7fffffu);
+    ray.size_per_t = view.pixel_size * (f32(BEAM_BLOCK) * COARSE_VOXEL_BLOCKS);
+    let hit = cast_ray(ray);
+    var start = 1.0;
+    if hit.voxel != MISS_VOXEL {
+        let size = bitcast<f32>(((hit.voxel >> 8u) + 104u) << 23u);
+        start = max(mad(size * -SQRT_3, view.t_per_depth, hit.raw_t), view.t_near);
+    }
+    coarse_out[at.y * coarse_columns() + at.x] = start;
+}
+",
+                "",
+            ),
+        ],
+    ),
 ];
 
-/// The built-in kernel and, with `experiments`, the others.
-fn kernels(experiments: bool) -> Result<Vec<Kernel>, Error> {
+/// The built-in kernel and, with `--experiments`, the others; with `--only`, those of its names.
+fn kernels(experiments: bool, only: Option<&str>) -> Result<Vec<Kernel>, Error> {
     let of = |name: &str, options| Kernel { name: name.to_owned(), options, wide_beam: false };
     let mut kernels = vec![of("built-in", GpuOptions::default())];
     if !experiments {
         return Ok(kernels);
     }
-    for (name, slots_in, workgroup, replaced) in EXPERIMENTS {
+    if let Some(only) = only {
+        let known = |name: &str| EXPERIMENTS.iter().any(|experiment| experiment.0 == name);
+        if let Some(unknown) = only.split(',').find(|name| !known(name)) {
+            return Err(format!("--only: no experiment is called {unknown:?}").into());
+        }
+    }
+    let wanted = |name: &str| only.is_none_or(|only| only.split(',').any(|one| one == name));
+    for (name, slots_in, workgroup, replaced) in EXPERIMENTS.iter().filter(|experiment| wanted(experiment.0)) {
         let mut text = CAST_WGSL.to_owned();
         for (from, to) in *replaced {
             if !text.contains(from) {
@@ -194,6 +277,9 @@ fn kernels(experiments: bool) -> Result<Vec<Kernel>, Error> {
         let kernel = (!replaced.is_empty()).then_some(text);
         let (slots_in, workgroup) = (*slots_in, *workgroup);
         kernels.push(of(name, GpuOptions { kernel, slots_in, workgroup, ..GpuOptions::default() }));
+    }
+    if only.is_some() {
+        return Ok(kernels);
     }
     for size in SUBGROUP_SIZES {
         let options = GpuOptions { subgroup_size: Some(size), ..GpuOptions::default() };
@@ -217,15 +303,17 @@ impl Arguments {
             engines: vec![EngineId::Wgpu, EngineId::Ash],
             rounds: 3,
             size: (1024, 768),
-            kernels: kernels(std::env::args().any(|argument| argument == "--experiments"))?,
+            kernels: Vec::new(),
             scenes: Vec::new(),
         };
+        let (mut experiments, mut only) = (false, None);
         let mut arguments = std::env::args().skip(1);
         while let Some(argument) = arguments.next() {
             let mut value = || arguments.next().ok_or_else(|| format!("{argument}: expected a value after it"));
             match argument.as_str() {
                 "--engines" => parsed.engines = value()?.split(',').map(str::parse).collect::<Result<_, _>>()?,
-                "--experiments" => {}
+                "--experiments" => experiments = true,
+                "--only" => (experiments, only) = (true, Some(value()?)),
                 "--rounds" => parsed.rounds = value()?.parse::<usize>()?.max(1),
                 "--size" => {
                     let text = value()?;
@@ -249,6 +337,7 @@ impl Arguments {
                 },
             }
         }
+        parsed.kernels.splice(0..0, kernels(experiments, only.as_deref())?);
         if parsed.scenes.is_empty() {
             return Err("expected at least one SCENE=OCTREE, e.g. sibenik=sibenik.esvo".into());
         }
