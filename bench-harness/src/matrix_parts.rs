@@ -1,6 +1,7 @@
 //! What the matrices of `esvo bench` and `esvo bench build` have in common: scenes with their levels, what is left out, and
 //! how they are read.
 
+use esvo_engines::{EngineId, UnknownEngine};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
@@ -40,6 +41,15 @@ pub(crate) fn select_scenes(scenes: &[SceneLevels], names: &[String]) -> Vec<Sce
         known.cloned().unwrap_or_else(|| SceneLevels { name: name.clone(), levels: levels.clone() })
     };
     names.iter().map(pick).collect()
+}
+
+/// Checks that this program knows every engine.
+///
+/// # Errors
+/// The first that it does not know, with those that it does.
+pub(crate) fn check_engines(engines: &[EngineId]) -> Result<(), String> {
+    let unknown = engines.iter().find(|engine| !engine.is_known());
+    unknown.map_or(Ok(()), |engine| Err(UnknownEngine { name: engine.to_string() }.to_string()))
 }
 
 /// Checks that there are scenes and that their levels ascend within 1 to 23. `Err` says what is wrong.

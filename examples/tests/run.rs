@@ -57,3 +57,12 @@ fn stream_region() {
 fn own_backend() {
     assert!(run("own_backend", &[]).contains(" rays end at another voxel"));
 }
+
+#[test]
+fn measure_own_caster() {
+    let text = run("measure_own_caster", &[]);
+    // A row of its own in the checks, in Table 2, and in the stability suite.
+    let rows = |start: &str| text.lines().filter(|line| line.trim_start().starts_with(start)).count();
+    assert!(rows("recursive") >= 2, "{text}");
+    assert!(text.contains("Table 2") && text.contains("with beam") && !text.contains("FAILED"), "{text}");
+}

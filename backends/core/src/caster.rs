@@ -117,17 +117,27 @@ pub trait Caster: Send {
     /// As [`load`](Self::load).
     fn load_checked(&mut self, octree: &Arc<Octree>, roots: Roots) -> Result<(), CastError>;
 
-    /// For engines: [`cast`](Self::cast).
+    /// For engines: [`cast`](Self::cast). Without a method of its own, an engine casts the rays of the pixels by
+    /// [`cast_rays`](Self::cast_rays), and no beam.
     ///
     /// # Errors
     /// What the device said.
-    fn cast_checked(&mut self, view: Checked<View>, hits: &mut Vec<Hit>) -> Result<(), CastError>;
+    fn cast_checked(&mut self, view: Checked<View>, hits: &mut Vec<Hit>) -> Result<(), CastError> {
+        let view = *self.roots().ok_or(CastError::NotLoaded)?.open(&view)?;
+        let pixels = (0..view.height).flat_map(|y| (0..view.width).map(move |x| (x, y)));
+        let rays: Vec<_> = pixels.map(|(x, y)| view.ray(x, y)).collect();
+        self.cast_rays(&Rays { root: view.root, contours: view.contours(), rays: &rays }, hits)
+    }
 
-    /// For engines: [`time`](Self::time).
+    /// For engines: [`time`](Self::time). Without a method of its own, an engine casts the frame and looks at the clock.
     ///
     /// # Errors
     /// What the device said.
-    fn time_checked(&mut self, view: Checked<View>) -> Result<FrameTime, CastError>;
+    fn time_checked(&mut self, view: Checked<View>) -> Result<FrameTime, CastError> {
+        let start = Instant::now();
+        self.cast_checked(view, &mut Vec::new())?;
+        Ok(FrameTime { total: start.elapsed(), coarse: Duration::ZERO })
+    }
 
     /// For engines: [`cast_rays`](Self::cast_rays).
     ///

@@ -7,14 +7,9 @@ use std::str::FromStr;
 use esvo_core::testing::compare::Allowed;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-use crate::table::{Engine, EngineId, TABLE};
+use crate::table::{Engine, EngineId};
 
 impl EngineId {
-    /// What is known of it.
-    pub fn engine(self) -> &'static Engine {
-        &TABLE[self as usize]
-    }
-
     /// Its name, as in a matrix and on the command line.
     pub fn name(self) -> &'static str {
         self.engine().name
@@ -46,7 +41,8 @@ pub struct UnknownEngine {
 
 /// Names of the engines of which `which` is true.
 fn list(which: impl Fn(&Engine) -> bool) -> String {
-    let names: Vec<_> = TABLE.iter().filter(|engine| which(engine)).map(|engine| engine.name).collect();
+    let engines = EngineId::all().into_iter().map(EngineId::engine);
+    let names: Vec<_> = engines.filter(|engine| which(engine)).map(|engine| engine.name).collect();
     names.join(", ")
 }
 
@@ -54,8 +50,8 @@ impl FromStr for EngineId {
     type Err = UnknownEngine;
 
     fn from_str(name: &str) -> Result<Self, Self::Err> {
-        let engine = TABLE.iter().find(|engine| engine.name == name);
-        engine.map(|engine| engine.id).ok_or_else(|| UnknownEngine { name: name.into() })
+        let engine = Self::all().into_iter().find(|id| id.name() == name);
+        engine.ok_or_else(|| UnknownEngine { name: name.into() })
     }
 }
 
@@ -66,9 +62,10 @@ impl Serialize for EngineId {
     }
 }
 
-/// From its name.
+/// From its name. One that is not known becomes an engine that cannot be opened, since a record may be of a program that
+/// [registered](EngineId::register) it; what is to be run checks [`EngineId::is_known`].
 impl<'de> Deserialize<'de> for EngineId {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        Cow::<str>::deserialize(deserializer)?.parse().map_err(serde::de::Error::custom)
+        Self::recorded(&Cow::<str>::deserialize(deserializer)?).map_err(serde::de::Error::custom)
     }
 }

@@ -26,6 +26,9 @@ pub enum OpenFailure {
         /// The cargo feature that builds it in.
         feature: &'static str,
     },
+    /// Only a record names it.
+    #[error("it is one of another program's own, which this program does not have; register it, or leave it out")]
+    Foreign,
     /// The engine failed. The text says what to install.
     #[error(transparent)]
     Cast(#[from] CastError),
@@ -40,18 +43,20 @@ impl EngineId {
         let engine = self.engine();
         let opened = match engine.opener {
             Some(open) => open(options).map_err(OpenFailure::Cast),
+            None if !self.is_known() => Err(OpenFailure::Foreign),
             None => Err(OpenFailure::NotBuiltIn { feature: engine.feature.unwrap_or(engine.name) }),
         };
         opened.map_err(|reason| OpenError { engine: self, reason })
     }
 
-    /// Opens the engine for triangles. `None` for the engines of the processor: `esvo_cpu::triangles` casts triangles there.
+    /// Opens the engine for triangles. `None` for the engines of the processor, where `esvo_cpu::triangles` casts triangles, and for
+    /// engines of one's own.
     ///
     /// # Errors
     /// As [`open`](Self::open).
     pub fn open_triangles(self, options: &OpenOptions) -> Result<Option<Box<dyn TriangleCaster>>, OpenError> {
         let opened: Option<Result<Box<dyn TriangleCaster>, CastError>> = match (self, &options.gpu) {
-            (Self::Reference | Self::Cpu, _) => return Ok(None),
+            (Self::Reference | Self::Cpu | Self::Own(_), _) => return Ok(None),
             #[cfg(feature = "wgpu")]
             (Self::Wgpu, gpu) => Some(esvo_wgpu::WgpuTriangles::new(gpu).map(|caster| Box::new(caster) as _)),
             #[cfg(feature = "ash")]

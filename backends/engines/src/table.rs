@@ -1,11 +1,14 @@
 //! The table of the engines.
 
+use std::fmt;
+
 use esvo_core::reference::ReferenceCaster;
 use esvo_core::testing::compare::Allowed;
 use esvo_core::{CastError, Caster};
 use esvo_cpu::CpuCaster;
 
 use crate::options::OpenOptions;
+use crate::own::OwnEngine;
 
 engines! {
     // Id, name, description, what may differ from the reference, cargo feature, opener.
@@ -30,10 +33,9 @@ fn cpu(options: &OpenOptions) -> Result<CpuCaster, CastError> {
 }
 
 /// Opens an engine.
-pub(crate) type Opener = fn(&OpenOptions) -> Result<Box<dyn Caster>, CastError>;
+pub(crate) type Opener = &'static (dyn Fn(&OpenOptions) -> Result<Box<dyn Caster>, CastError> + Send + Sync);
 
 /// What is known of an engine without opening it.
-#[derive(Debug)]
 pub struct Engine {
     /// Its id.
     pub id: EngineId,
@@ -45,7 +47,7 @@ pub struct Engine {
     pub allowed: Allowed,
     /// The cargo feature of this crate, of `esvo-bench` and of `esvo` that builds it in; `None` if it is always there.
     pub feature: Option<&'static str>,
-    /// `None` if this program was built without it.
+    /// `None` if this program was built without it, or if only a record names it.
     pub(crate) opener: Option<Opener>,
 }
 
@@ -56,6 +58,19 @@ impl Engine {
     }
 }
 
+impl fmt::Debug for Engine {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { id: _, name, description, allowed, feature, opener } = self;
+        f.debug_struct("Engine")
+            .field("name", name)
+            .field("description", description)
+            .field("allowed", allowed)
+            .field("feature", feature)
+            .field("is_built_in", &opener.is_some())
+            .finish()
+    }
+}
+
 /// Makes [`EngineId`] and the table from the lines above.
 macro_rules! engines {
     ($($id:ident, $name:literal, $description:literal, $allowed:expr, $feature:tt, $open:expr;)+) => {
@@ -63,22 +78,32 @@ macro_rules! engines {
         #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, PartialOrd, Ord)]
         pub enum EngineId {
             $(#[doc = concat!("`", $name, "`: ", $description, ".")] $id,)+
+            /// One that is not in the table: see [`EngineId::register`].
+            Own(OwnEngine),
         }
 
         impl EngineId {
-            /// Every engine, whether this program was built with it or not.
+            /// Every engine of the table, whether this program was built with it or not.
             pub const ALL: &'static [Self] = &[$(Self::$id),+];
-        }
 
-        /// In the order of [`EngineId::ALL`].
-        pub(crate) const TABLE: &[Engine] = &[$(Engine {
-            id: EngineId::$id,
-            name: $name,
-            description: $description,
-            allowed: $allowed,
-            feature: feature_name!($feature),
-            opener: opener!($feature, $open),
-        }),+];
+            /// What is known of it.
+            pub fn engine(self) -> &'static Engine {
+                match self {
+                    $(Self::$id => {
+                        static ENGINE: Engine = Engine {
+                            id: EngineId::$id,
+                            name: $name,
+                            description: $description,
+                            allowed: $allowed,
+                            feature: feature_name!($feature),
+                            opener: opener!($feature, $open),
+                        };
+                        &ENGINE
+                    })+
+                    Self::Own(own) => own.engine(),
+                }
+            }
+        }
     };
 }
 
@@ -95,7 +120,7 @@ macro_rules! feature_name {
 /// An [`Opener`] that boxes the caster, if the feature is on.
 macro_rules! opener {
     (always, $open:expr) => {
-        Some(|options| {
+        Some(&|options| {
             let open: fn(&OpenOptions) -> Result<_, CastError> = $open;
             Ok(Box::new(open(options)?))
         })

@@ -3,7 +3,10 @@
 use std::collections::HashSet;
 
 use esvo_core::CastError;
-use esvo_engines::{EngineId, GpuOptions, InstructionSet, OpenFailure, OpenOptions, UnknownEngine};
+use esvo_core::reference::ReferenceCaster;
+use esvo_engines::{
+    Allowed, EngineId, GpuOptions, InstructionSet, OpenFailure, OpenOptions, RegisterError, UnknownEngine,
+};
 
 #[test]
 fn names_are_read_back() {
@@ -31,8 +34,6 @@ fn unknown_names_are_refused_with_those_that_exist() {
             let built_in = text.split("was built with").nth(1).unwrap();
             assert_eq!(built_in.contains(id.name()), id.engine().is_built_in(), "{text}");
         }
-        let json = serde_json::to_string(name).unwrap();
-        assert!(serde_json::from_str::<EngineId>(&json).unwrap_err().to_string().contains("no engine is called"));
     }
 }
 
@@ -48,6 +49,7 @@ fn each_engine_opens_or_says_what_is_missing() {
                         assert!(!id.engine().is_built_in());
                         assert!(error.to_string().ends_with(&format!("--features {feature}`")), "{error}");
                     }
+                    OpenFailure::Foreign => panic!("{id} is in the table"),
                     OpenFailure::Cast(error) => {
                         assert!(id.engine().is_built_in() && id.engine().feature.is_some(), "{error}");
                         assert!(std::env::var_os("ESVO_REQUIRE_GPU").is_none(), "{error}");
@@ -67,6 +69,7 @@ fn engines_of_gpus_cast_triangles() {
             Ok(None) => assert!(id.engine().feature.is_none(), "{id}"),
             Err(error) => match error.reason {
                 OpenFailure::NotBuiltIn { .. } => assert!(!id.engine().is_built_in(), "{id}"),
+                OpenFailure::Foreign => panic!("{id} is in the table"),
                 OpenFailure::Cast(error) => assert!(std::env::var_os("ESVO_REQUIRE_GPU").is_none(), "{error}"),
             },
         }
@@ -103,4 +106,37 @@ fn only_gpus_may_differ_from_the_reference() {
         assert_eq!(exact, matches!(id, EngineId::Reference | EngineId::Cpu), "{id}");
         assert!(allowed.share <= 1e-5 && allowed.t <= 1.0 / 8192.0, "{id}");
     }
+}
+
+#[test]
+fn an_engine_of_ones_own_is_known_once_it_is_registered() {
+    let register = |name| {
+        EngineId::register(name, "The reference by another name", Allowed::EXACT, |_| Ok(ReferenceCaster::default()))
+    };
+    // As a record of another program has it.
+    let recorded: EngineId = serde_json::from_str("\"mine-1\"").unwrap();
+    assert!(!recorded.is_known() && !EngineId::all().contains(&recorded));
+    assert!("mine-1".parse::<EngineId>().is_err());
+    let Err(error) = recorded.open(&OpenOptions::default()) else { panic!("it cannot be opened") };
+    assert!(matches!(error.reason, OpenFailure::Foreign), "{error}");
+    assert_eq!(serde_json::from_str::<EngineId>("\"mine-1\"").unwrap(), recorded);
+
+    let own = register("mine-1").unwrap();
+    assert_eq!((own, "mine-1".parse()), (recorded, Ok(own)));
+    assert!(own.is_known() && EngineId::all().contains(&own) && own.allowed() == Allowed::EXACT);
+    assert_eq!(serde_json::to_string(&own).unwrap(), "\"mine-1\"");
+    assert_eq!(own.open(&OpenOptions::default()).unwrap().name(), "reference");
+    assert!(own.open_triangles(&OpenOptions::default()).unwrap().is_none());
+
+    for name in ["mine-1", "cpu"] {
+        assert_eq!(register(name), Err(RegisterError::Taken { name: name.into() }));
+    }
+    for name in ["", "Mine", "my caster", &"x".repeat(33)] {
+        assert_eq!(register(name), Err(RegisterError::Name { name: name.into() }));
+        let json = serde_json::to_string(name).unwrap();
+        assert!(serde_json::from_str::<EngineId>(&json).unwrap_err().to_string().contains("lower-case"));
+    }
+    // No record fills the memory with names.
+    let many = (0..100).map(|k| serde_json::from_str::<EngineId>(&format!("\"many-{k}\"")));
+    assert!(many.filter(Result::is_err).count() >= 36);
 }

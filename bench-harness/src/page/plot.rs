@@ -165,6 +165,7 @@ fn look(cell: &Cell) -> (String, &'static str) {
         EngineId::Cpu | EngineId::Reference => "circle",
         EngineId::Wgpu => "square",
         EngineId::Ash => "diamond",
+        EngineId::Own(_) => "cross",
     };
     let kind = match cell.octree {
         None => "tri",

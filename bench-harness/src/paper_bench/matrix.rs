@@ -6,7 +6,7 @@ use esvo_engines::EngineId;
 use serde::{Deserialize, Serialize};
 
 use crate::BenchError;
-use crate::matrix_parts::{LeftOut, SceneLevels, check_scenes, parse_toml, select_scenes};
+use crate::matrix_parts::{LeftOut, SceneLevels, check_engines, check_scenes, parse_toml, select_scenes};
 
 /// The matrix of a run.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
@@ -132,6 +132,7 @@ impl Matrix {
         if let Some([w, h]) = self.resolutions.iter().find(|r| r.iter().any(|n| !(1..=16384).contains(n))) {
             return Err(format!("a resolution must be between 1x1 and 16384x16384, not {w}x{h}"));
         }
+        check_engines(&self.backends)?;
         check_scenes(&self.scenes)
     }
 }

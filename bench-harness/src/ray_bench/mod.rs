@@ -55,7 +55,7 @@ impl Default for RayBenchOptions {
             size: [512, 384],
             rays: 1_000_000,
             seconds: 60.0,
-            engines: EngineId::ALL.to_vec(),
+            engines: EngineId::all(),
             threads: None,
             scenes_dir: None,
         }

@@ -36,7 +36,7 @@ pub(super) fn open(options: &StabilityOptions) -> Vec<Running> {
             };
             let name = instructions.map_or(id.to_string(), |set| format!("{id}, {}", set.name()));
             let device = caster.as_ref().map(|caster| caster.device().clone());
-            let exact = device.as_ref().is_some_and(|device| Allowed::on(device.kind) == Allowed::EXACT);
+            let exact = id.allowed() == Allowed::EXACT;
             let row = EngineRow { name, device, error, rays: 0, pixels: 0, different: 0, wrong: 0, first: None };
             running.push(Running { row, caster, exact, is_gpu: id != EngineId::Cpu });
         }

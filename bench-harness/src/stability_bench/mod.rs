@@ -47,7 +47,7 @@ pub struct StabilityOptions {
 impl Default for StabilityOptions {
     /// Half a million rays, 200,000 on GPUs, all engines.
     fn default() -> Self {
-        Self { rays: 500_000, gpu_rays: 200_000, mesh_rays: 2000, seed: 0, engines: EngineId::ALL.to_vec() }
+        Self { rays: 500_000, gpu_rays: 200_000, mesh_rays: 2000, seed: 0, engines: EngineId::all() }
     }
 }
 

@@ -4,7 +4,7 @@ use esvo_engines::EngineId;
 use serde::{Deserialize, Serialize};
 
 use crate::BenchError;
-use crate::matrix_parts::{SceneLevels, check_scenes, parse_toml, select_scenes};
+use crate::matrix_parts::{SceneLevels, check_engines, check_scenes, parse_toml, select_scenes};
 
 /// What a sweep measures.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
@@ -91,6 +91,7 @@ impl SweepPlan {
         if self.terminations.windows(2).any(|w| w[0] >= w[1]) {
             return Err("terminations must ascend".into());
         }
+        check_engines(&self.engines)?;
         check_scenes(&self.scenes)
     }
 }

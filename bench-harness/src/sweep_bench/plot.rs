@@ -90,6 +90,8 @@ impl Series {
             (Kind::Contours, EngineId::Wgpu) => RGBColor(232, 128, 0),
             (Kind::Cubical, EngineId::Ash) => RGBColor(96, 160, 0),
             (Kind::Contours, EngineId::Ash) => RGBColor(160, 32, 160),
+            (Kind::Cubical, EngineId::Own(_)) => RGBColor(128, 128, 128),
+            (Kind::Contours, EngineId::Own(_)) => RGBColor(128, 80, 40),
         };
         if self.beam || self.kind == Kind::Triangles { color.filled() } else { color.stroke_width(1) }
     }

@@ -74,18 +74,18 @@ fn header(report: &PaperReport) -> Vec<String> {
     }
     lines.extend(report.failures().map(|(scene, check)| {
         let a = &check.agreement;
-        format!(
-            "FAILED: {scene}, {}, {}: {} of {} pixels show another {}",
-            check.backend.name(),
-            check.variant.title(),
-            a.different_voxel,
-            a.pixels,
-            if check.variant == Variant::Triangles {
-                "triangle than the exact caster"
-            } else {
-                "voxel than the reference caster"
-            }
-        )
+        let (what, theirs) = if check.variant == Variant::Triangles {
+            ("triangle", "the exact caster")
+        } else {
+            ("voxel", "the reference caster")
+        };
+        let why = if a.pixels > 0 && a.share() <= a.allowed.share && a.other_size == 0 {
+            let (most, allowed) = (a.largest_t_difference, a.allowed.t);
+            format!("t is off by up to {most:.2e} from that of {theirs}, more than {allowed:.2e}")
+        } else {
+            format!("{} of {} pixels show another {what} than {theirs}", a.different_voxel, a.pixels)
+        };
+        format!("FAILED: {scene}, {}, {}: {why}", check.backend.name(), check.variant.title())
     }));
     lines
 }
