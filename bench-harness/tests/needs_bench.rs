@@ -2,7 +2,7 @@
 
 use esvo_bench::Progress;
 use esvo_bench::needs_bench::{
-    NeedsBenchOptions, NeedsReport, Variant, run_needs_bench, to_markdown, to_text, write_needs_record,
+    NeedsBenchOptions, NeedsReport, Unread, Variant, run_needs_bench, to_markdown, to_text, write_needs_record,
 };
 
 fn small() -> NeedsBenchOptions {
@@ -38,13 +38,24 @@ fn what_is_not_needed_is_left_out_timed_written_and_read_back() {
         let others = if report.engines.len() > 1 { packets } else { 0 };
         assert_eq!(case.cells.len(), expected.len() + others);
         assert!(case.cells.iter().all(|cell| cell.seconds.len() == 3 && cell.agreement.different_voxel == 0));
-        assert!(case.file_bytes > case.image_bytes && case.rays == 2 * 48 * 32);
+        // Attachments are not uploaded, and half of a descriptor is about contours.
+        assert!(case.file_bytes > case.image_bytes && case.image_bytes > case.upload_bytes);
+        let Unread { contour_halves, headers, gaps } = case.unread;
+        assert!(headers > 0 && headers + gaps + contour_halves < case.upload_bytes);
+        assert_eq!(contour_halves > 0, !case.needs.contours);
+        assert!(case.upload_bytes > 0 && case.rays == 2 * 48 * 32);
     }
     let again: NeedsReport = serde_json::from_str(&report.to_json()).unwrap();
     assert_eq!(again, report);
     for text in [to_text(&report), to_markdown(&report)] {
-        let parts =
-            ["What octree and rays need", "Milliseconds per view, scalar", "only what is needed", "no contours"];
+        let parts = [
+            "What octree and rays need",
+            "Bytes",
+            "not left out although nothing needs it",
+            "Milliseconds per view, scalar",
+            "only what is needed",
+            "no contours",
+        ];
         assert!(parts.iter().all(|part| text.contains(part)), "{text}");
     }
     let folder = tempfile::tempdir().unwrap();

@@ -4,15 +4,17 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use esvo_builder::BuildSettings;
+use esvo_core::gpu::resident::Resident;
 use esvo_core::reference::ReferenceCaster;
 use esvo_core::testing::compare::Comparison;
 use esvo_core::{CastError, CastOptions, Caster, Object, View};
 use esvo_engines::{EngineId, InstructionSet, OpenOptions};
 use esvo_format::Octree;
 
-use super::{Case, Cell, EngineRow, Needed, NeedsBenchOptions, NeedsReport, SCHEMA, Variant};
+use super::{Case, Cell, EngineRow, Needed, NeedsBenchOptions, NeedsReport, SCHEMA, Unread, Variant};
 use crate::calibration::{Calibrator, GuardRound, GuardSamples};
 use crate::content_hash::image_key;
+use crate::matrix_parts::LeftOut;
 use crate::paper_bench::check::Agreement;
 use crate::scene::{self, Scene};
 use crate::system::machine::Machine;
@@ -38,9 +40,15 @@ pub fn run_needs_bench(options: &NeedsBenchOptions, progress: &Progress) -> Resu
         credits: Vec::new(),
         engines: Vec::new(),
         cases: Vec::new(),
+        left_out: Vec::new(),
         seconds: 0.0,
     };
-    for name in &options.scenes {
+    let mut scenes = options.scenes.clone();
+    if scenes.is_empty() {
+        let all = manifest.scenes.iter();
+        scenes = all.filter(|s| !s.displaced && s.unsupported.is_none()).map(|s| s.name.clone()).collect();
+    }
+    for name in &scenes {
         let failed = |what: String| BenchError::scene(name, what);
         if options.rounds == 0 || options.views == 0 {
             return Err(failed("expected at least one round and one view".into()));
@@ -51,9 +59,14 @@ pub fn run_needs_bench(options: &NeedsBenchOptions, progress: &Progress) -> Resu
             let voxels = esvo_builder::expected_leaves(&scene.mesh, levels);
             if voxels > MOST_VOXELS {
                 let billions = voxels / 1e9;
-                return Err(failed(format!(
+                let reason = format!(
                     "{levels} levels of cubes may have {billions:.1} billion voxels; expected levels with less than a billion"
-                )));
+                );
+                if !options.scenes.is_empty() {
+                    return Err(failed(reason));
+                }
+                report.left_out.push(LeftOut { what: format!("{} at {levels} levels", scene.name), reason });
+                continue;
             }
             for contours in [false, true] {
                 progress.say(format!("{name}: building {levels} levels"));
@@ -162,16 +175,32 @@ fn measure(
     }
     let mut file = Vec::new();
     octree.write_to(&mut file).map_err(|e| CastError::Device(format!("the octree cannot be written: {e}")))?;
+    let (upload_bytes, unread) = upload(octree);
     Ok(Case {
         scene: String::new(),
         levels: 0,
         file_bytes: file.len() as u64,
         image_bytes: size_of_val(octree.slots()) as u64,
         image_sha256: image_key(octree),
+        upload_bytes,
+        unread,
         needs: needed,
         rays: views.iter().map(|view| view.pixels() as u64).sum(),
         cells: running.into_iter().map(|(_, cell)| cell).collect(),
     })
+}
+
+/// Bytes of the image without attachments, and those of them that are not read.
+fn upload(octree: &Octree) -> (u64, Unread) {
+    let stats = esvo_format::stats(octree);
+    let contours = octree.needs().contours;
+    let unread = Unread {
+        contour_halves: if contours { 0 } else { 4 * stats.descriptors },
+        // Info sections are between descriptors and contours.
+        headers: stats.bytes.page_headers + if contours { stats.bytes.info_sections } else { 0 },
+        gaps: stats.bytes.gaps,
+    };
+    (size_of_val(Resident::new(octree).slots()) as u64, unread)
 }
 
 fn expected(octree: &Arc<Octree>, views: &[View]) -> Result<Vec<esvo_core::Hit>, CastError> {

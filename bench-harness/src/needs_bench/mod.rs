@@ -15,6 +15,7 @@ use esvo_engines::{EngineId, InstructionSet, LeaveOut};
 use serde::{Deserialize, Serialize};
 
 use crate::calibration::{CalibrationRecord, GuardSamples};
+use crate::matrix_parts::LeftOut;
 use crate::output::to_json;
 use crate::paper_bench::check::Agreement;
 use crate::system::machine::Machine;
@@ -30,7 +31,7 @@ pub const SCHEMA: u32 = 1;
 /// What [`run_needs_bench`] measures.
 #[derive(Clone, Debug)]
 pub struct NeedsBenchOptions {
-    /// Names of the scenes.
+    /// Names of the scenes; empty: all of the manifest that are built as they are, which leaves out SIBENIK-D, displaced at each level.
     pub scenes: Vec<String>,
     /// Levels of their octrees. Small octrees have no far pointers.
     pub levels: Vec<u32>,
@@ -82,6 +83,9 @@ pub struct NeedsReport {
     pub engines: Vec<EngineRow>,
     /// What was cast.
     pub cases: Vec<Case>,
+    /// What was not measured, and why.
+    #[serde(default)]
+    pub left_out: Vec<LeftOut>,
     /// Seconds of the whole run.
     pub seconds: f64,
 }
@@ -116,17 +120,34 @@ pub struct Case {
     pub levels: u32,
     /// Size of its file in bytes.
     pub file_bytes: u64,
-    /// Bytes that casters read: descriptors, far pointers and contours.
+    /// Bytes of the octree's image, with its attachments.
     pub image_bytes: u64,
     /// SHA-256 of the octree's image in hexadecimal digits; empty in records that have none.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub image_sha256: String,
+    /// Bytes of the image without attachments, which is what is uploaded. 0 in older records.
+    #[serde(default)]
+    pub upload_bytes: u64,
+    /// What is in these bytes although no caster reads it for this octree.
+    #[serde(default)]
+    pub unread: Unread,
     /// What octree and rays need.
     pub needs: Needed,
     /// Rays of a round.
     pub rays: u64,
     /// For each engine, in their order: each of [`Variant::ALL`] for which it has code of its own.
     pub cells: Vec<Cell>,
+}
+
+/// Bytes of an upload that no caster reads.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
+pub struct Unread {
+    /// Of an octree without contours, the half of each descriptor that is about contours.
+    pub contour_halves: u64,
+    /// Page headers and info sections, which lead to attachments.
+    pub headers: u64,
+    /// Unused slots, which keep siblings in pairs and within a page.
+    pub gaps: u64,
 }
 
 /// What octree and rays need of the code.

@@ -1,7 +1,12 @@
 //! The tables of `esvo bench needs`, from a [`NeedsReport`].
 
-use super::{Case, NeedsReport, Variant};
+use esvo_core::reference::MAX_SCALE;
+
+use super::{Case, NeedsReport, Unread, Variant};
 use crate::text::{Document, TextTable, short};
+
+/// Bytes of a frame of a kernel's stack: the parent's slot, and the `t` at which the ray leaves it.
+const BYTES_PER_FRAME: u32 = 8;
 
 /// The record as aligned text for a terminal.
 pub fn to_text(report: &NeedsReport) -> String {
@@ -15,7 +20,7 @@ pub fn to_markdown(report: &NeedsReport) -> String {
 
 /// All tables, in the order of printing.
 pub(crate) fn tables(report: &NeedsReport) -> Vec<TextTable> {
-    let mut tables = vec![octrees(report)];
+    let mut tables = vec![octrees(report), bytes(report), unread(report)];
     tables.extend((0..report.engines.len()).map(|engine| times(report, engine)));
     tables
 }
@@ -32,7 +37,7 @@ fn document(report: &NeedsReport) -> Document<'_> {
         title: format!("esvo bench needs, {}", m.date),
         header,
         tables: tables(report),
-        left_out: Vec::new(),
+        left_out: report.left_out.iter().map(|left| [&*left.what, &*left.reason]).collect(),
         credits: report
             .credits
             .iter()
@@ -53,14 +58,60 @@ fn title(case: &Case) -> Vec<String> {
 }
 
 fn octrees(report: &NeedsReport) -> TextTable {
-    let head = ["scene", "levels", "voxels", "rays end at", "contours", "far pointers", "sizes", "file MB", "cast MB"];
+    let head = ["scene", "levels", "voxels", "rays end at", "contours", "far pointers", "sizes"];
     let mut table = TextTable::new("What octree and rays need", 4, &head);
-    table.notes =
-        vec!["File: with colours and normals. Cast: descriptors, far pointers and contours in memory.".into()];
     for case in &report.cases {
         let mut row = title(case);
         row.extend([case.needs.contours, case.needs.far_pointers, case.needs.sizes].map(yes));
-        row.extend([case.file_bytes, case.image_bytes].map(|bytes| short(bytes as f64 / 1e6)));
+        table.rows.push(row);
+    }
+    table
+}
+
+/// The cases with an octree of their own: that rays end otherwise changes no byte.
+fn each_octree(report: &NeedsReport) -> impl Iterator<Item = &Case> {
+    report.cases.iter().filter(|case| !case.needs.sizes)
+}
+
+fn megabytes(bytes: u64) -> String {
+    short(bytes as f64 / 1e6)
+}
+
+fn bytes(report: &NeedsReport) -> TextTable {
+    let head = ["scene", "levels", "voxels", "file", "image", "upload", "stack, all frames", "stack, as needed"];
+    let mut table = TextTable::new("Bytes", 3, &head);
+    table.notes = vec![
+        "File and image, in MB, have colours and normals. Upload: descriptors, far pointers and contours, which are all that a caster \
+         reads. Stack: bytes of a ray in a GPU kernel, for octrees of any depth and for this one."
+            .into(),
+    ];
+    for case in each_octree(report) {
+        let mut row = title(case)[..3].to_vec();
+        row.extend([case.file_bytes, case.image_bytes, case.upload_bytes].map(megabytes));
+        row.extend([MAX_SCALE, case.levels].map(|frames| (frames * BYTES_PER_FRAME).to_string()));
+        table.rows.push(row);
+    }
+    table
+}
+
+fn unread(report: &NeedsReport) -> TextTable {
+    let head = ["scene", "levels", "voxels", "upload", "halves for contours", "headers", "gaps", "share of the upload"];
+    let mut table = TextTable::new("What is not left out although nothing needs it", 3, &head);
+    table.notes = [
+        "Bytes of the upload that no caster reads, in MB: the half of each descriptor that is about contours, where there are none; page \
+         headers and info sections; unused slots. They are kept because the bytes of a file are those that a caster reads.",
+        "Of code: packets of the processor follow far pointers, test sizes and have all frames, whatever the octree needs; they test once for \
+         all rays of a packet. Every caster counts the iterations of a ray, 4 of the 16 bytes of a hit. The text of a GPU kernel contains \
+         all, behind constants that are false; the driver's compiler leaves it out.",
+    ]
+    .map(String::from)
+    .to_vec();
+    for case in each_octree(report).filter(|case| case.upload_bytes > 0) {
+        let Unread { contour_halves, headers, gaps } = case.unread;
+        let mut row = title(case)[..3].to_vec();
+        row.extend([case.upload_bytes, contour_halves, headers, gaps].map(megabytes));
+        let share = (contour_halves + headers + gaps) as f64 / case.upload_bytes as f64;
+        row.push(format!("{:.1} %", 100.0 * share));
         table.rows.push(row);
     }
     table

@@ -21,9 +21,10 @@ writes report.json and tables.md to results/<machine>/<date>-needs/. Exit code 1
 Examples:
   esvo bench needs  SIBENIK and CONFERENCE at 7 and 10 levels, in a minute on two cores
   esvo bench needs --scenes fairy --levels 6,8,11 --rounds 9
+  esvo bench needs --scenes all --levels 7,9 --views 2 --rounds 3
   esvo bench needs --backends cpu,wgpu,ash --views 2 --size 320x240")]
 pub(crate) struct BenchNeedsArguments {
-    /// The scenes
+    /// The scenes; all: every scene of the manifest but SIBENIK-D
     #[arg(long, value_name = "NAMES", value_delimiter = ',', default_value = "sibenik,conference")]
     pub(crate) scenes: Vec<String>,
     /// Levels of their octrees
@@ -52,7 +53,7 @@ pub(crate) fn run_bench_needs(arguments: &BenchNeedsArguments) -> Result<(), Fai
         return Err("--backends reference: always has all code; expected cpu, wgpu or ash".to_owned().into());
     }
     let options = NeedsBenchOptions {
-        scenes: arguments.scenes.clone(),
+        scenes: if arguments.scenes == ["all"] { Vec::new() } else { arguments.scenes.clone() },
         levels: arguments.levels.clone(),
         size: arguments.size,
         views: arguments.views.into(),
