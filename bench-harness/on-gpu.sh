@@ -58,6 +58,10 @@ step stability 150 "$esvo" bench stability --backends wgpu,ash --rays 1M --gpu-r
 step needs 120 "$esvo" bench needs --backends wgpu,ash --scenes sibenik --views 2 --rounds 3 --out "$folder"
 # Incoherent rays and shadow rays.
 step rays 90 "$esvo" bench rays --seconds 20 --out "$folder"
+# Error against run time.
+cache=$(mktemp -d)
+trap 'rm -rf "$cache"' EXIT
+step sweep 100 "$esvo" bench sweep --scenes sibenik --levels 7,8,9 --views 1 --rounds 3 --cache "$cache" --out "$folder"
 # All of it on one page.
 step page 30 "$esvo" bench page "$folder" -o "$folder/page.html"
 

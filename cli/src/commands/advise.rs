@@ -49,7 +49,7 @@ pub(crate) struct AdviseArguments {
     /// An octree (.esvo), or the name of a scene
     what: PathBuf,
     /// Largest error: pixels along the ray, or FLIP
-    #[arg(long, value_name = "PIXELS", value_parser = parse_pixels)]
+    #[arg(long, value_name = "PIXELS", allow_negative_numbers = true, value_parser = parse_pixels)]
     max_error: f64,
     /// Which error: that of the median ray, of the 90th or 99th percentile, of the worst ray, or FLIP of the picture
     #[arg(long, value_enum, default_value_t = Measure::P90)]

@@ -35,7 +35,7 @@ pub(crate) struct BenchStabilityArguments {
     #[arg(long, value_name = "N", default_value = "200k", value_parser = parse_count)]
     pub(crate) gpu_rays: u64,
     /// Number of the first ray of each kind: another one gives other rays
-    #[arg(long, value_name = "N", default_value_t = 0)]
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u64).range(..=1 << 62))]
     pub(crate) seed: u64,
     /// Cast this ray of the suite alone, as the report names it, and say what each engine finds
     #[arg(long, value_name = "CASE")]
