@@ -89,7 +89,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     matrix.select_scenes(&["sibenik".into()]);
     matrix.scenes[0].levels = vec![7];
     (matrix.resolutions, matrix.backends) = (vec![[160, 120]], vec![EngineId::Cpu, own]);
-    let options = PaperBenchOptions { matrix, scenes_dir: None, manifest: None, threads: Some(1) };
+    let options = PaperBenchOptions { threads: Some(1), ..PaperBenchOptions::new(matrix) };
     let tables = run_paper_bench(&options, &Progress::hidden())?.report;
     print!("{}", tables::to_text(&tables));
     let options =

@@ -5,7 +5,7 @@
 //! use esvo_bench::paper_bench::{PaperBenchOptions, run_paper_bench, tables};
 //! use esvo_bench::{Matrix, Progress};
 //!
-//! let options = PaperBenchOptions { matrix: Matrix::default_run(), scenes_dir: None, manifest: None, threads: None, slowed: Vec::new() };
+//! let options = PaperBenchOptions::new(Matrix::default_run());
 //! let outcome = run_paper_bench(&options, &Progress::terminal())?;
 //! print!("{}", tables::to_text(&outcome.report));
 //! # Ok::<(), esvo_bench::BenchError>(())

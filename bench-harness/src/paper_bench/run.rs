@@ -45,6 +45,11 @@ pub struct PaperBenchOptions {
 }
 
 impl PaperBenchOptions {
+    /// A matrix, of the paper's scenes and on all cores.
+    pub fn new(matrix: Matrix) -> Self {
+        Self { matrix, scenes_dir: None, manifest: None, threads: None, slowed: Vec::new() }
+    }
+
     fn open_options(&self) -> OpenOptions {
         OpenOptions { threads: self.threads, ..OpenOptions::default() }
     }
