@@ -1,6 +1,6 @@
 //! Calibration casts: how fast the machine is at the moments when something is timed.
 //!
-//! A [frozen kernel](kernel) casts a picture of a generated octree between the casts that are timed, on as many threads and in tasks
+//! A frozen kernel (`kernel.rs`) casts a picture of a generated octree between the casts that are timed, on as many threads and in tasks
 //! as a caster's. What else runs on the machine takes time from both alike, so that [`compare`](crate::compare) compares times divided by
 //! those of the kernel. Processor times are kept beside both.
 
