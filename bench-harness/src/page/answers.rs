@@ -50,8 +50,8 @@ pub(super) fn questions(report: &SweepReport) -> Vec<Question> {
             "half-pixel",
             "What settings give an error of half a pixel in the least time?".into(),
             format!(
-                "Of the settings of octrees that were measured, the fastest whose depth error is at most half a pixel for 90 % of the rays \
-                 that hit. Times are for a frame of {width}x{height}{on}."
+                "Of the sweep's settings, the fastest whose depth error is at most half a pixel for 90 % of the rays that hit. Times are for \
+                 a frame of {width}x{height}{on}. Octrees of more levels than the sweep has may do better: see Table 2 and the error beside it."
             ),
             &half_pixel,
         ),
@@ -73,7 +73,7 @@ pub(super) fn questions(report: &SweepReport) -> Vec<Question> {
         ask(
             "beam",
             "What does the beam optimization save?".into(),
-            "Pairs of settings that differ in the beam alone: the median of their times divided. The answers are the same.".into(),
+            "Pairs of settings that differ in the beam alone: the median of their times divided. Hits and errors are the same.".into(),
             &beam,
         ),
     ]
@@ -112,7 +112,9 @@ fn half_pixel(subject: &Subject) -> Answered {
         Some((cell, ms)) => {
             details.push(format!("{} ms per frame, error {}, {} of memory.", short(ms), error(cell), megabytes(cell)));
             if !timed(scene, *engine).any(|(cell, _)| !cell.contours && measure.of(&cell.error) <= HALF) {
-                details.push("No setting without contours that was measured gets there.".into());
+                details.extend(
+                    deepest(scene, *engine, false).map(|levels| format!("{}.", out_of_levels("Cubes", levels))),
+                );
             }
             (Mark::Good, setting(scene, cell))
         }
@@ -128,13 +130,24 @@ fn half_pixel(subject: &Subject) -> Answered {
                     megabytes(cell)
                 ));
             }
-            (Mark::Bad, "None of the octrees measured reaches it.".into())
+            let levels = deepest(scene, *engine, true).max(deepest(scene, *engine, false)).unwrap_or_default();
+            (Mark::Bad, format!("None of the sweep's octrees, of at most {levels} levels."))
         }
     };
     if let Some((cell, ms)) = triangles(scene).filter(|(cell, _)| cell.engine == *engine) {
         details.push(format!("The triangles themselves: {} ms, no error, {}.", short(ms), megabytes(cell)));
     }
     Answered { of: name.clone(), mark, answer, details }
+}
+
+/// Levels of the deepest octrees of a kind.
+fn deepest(scene: &SceneSweep, engine: EngineId, contours: bool) -> Option<u32> {
+    timed(scene, engine).filter(|(cell, _)| cell.contours == contours).filter_map(|(cell, _)| scene.levels(cell)).max()
+}
+
+/// What is known of a kind of octrees that does not reach an error: no more than how deep the sweep goes.
+fn out_of_levels(kind: &str, levels: u32) -> String {
+    format!("{kind} of at most {levels} levels do not get there, and deeper ones are not in the sweep")
 }
 
 /// The fastest setting with contours and the fastest with cubes at each target of a measure that one of them reaches.
@@ -169,47 +182,68 @@ fn at_targets(scene: &SceneSweep, engine: EngineId, measure: ErrorMeasure) -> Ve
     rows
 }
 
-/// What a series of targets says, and whether contours win up to an error and nowhere beyond.
-fn verdict(measure: ErrorMeasure, rows: &[AtTarget]) -> (Mark, String, bool) {
+/// What a series of targets says of small errors.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Small {
+    /// Contours win up to an error, and nowhere beyond.
+    Wins,
+    /// Only contours get there, since the sweep has no cubes of more levels.
+    Open,
+    /// Neither.
+    No,
+}
+
+fn verdict(measure: ErrorMeasure, rows: &[AtTarget]) -> (Mark, String, Small) {
     let wins: Vec<f64> = rows.iter().filter(|row| row.contours_win()).map(|row| row.target).collect();
     let loses: Vec<f64> = rows.iter().filter(|row| !row.contours_win()).map(|row| row.target).collect();
+    let mut compared = rows.iter().filter(|row| row.contours.is_some() && row.cubes.is_some());
+    let beaten = !compared.clone().any(AtTarget::contours_win);
     match (wins.last(), loses.first()) {
-        (None, None) => (Mark::Plain, "not measured".into(), false),
-        (Some(_), None) => (Mark::Good, "yes at every error that was reached".into(), true),
-        (None, Some(_)) => (Mark::Bad, "no at every error that was reached".into(), false),
+        (None, None) => (Mark::Plain, "not measured".into(), Small::No),
+        _ if compared.next().is_none() => (Mark::Plain, "open, since no error was reached by both".into(), Small::Open),
+        (Some(_), None) => (Mark::Good, "yes at every error that was reached".into(), Small::Wins),
+        (None, Some(_)) => (Mark::Bad, "no at every error that was reached".into(), Small::No),
         (Some(last), Some(first)) if last < first => {
-            (Mark::Mixed, format!("yes up to {}, no from {} on", measure.show(*last), measure.show(*first)), true)
+            let (last, first) = (measure.show(*last), measure.show(*first));
+            if beaten {
+                (Mark::Mixed, format!("no from {first} on; up to {last}, only contours get there"), Small::Open)
+            } else {
+                (Mark::Mixed, format!("yes up to {last}, no from {first} on"), Small::Wins)
+            }
         }
         _ => {
             let shown = |list: &[f64]| list.iter().map(|t| measure.show(*t)).collect::<Vec<_>>().join(", ");
-            (Mark::Mixed, format!("yes at {}, no at {}", shown(&wins), shown(&loses)), false)
+            (Mark::Mixed, format!("yes at {}, no at {}", shown(&wins), shown(&loses)), Small::No)
         }
     }
 }
 
 fn contours_pay(subject: &Subject) -> Answered {
     let Subject { scene, engine, name } = subject;
+    let deepest = [true, false].map(|contours| deepest(scene, *engine, contours));
     let mut details = Vec::new();
-    let (mut marks, mut small) = (Vec::new(), true);
+    let (mut marks, mut small) = (Vec::new(), Vec::new());
     for measure in ErrorMeasure::SHOWN {
         let rows = at_targets(scene, *engine, measure);
-        let (mark, words, wins_where_small) = verdict(measure, &rows);
+        let (mark, words, where_small) = verdict(measure, &rows);
         marks.push(mark);
-        small &= wins_where_small;
+        small.push(where_small);
         details.push(format!("By {}: {words}.", by(measure)));
         // The most exact target that either reaches, and the one at which cubes first get there.
         let both = rows.iter().find(|row| row.contours.is_some() && row.cubes.is_some());
         let first = rows.first().filter(|row| both.is_none_or(|other| other.target > row.target));
         for row in [first, both].into_iter().flatten() {
-            details.push(at_one(measure, row));
+            details.push(at_one(measure, row, deepest));
         }
     }
     details.extend(equal_levels(scene, *engine));
-    let answer = match marks[..] {
-        [Mark::Good, Mark::Good] => "Yes, at every error that was reached.",
-        [Mark::Bad, Mark::Bad] => "No, at no error that was reached.",
-        [Mark::Plain, Mark::Plain] => "Not measured.",
-        _ if small => "Yes where the error is small; no for coarse pictures.",
+    let answer = match (&marks[..], &small[..]) {
+        ([Mark::Good, Mark::Good], _) => "Yes, at every error that was reached.",
+        ([Mark::Bad, Mark::Bad], _) => "No, at no error that was reached.",
+        ([Mark::Plain, Mark::Plain], [Small::Open, Small::Open]) => "Open: no error was reached by both.",
+        ([Mark::Plain, Mark::Plain], _) => "Not measured.",
+        (_, [Small::Wins, Small::Wins]) => "Yes where the error is small; no for coarse pictures.",
+        (_, [Small::Open, Small::Open]) => "Open where the error is small; no for coarse pictures.",
         _ => "It depends on the error that counts.",
     };
     let mark = match marks[..] {
@@ -223,7 +257,9 @@ fn by(measure: ErrorMeasure) -> &'static str {
     if measure == ErrorMeasure::Flip { "FLIP" } else { "depth error" }
 }
 
-fn at_one(measure: ErrorMeasure, row: &AtTarget) -> String {
+/// `deepest`: levels of the deepest octrees with contours, and of cubes.
+fn at_one(measure: ErrorMeasure, row: &AtTarget, deepest: [Option<u32>; 2]) -> String {
+    let [contours, cubes] = deepest.map(Option::unwrap_or_default);
     let at = format!("Within {}", measure.show(row.target));
     let ms = |found: (&Cell, f64)| format!("{} ms, {}", short(found.1), megabytes(found.0));
     match (row.contours, row.cubes) {
@@ -231,8 +267,8 @@ fn at_one(measure: ErrorMeasure, row: &AtTarget) -> String {
             let (slower, times) = if a.1 <= b.1 { ("cubes", b.1 / a.1) } else { ("contours", a.1 / b.1) };
             format!("{at}: contours {}; cubes {}: {slower} take {} times the time.", ms(a), ms(b), short(times))
         }
-        (Some(a), None) => format!("{at}: contours {}; no cubes that were measured get there.", ms(a)),
-        (None, Some(b)) => format!("{at}: cubes {}; no contours that were measured get there.", ms(b)),
+        (Some(a), None) => format!("{at}: contours {}; {}.", ms(a), out_of_levels("cubes", cubes)),
+        (None, Some(b)) => format!("{at}: cubes {}; {}.", ms(b), out_of_levels("contours", contours)),
         (None, None) => at,
     }
 }
@@ -309,9 +345,10 @@ fn beam(subject: &Subject) -> Answered {
     let answer = match spread.median {
         ratio if ratio < 0.97 => format!("{:.0} % of the time.", 100.0 * (1.0 - ratio)),
         ratio if ratio <= 1.03 => "Nothing.".into(),
-        ratio => format!("Nothing: it costs {:.0} % more time.", 100.0 * (ratio - 1.0)),
+        ratio => format!("It costs {:.0} % more time.", 100.0 * (ratio - 1.0)),
     };
-    let details = vec![format!("{} pairs, {least:.2} to {most:.2} times the time.", ratios.len())];
+    let details =
+        vec![format!("{} pairs: {:.2} times the time, {least:.2} to {most:.2}.", ratios.len(), spread.median)];
     Answered { of: name.clone(), mark: Mark::Plain, answer, details }
 }
 
@@ -344,7 +381,7 @@ mod tests {
         assert!(found.details[1].starts_with("The triangles themselves: 2.00 ms"), "{:?}", found.details);
         cells.retain(|cell| cell.error.pixels.p90 > 0.5 || cell.octree.is_none());
         let found = answer(cells, "half-pixel");
-        assert!(found.mark == Mark::Bad && found.answer.starts_with("None"), "{}", found.answer);
+        assert!(found.mark == Mark::Bad && found.answer.starts_with("None of the sweep's"), "{}", found.answer);
         assert!(
             found.details[0].starts_with("The least error is 2.00 px: 5 levels, contours, beam off"),
             "{:?}",
@@ -359,14 +396,22 @@ mod tests {
         let found = answer(vec![small.clone(), cubes.clone()], "contours");
         assert_eq!(
             (found.mark, found.answer.as_str()),
-            (Mark::Mixed, "Yes where the error is small; no for coarse pictures.")
+            (Mark::Mixed, "Open where the error is small; no for coarse pictures.")
         );
-        assert_eq!(found.details[0], "By depth error: yes up to 0.50 px, no from 1.00 px on.");
-        assert_eq!(
-            found.details[1],
-            "Within 0.25 px: contours 2.00 ms, 4.00 MB; no cubes that were measured get there."
+        assert_eq!(found.details[0], "By depth error: no from 1.00 px on; up to 0.50 px, only contours get there.");
+        assert!(
+            found.details[1].starts_with("Within 0.25 px: contours 2.00 ms, 4.00 MB; cubes of at most "),
+            "{:?}",
+            found.details
         );
         assert!(found.details[2].ends_with("contours take 2.00 times the time."), "{:?}", found.details);
+        // Contours win where both get, and lose where pictures are coarse.
+        let coarse = cell(0, false, 1.0, [1.9, 0.4], ms(0.2));
+        let slower = cell(4, false, 1.0, [0.9, 0.09], ms(3.0));
+        let found = answer(vec![small.clone(), slower, coarse], "contours");
+        assert_eq!(found.answer, "Yes where the error is small; no for coarse pictures.");
+        let alone = answer(vec![small.clone()], "contours");
+        assert_eq!((alone.mark, &*alone.answer), (Mark::Plain, "Open: no error was reached by both."));
         let fast = cell(3, false, 1.0, [0.2, 0.02], ms(0.5));
         assert_eq!(answer(vec![fast, cubes.clone()], "contours").mark, Mark::Good);
         let bad = cell(3, false, 1.0, [1.5, 0.2], ms(2.0));
