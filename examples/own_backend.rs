@@ -2,13 +2,10 @@
 //! Slow, without contours and beam. `cargo run -p esvo-examples --example own_backend`
 
 use std::sync::Arc;
-use std::time::{Duration, Instant};
 
 use esvo_core::reference::{self, EPSILON, MAX_SCALE};
 use esvo_core::testing::{compare::Allowed, compare::Comparison, rays, sample};
-use esvo_core::{
-    CastError, CastOptions, Caster, Checked, Device, DeviceKind, FrameTime, Hit, Ray, Rays, Roots, View, exp2,
-};
+use esvo_core::{CastError, CastOptions, Caster, Checked, Device, DeviceKind, Hit, Ray, Rays, Roots, View, exp2};
 use esvo_format::Octree;
 use glam::Vec3;
 
@@ -32,22 +29,12 @@ impl Caster for BruteForce {
         self.1 = Some((octree.clone(), roots));
         Ok(())
     }
-    fn cast_checked(&mut self, view: Checked<View>, hits: &mut Vec<Hit>) -> Result<(), CastError> {
-        let view = self.roots().ok_or(CastError::NotLoaded)?.open(&view)?;
-        let ray = |pixel: usize| view.ray(pixel as u32 % view.width, pixel as u32 / view.width);
-        let rays: Vec<Ray> = (0..view.pixels()).map(ray).collect();
-        self.cast_rays(&Rays { root: view.root, contours: false, rays: &rays }, hits)
-    }
     fn cast_rays_checked(&mut self, rays: Checked<Rays<'_>>, hits: &mut Vec<Hit>) -> Result<(), CastError> {
         let (octree, roots) = self.1.as_ref().ok_or(CastError::NotLoaded)?;
         let (rays, mut voxels) = (roots.open(&rays)?, Vec::new());
         collect(octree, rays.root, Vec3::ONE, MAX_SCALE, &mut voxels);
         *hits = rays.rays.iter().map(|ray| nearest(&voxels, ray)).collect();
         Ok(())
-    }
-    fn time_checked(&mut self, view: Checked<View>) -> Result<FrameTime, CastError> {
-        let start = Instant::now();
-        self.cast_checked(view, &mut Vec::new()).map(|()| FrameTime { total: start.elapsed(), coarse: Duration::ZERO })
     }
 }
 

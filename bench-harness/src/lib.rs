@@ -32,6 +32,7 @@
 //!   second record, and baselines.
 //! - [`error`]: depth error and image error (FLIP). [`timing`]: samples, medians and quartiles.
 //! - [`text`]: tables as text and Markdown. [`output`]: the only writer of records, tables and pictures.
+//! - [`records`]: finds records and reads them, of whichever benchmark.
 //! - [`ray_files`]: rays and hits in files, and comparing hits.
 //! - [`build_summary`]: what `esvo build --json` prints. `growth`: predicting the next level. `curve`: between
 //!   levels and beyond them. `content_hash`: of octrees. `units`: bytes.
@@ -58,6 +59,7 @@ pub mod picture_bench;
 mod progress;
 pub mod ray_bench;
 pub mod ray_files;
+pub mod records;
 pub mod scene;
 pub mod stability_bench;
 pub mod sweep_bench;

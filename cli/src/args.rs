@@ -31,7 +31,7 @@ use crate::version::long_version;
 Examples:
   esvo build sibenik.obj -o sibenik.esvo --levels 11  build an octree from a mesh
   esvo render sibenik.esvo -o sibenik.png             render a picture of it
-  esvo bench                                          measure the paper's two tables, in about three minutes
+  esvo bench                                          measure the paper's two tables, in about five minutes
   esvo help render                                    all options of a command"
 )]
 pub(crate) struct Arguments {

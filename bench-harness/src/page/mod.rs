@@ -10,7 +10,6 @@ mod html;
 mod paper_tables;
 mod pictures;
 mod plot;
-mod records;
 mod sections;
 mod verdicts;
 
@@ -22,8 +21,8 @@ use sha2::{Digest, Sha256};
 
 use crate::BenchError;
 use crate::output::write_text;
+pub use crate::records::{Found, Record, find_records};
 use html::Page;
-pub use records::{Found, Record, find_records};
 
 /// The script of the page.
 const SCRIPT: &str = include_str!("../../templates/page.js");

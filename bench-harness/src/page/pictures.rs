@@ -4,8 +4,8 @@ use std::path::Path;
 
 use base64::Engine;
 
-use super::records::{Found, Record};
 use crate::paper_bench::report::SceneReport;
+use crate::records::{Found, Record};
 use crate::system::machine::slug;
 
 /// The first bytes of a PNG file, up to the length of its first chunk.

@@ -1,13 +1,13 @@
 //! The order of the page, and the sections that are made of tables that the benchmarks print anyway.
 
 use super::html::{Block, Contents, PageTable, Section};
-use super::records::{Found, Record};
 use super::{answers, paper_tables, pictures, plot, verdicts};
 use crate::build_bench::BuildReport;
 use crate::paper_bench::figures::{built_sizes, sizes, viewpoints};
 use crate::paper_bench::paper::Paper;
 use crate::paper_bench::report::PaperReport;
 use crate::paper_bench::tables::{bytes_by_kind, checks, errors, fits};
+use crate::records::{Found, Record};
 use crate::sweep_bench::SweepReport;
 use crate::system::machine::slug;
 use crate::text::{TextTable, short};

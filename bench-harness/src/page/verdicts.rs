@@ -4,9 +4,9 @@ use esvo_core::DeviceKind;
 use esvo_engines::EngineId;
 
 use super::html::{Answered, Mark, PageCell, PageTable, Question};
-use super::records::{Found, Record};
 use crate::paper_bench::check::Agreement;
 use crate::paper_bench::matrix::Variant;
+use crate::records::{Found, Record};
 
 /// What the records say of one engine.
 pub(super) struct Verdict {

@@ -80,7 +80,7 @@ impl Variant {
 }
 
 impl Matrix {
-    /// The default matrix, which takes about three minutes on two cores.
+    /// The default matrix, which takes about five minutes on two cores.
     pub fn default_run() -> Self {
         Self::parse(include_str!("../../matrices/default.toml"), "default.toml").expect("checked by a test")
     }

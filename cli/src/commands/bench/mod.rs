@@ -41,7 +41,7 @@ prints the tables and writes report.json, tables.md, tables.csv, tables.tex and 
 results/<machine>/<date>/. Exit code 1 if the answers of an engine are wrong.
 
 Examples:
-  esvo bench                                    about three minutes on two cores
+  esvo bench                                    about five minutes on two cores
   esvo bench --full --memory 16                 the paper's whole matrix
   esvo bench --scenes sibenik --levels 9,10,11 --backends cpu")]
 pub(crate) struct BenchArguments {

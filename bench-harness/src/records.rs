@@ -134,6 +134,17 @@ pub fn find_records(inputs: &[PathBuf]) -> Result<Vec<Found>, BenchError> {
     Ok(found)
 }
 
+/// Reads a file. `None`: it is no record of one of these benchmarks.
+///
+/// # Errors
+/// A file that cannot be read or is no JSON; a record that is damaged or of another version.
+pub fn read_record(path: &Path) -> Result<Option<Record>, BenchError> {
+    let text = std::fs::read_to_string(path).map_err(|e| BenchError::io(path, e))?;
+    let value = serde_json::from_str::<Value>(&text)
+        .map_err(|e| bad(&path.display().to_string(), format!("is no record of a benchmark: {e}")))?;
+    parse_record(path, &text, kind(&value))
+}
+
 /// The JSON files of a folder and of those below it, in the order of their names. Links are not followed.
 fn json_files(folder: &Path, depth: usize, files: &mut Vec<PathBuf>) -> Result<(), BenchError> {
     let failed = |e| BenchError::io(folder, e);
@@ -158,23 +169,38 @@ fn bad(file: &str, what: impl ToString) -> BenchError {
 fn read(path: &Path, named: bool) -> Result<Option<Found>, BenchError> {
     let file = path.display().to_string();
     let text = std::fs::read_to_string(path).map_err(|e| BenchError::io(path, e))?;
-    let kind = serde_json::from_str::<Value>(&text).ok().as_ref().and_then(kind);
-    let record = match kind {
-        Some(Kind::Paper) => Record::Paper(parse(&text, &file, crate::paper_bench::report::SCHEMA)?),
-        Some(Kind::Build) => Record::Build(parse(&text, &file, crate::build_bench::SCHEMA)?),
-        Some(Kind::Stability) => Record::Stability(parse(&text, &file, crate::stability_bench::SCHEMA)?),
-        Some(Kind::Rays) => Record::Rays(parse(&text, &file, crate::ray_bench::SCHEMA)?),
-        Some(Kind::Needs) => Record::Needs(parse(&text, &file, crate::needs_bench::SCHEMA)?),
-        // Its cells point at octrees, which this function checks.
-        Some(Kind::Sweep) => Record::Sweep(Box::new(read_sweep_record(path)?)),
-        Some(Kind::Format) | None if !named => return Ok(None),
-        Some(Kind::Format) => return Err(bad(&file, "is a record of esvo bench format, which pages do not show")),
-        None => return Err(bad(&file, "is no record of esvo bench, build, sweep, stability, rays or needs")),
+    let kind = match serde_json::from_str::<Value>(&text) {
+        Ok(value) => kind(&value),
+        Err(error) if named => return Err(bad(&file, format!("is no record of a benchmark: {error}"))),
+        Err(_) => None,
+    };
+    let Some(record) = parse_record(path, &text, kind)? else {
+        return match kind {
+            _ if !named => Ok(None),
+            Some(_) => Err(bad(&file, "is a record of esvo bench format, which pages do not show")),
+            None => Err(bad(&file, "is no record of esvo bench, build, sweep, stability, rays or needs")),
+        };
     };
     let own = path.file_name().unwrap_or_default().to_string_lossy();
     let folder = path.canonicalize().ok().and_then(|p| Some(p.parent()?.file_name()?.to_string_lossy().into_owned()));
     let name = folder.map_or_else(|| own.to_string(), |folder| format!("{folder}/{own}"));
     Ok(Some(Found { path: path.to_owned(), name, record }))
+}
+
+/// The record in a text of this kind. `None`: there is none.
+fn parse_record(path: &Path, text: &str, kind: Option<Kind>) -> Result<Option<Record>, BenchError> {
+    let file = path.display().to_string();
+    let record = match kind {
+        Some(Kind::Paper) => Record::Paper(parse(text, &file, crate::paper_bench::report::SCHEMA)?),
+        Some(Kind::Build) => Record::Build(parse(text, &file, crate::build_bench::SCHEMA)?),
+        Some(Kind::Stability) => Record::Stability(parse(text, &file, crate::stability_bench::SCHEMA)?),
+        Some(Kind::Rays) => Record::Rays(parse(text, &file, crate::ray_bench::SCHEMA)?),
+        Some(Kind::Needs) => Record::Needs(parse(text, &file, crate::needs_bench::SCHEMA)?),
+        // Its cells point at octrees, which this function checks.
+        Some(Kind::Sweep) => Record::Sweep(Box::new(read_sweep_record(path)?)),
+        Some(Kind::Format) | None => return Ok(None),
+    };
+    Ok(Some(record))
 }
 
 fn parse<T: DeserializeOwned>(text: &str, file: &str, schema: u32) -> Result<Box<T>, BenchError> {
