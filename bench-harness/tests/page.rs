@@ -67,8 +67,12 @@ fn texts(html: &str) -> String {
             Some(tag) => rest.find(&format!("</{tag}>")).unwrap() + tag.len() + 3,
             None => start + rest[start..].find('>').unwrap() + 1,
         };
-        let inline = ["<code", "</code", "<td", "</td", "<th>", "<th ", "</th", "<small", "</small"];
         let tag = &rest[start..after];
+        if tag.starts_with("<a ") || tag == "</a>" {
+            rest = &rest[after..];
+            continue;
+        }
+        let inline = ["<span", "</span", "<code", "</code", "<td", "</td", "<th>", "<th ", "</th", "<small", "</small"];
         out += if inline.iter().any(|name| tag.starts_with(name)) { " " } else { "\n" };
         rest = &rest[after..];
     }
@@ -165,6 +169,9 @@ fn stored_records_make_a_page() {
         "Hard rays",
         "Incoherent rays",
         "paper 82.5, × 0.14",
+        "are within the spread of their rounds",
+        "the worst error of the distance is 0.962 of what rounding may do",
+        "AVX2 (AMD EPYC), without clipping by contours, where there are none",
     ] {
         assert!(text.contains(part), "{part}");
     }
@@ -239,6 +246,213 @@ fn the_script_sorts_shows_and_compares_in_a_browser() {
     assert!(unsorted != free && found.contains("does not sort up"), "{found}");
     let blocked = html.replacen("\"use strict\";", "\"use strict\"; ", 1);
     assert!(blocked != html && !faults(&chromium, &blocked).is_empty());
+}
+
+/// How the page lies in a window of this width: what `script` says, which sees the page as `page`. The page is in a frame: no window of
+/// Chromium is as narrow as that of a telephone.
+fn laid_out(chromium: &Path, html: &str, width: u32, script: &str) -> Vec<String> {
+    let escaped = html.replace('&', "&amp;").replace('"', "&quot;");
+    let frame = format!("<iframe style=\"width:{width}px;height:900px;border:0\" srcdoc=\"{escaped}\"></iframe>");
+    let harness = format!(
+        "<!doctype html><html><body>{frame}<script>addEventListener('load', () => {{\
+         const page = document.querySelector('iframe').contentDocument; const said = [];\
+         const say = (text) => said.push(text); {script}\
+         document.body.innerHTML = ''; const out = document.createElement('pre'); out.id = 'said';\
+         out.textContent = said.join('\\n'); document.body.append(out); }});</script></body></html>"
+    );
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("harness.html");
+    std::fs::write(&path, harness).unwrap();
+    let (dom, console) = browse(chromium, &path, &["--dump-dom", "--window-size=1400,1000"], "");
+    assert_eq!(console, [""; 0]);
+    let start = dom.find("<pre id=\"said\">").expect("the harness ran") + "<pre id=\"said\">".len();
+    let end = start + dom[start..].find("</pre>").unwrap();
+    dom[start..end].lines().filter(|line| !line.is_empty()).map(str::to_owned).collect()
+}
+
+/// Whatever is wider than the page.
+const OVERFLOW: &str = "const root = page.documentElement;\
+    if (root.scrollWidth > root.clientWidth) say(`the page is ${root.scrollWidth} wide in ${root.clientWidth}`);\
+    for (const table of page.querySelectorAll('table.cards')) {\
+        const box = table.closest('.scroll'); if (!box.checkVisibility()) continue;\
+        if (root.clientWidth < 600 && box.scrollWidth > box.clientWidth) say(`cards are ${box.scrollWidth} wide in ${box.clientWidth}`);\
+        for (const cell of table.querySelectorAll('tbody > tr > *'))\
+            if (cell.scrollWidth > cell.clientWidth + 1) say(`text leaves its cell: ${cell.textContent}`); }";
+
+/// Where columns of the settings' tables end, as far as they can be seen without scrolling.
+fn seen(columns: &[&str]) -> String {
+    format!(
+        "let tables = 0; for (const table of page.querySelectorAll('#sweep > figure table')) {{ tables += 1;\
+         const heads = [...table.tHead.rows[0].cells]; const box = table.closest('.scroll').getBoundingClientRect();\
+         for (const name of {columns:?}) {{ const head = heads.find((head) => head.textContent.startsWith(name));\
+             if (!head) say(`no column ${{name}}`);\
+             else if (head.getBoundingClientRect().right > box.right) say(`${{name}} is beyond ${{box.right}}`); }} }}\
+         if (tables === 0) say('no table of settings');"
+    )
+}
+
+#[test]
+fn narrow_and_wide_windows_show_what_counts_without_scrolling() {
+    let Some(chromium) = chromium() else { return };
+    let html = page().html;
+    let stored = Path::new(env!("CARGO_MANIFEST_DIR")).join("../results");
+    let stored = make_page(&PageOptions { picture_bytes: 10, ..options(&[&stored]) }).unwrap().html;
+    let first = ["setting", "time, ms", "depth error 90 %", "hits"];
+    for html in [&html, &stored] {
+        assert_eq!(laid_out(&chromium, html, 400, &(OVERFLOW.to_owned() + &seen(&first))), [""; 0]);
+        let wide = [&first[..], &["FLIP"]].concat();
+        assert_eq!(laid_out(&chromium, html, 1300, &(OVERFLOW.to_owned() + &seen(&wide))), [""; 0]);
+    }
+    // What is wrong is seen: something too wide, and a column that stands last.
+    let wide = html.replacen("<main>", "<main><div style=\"width:500px\">x</div>", 1);
+    let found = laid_out(&chromium, &wide, 400, OVERFLOW);
+    assert!(found.iter().any(|line| line.starts_with("the page is ")), "{found:?}");
+    let found = laid_out(&chromium, &html, 400, &seen(&["on disk"]));
+    assert!(found.iter().any(|line| line.starts_with("on disk is beyond")), "{found:?}");
+    let broken =
+        html.replacen(".cards thead { display: none; }", ".cards tbody th { white-space: nowrap; width: 3rem; }", 1);
+    assert!(broken != html && !laid_out(&chromium, &broken, 400, OVERFLOW).is_empty());
+}
+
+/// What stands in the elements of this tag, which do not nest.
+fn parts_of<'a>(html: &'a str, tag: &str) -> Vec<&'a str> {
+    let inside = |part: &'a str| part.split(&format!("</{tag}>")).next().unwrap().split_once('>').unwrap().1;
+    html.split(&format!("<{tag}")).skip(1).map(inside).collect()
+}
+
+/// Records of two machines with files of the same names, of which one has a GPU and is ten times as fast.
+fn two_machines() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    for (machine, slower) in [("here", 1.0), ("there", 0.1)] {
+        let put = |name: &str, text: String| {
+            let path = folder.path().join(machine).join(name);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, text).unwrap();
+        };
+        let mut report = fake_report();
+        let mut sweep: serde_json::Value = serde_json::from_str(include_str!("data/sweep.json")).unwrap();
+        let cells = sweep["scenes"].as_array_mut().unwrap().iter_mut().flat_map(|s| s["cells"].as_array_mut().unwrap());
+        for seconds in cells.flat_map(|c| c["seconds"].as_array_mut().unwrap()).flat_map(|r| r.as_array_mut().unwrap())
+        {
+            *seconds = (seconds.as_f64().unwrap() * slower).into();
+        }
+        report
+            .scenes
+            .iter_mut()
+            .flat_map(|scene| &mut scene.checks)
+            .for_each(|check| check.agreement.different_voxel = 0);
+        if machine == "there" {
+            report.machine.cpu = "Fast Processor".into();
+            report.machine.threads = 16;
+            report.devices[2].name = "Big GPU".into();
+            // The other machine's GPU is wrong, and its alone.
+            report.scenes[0].checks.last_mut().unwrap().agreement.different_voxel = 5000;
+            sweep["machine"]["cpu"] = "Fast Processor".into();
+            sweep["machine"]["threads"] = 16.into();
+        } else {
+            report.devices.retain(|device| device.kind != esvo_core::DeviceKind::Gpu);
+            sweep["machine"]["cpu"] = "Example Processor".into();
+            sweep["machine"]["threads"] = 2.into();
+        }
+        put("tables/report.json", report.to_json());
+        put("sweep/report.json", sweep.to_string());
+    }
+    folder
+}
+
+#[test]
+fn machines_are_kept_apart() {
+    let folder = two_machines();
+    let page = make_page(&options(&[folder.path()])).unwrap();
+    assert_eq!(page.wrong, ["ash"]);
+    let html = &page.html;
+    let [here, there] = ["Example Processor, 2 threads", "Big GPU with Fast Processor, 16 threads"];
+    let names = |part: &str| [here, there].into_iter().filter(|name| part.contains(name)).collect::<Vec<_>>();
+    // Every question of a sweep is asked of each machine, and nothing below it names the other.
+    let questions: Vec<&str> =
+        parts_of(html, "article").into_iter().filter(|part| !part.contains("Which engine is wrong?")).collect();
+    assert_eq!(questions.len(), 8);
+    for question in &questions {
+        assert_eq!(names(question).len(), 1, "{}", texts(question));
+    }
+    // The answers are of its own times.
+    let half = |name: &str| {
+        let of = questions.iter().find(|part| part.contains("half a pixel in") && part.contains(name)).unwrap();
+        texts(of)
+    };
+    assert!(half(here) != half(there));
+    assert_eq!(
+        half(here),
+        {
+            let alone = make_page(&options(&[&folder.path().join("here")])).unwrap().html;
+            let article =
+                parts_of(&alone, "article").into_iter().find(|part| part.contains("half a pixel in")).unwrap();
+            texts(article)
+        },
+        "another machine changes no answer"
+    );
+    // Every table and plot of a section of a machine names it, and no other.
+    let figures: Vec<&str> = parts_of(html, "figcaption").into_iter().filter(|part| part.contains("<h3>")).collect();
+    assert!(figures.len() > 20);
+    let of_all = ["Engines", "Comparisons of each engine", "Records", "Not measured", "Credits"];
+    for figure in figures {
+        let caption = texts(figure);
+        let title = caption.lines().next().unwrap_or_default();
+        assert_eq!(names(figure).len(), usize::from(!of_all.contains(&title)), "{caption}");
+    }
+    // The wrong engine is that of the other machine.
+    let wrong = texts(parts_of(html, "article")[0]);
+    assert!(wrong.contains(&format!("{here}\nNone.")) && wrong.contains(&format!("{there}\nash is wrong.")), "{wrong}");
+    // Records of the same name get their folders', and ids are unique.
+    assert!(texts(html).contains("here/sweep/report.json") && texts(html).contains("there/tables/report.json"));
+    let mut ids: Vec<&str> = html.split(" id=\"").skip(1).map(|rest| rest.split('"').next().unwrap()).collect();
+    let count = ids.len();
+    ids.sort_unstable();
+    ids.dedup();
+    assert_eq!(ids.len(), count);
+    let Some(chromium) = chromium() else { return };
+    assert_eq!(laid_out(&chromium, html, 400, OVERFLOW), [""; 0]);
+}
+
+#[test]
+fn engines_terms_and_ties_are_said() {
+    let html = page().html;
+    let engines = texts(parts_of(&html, "article")[0]);
+    for row in [
+        "wgpu right llvmpipe: software on the processor, no GPU yes",
+        "ash WRONG Example GPU, a GPU no",
+        "cpu right Example Processor, the processor no",
+    ] {
+        assert!(engines.contains(row), "{row}: {engines}");
+    }
+    assert!(
+        engines.contains("counted differences from the reference: at most 1 ray in 100000 may end elsewhere"),
+        "{engines}"
+    );
+    // Every link to a term has an end.
+    for id in html.split("href=\"#").skip(1).map(|rest| rest.split('"').next().unwrap()) {
+        assert!(html.contains(&format!("id=\"{id}\"")), "{id}");
+    }
+    for id in [
+        "oracle",
+        "exact",
+        "front",
+        "reference",
+        "cpu",
+        "wgpu",
+        "ash",
+        "triangles",
+        "root-cube",
+        "llvmpipe",
+        "contours",
+        "beam",
+        "ends",
+        "flip",
+        "depth-error",
+        "levels",
+    ] {
+        assert!(html.contains(&format!("id=\"term-{id}\"")), "{id}");
+    }
 }
 
 /// Pictures of the page for people to look at, in the folder of the build.

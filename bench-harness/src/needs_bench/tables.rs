@@ -6,7 +6,7 @@ use super::{Case, NeedsReport, Unread, Variant};
 use crate::text::{Document, TextTable, short};
 
 /// Bytes of a frame of a kernel's stack: the parent's slot, and the `t` at which the ray leaves it.
-const BYTES_PER_FRAME: u32 = 8;
+pub(crate) const BYTES_PER_FRAME: u32 = 8;
 
 /// The record as aligned text for a terminal.
 pub fn to_text(report: &NeedsReport) -> String {

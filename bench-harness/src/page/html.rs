@@ -2,6 +2,7 @@
 
 use askama::Template;
 
+use super::glossary::{Piece, Term};
 use super::pictures::Comparison;
 use super::plot::Plot;
 use crate::text::TextTable;
@@ -22,10 +23,12 @@ pub(super) struct Page {
 pub(super) struct Contents {
     /// Lines below the title.
     pub(super) lead: Vec<String>,
-    /// The questions of the summary.
-    pub(super) questions: Vec<Question>,
+    /// The question of all machines.
+    pub(super) wrong_engine: Question,
+    /// The questions of each machine.
+    pub(super) machines: Vec<Answers>,
     /// Terms and what they mean.
-    pub(super) terms: &'static [[&'static str; 2]],
+    pub(super) terms: &'static [Term],
     pub(super) sections: Vec<Section>,
     /// Engines that are wrong.
     pub(super) wrong: Vec<String>,
@@ -33,24 +36,46 @@ pub(super) struct Contents {
     pub(super) pictures: usize,
 }
 
+impl Contents {
+    /// The sections of a machine; of all machines, if the name is empty.
+    fn sections_of<'a>(&'a self, machine: &'a str) -> impl Iterator<Item = &'a Section> {
+        self.sections.iter().filter(move |section| section.machine == machine)
+    }
+}
+
+/// The answers for one machine.
+pub(super) struct Answers {
+    /// Its name.
+    pub(super) machine: String,
+    /// Part of the ids of its elements; empty on a page of one machine.
+    pub(super) id: String,
+    pub(super) questions: Vec<Question>,
+}
+
 /// A question of the summary.
 pub(super) struct Question {
     pub(super) id: &'static str,
     pub(super) question: String,
+    /// Name of the machine that it is about; empty: of all of the page.
+    pub(super) machine: String,
     /// What is asked, in more words, or the rule of the answer.
     pub(super) rule: String,
     pub(super) answers: Vec<Answered>,
+    /// A table below the answers.
+    pub(super) table: Option<PageTable>,
 }
 
-/// An answer for one scene or engine.
+/// An answer for one scene or machine.
 pub(super) struct Answered {
-    /// Scene or engine; empty: the answer is for all.
+    /// Scene or machine; empty: the answer is for all.
     pub(super) of: String,
     pub(super) mark: Mark,
     /// The answer in a few words.
     pub(super) answer: String,
     /// Figures.
     pub(super) details: Vec<String>,
+    /// Things that the answer names, none of them better than another.
+    pub(super) choices: Vec<String>,
 }
 
 /// How an answer looks.
@@ -78,10 +103,14 @@ impl Mark {
 pub(super) struct Section {
     pub(super) id: String,
     pub(super) title: String,
+    /// Name of the machine; empty: of all of the page.
+    pub(super) machine: String,
     /// The folder of the record, which the title gets if there is another section of that title.
     pub(super) of: String,
     /// Paragraphs below the title.
     pub(super) lead: Vec<String>,
+    /// Findings, each in a sentence, below the paragraphs.
+    pub(super) findings: Vec<String>,
     pub(super) blocks: Vec<Block>,
 }
 
@@ -104,7 +133,16 @@ pub(super) struct PageTable {
     pub(super) head: Vec<String>,
     /// Number of left-aligned columns.
     pub(super) left: usize,
+    /// On a narrow screen, each row is a list of its cells with their headings: for tables of texts.
+    pub(super) cards: bool,
     pub(super) rows: Vec<Vec<PageCell>>,
+}
+
+impl PageTable {
+    /// The same as a list of cards on a narrow screen.
+    pub(super) fn in_cards(self) -> Self {
+        Self { cards: true, ..self }
+    }
 }
 
 /// A cell.
@@ -155,18 +193,10 @@ impl From<TextTable> for PageTable {
             notes: table.notes,
             head: table.head,
             left: table.left,
+            cards: false,
             rows: table.rows.into_iter().map(cells).collect(),
         }
     }
-}
-
-/// The parts of a text that stand between backquotes, and those that do not, in turn, the first of which does not.
-pub(super) fn code_parts(text: &str) -> Vec<(bool, &str)> {
-    text.split('`')
-        .enumerate()
-        .map(|(index, part)| (index % 2 == 1, part))
-        .filter(|(_, part)| !part.is_empty())
-        .collect()
 }
 
 #[cfg(test)]
@@ -177,11 +207,5 @@ mod tests {
     fn cells_are_sorted_by_the_number_they_begin_with() {
         let keys = ["11.7 ±3%", "0.0000%", "-", "wgpu", "1.2e-3", "-5 px", "", "44.6 MiB 3.00 s"].map(sort_key);
         assert_eq!(keys, ["11.7", "0", "", "wgpu", "0.0012", "-5", "", "44.6"]);
-    }
-
-    #[test]
-    fn code_stands_between_backquotes() {
-        assert_eq!(code_parts("a `b` c"), [(false, "a "), (true, "b"), (false, " c")]);
-        assert_eq!(code_parts("`b`"), [(true, "b")]);
     }
 }

@@ -1,16 +1,23 @@
 //! `esvo bench page`: one HTML file made of stored records alone, to be read without any other file and without a network.
 //!
-//! - `records.rs`: finding records and reading them. `verdicts.rs`: which engine is wrong, by all of them. `answers.rs`: the questions
-//!   that a sweep answers, in words. `paper_tables.rs`: Table 1 and Table 2 with the paper's figures. `plot.rs`: error against time.
-//!   `pictures.rs`: pictures to compare. `sections.rs`: the rest, and the order.
-//! - `html.rs`: what the template is given. `templates/`: the template, its style and its script.
+//! - `machines.rs`: records by machine. `verdicts.rs`: which engine is wrong, by all records. `answers/`: the questions that a sweep answers,
+//!   in words. `span.rs`: times with their spread, and ties. `settings.rs`: the settings of a sweep. `plot.rs`: error against time.
+//! - `paper_tables.rs`: Table 1 and Table 2 with the paper's figures. `in_words.rs`: sentences above tables of figures. `pictures.rs`:
+//!   pictures to compare. `sources.rs`: the records. `sections.rs`: the order.
+//! - `glossary.rs`: the terms. `html.rs`: what the template is given. `templates/`: the template, its style and its script.
 
 mod answers;
+mod glossary;
 mod html;
+mod in_words;
+mod machines;
 mod paper_tables;
 mod pictures;
 mod plot;
 mod sections;
+mod settings;
+mod sources;
+mod span;
 mod verdicts;
 
 use std::path::{Path, PathBuf};
@@ -60,7 +67,8 @@ pub struct MadePage {
 /// # Errors
 /// An input that cannot be read, a file that is no record, folders without a record.
 pub fn make_page(options: &PageOptions) -> Result<MadePage, BenchError> {
-    let found = find_records(&options.inputs)?;
+    let mut found = find_records(&options.inputs)?;
+    machines::name_apart(&mut found);
     let hash = base64::engine::general_purpose::STANDARD.encode(Sha256::digest(SCRIPT));
     let (contents, left_out) = sections::contents(&found, options.picture_bytes);
     let wrong = contents.wrong.clone();

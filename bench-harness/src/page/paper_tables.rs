@@ -32,6 +32,7 @@ pub(super) fn table1(rows: &[SizeRow], paper: &Paper) -> PageTable {
         ],
         head,
         left: 2,
+        cards: false,
         rows: Vec::new(),
     };
     for row in rows {
@@ -88,7 +89,7 @@ pub(super) fn table2(report: &PaperReport, paper: &Paper, device: &DeviceRecord)
         }
     };
     let mut table = PageTable {
-        caption: format!("Table 2, {}: primary rays, millions per second", device.backend.name()),
+        caption: format!("Table 2, {}: primary rays, millions per second, median of the rounds", device.backend.name()),
         notes: vec![
             format!("{}. {compared}", device_title(device)),
             "In each cell: the median over the rounds ± half the distance between the quartiles; in small type the paper's figure and ours \
@@ -97,6 +98,7 @@ pub(super) fn table2(report: &PaperReport, paper: &Paper, device: &DeviceRecord)
         ],
         head,
         left: 2,
+        cards: false,
         rows: Vec::new(),
     };
     if filtered {
@@ -178,7 +180,7 @@ pub(super) fn columns(report: &PaperReport, paper: &Paper) -> Option<PageTable> 
     }
     let head = ["scene", "engine", "picture", "triangles", "contours", "with beam"].map(Into::into).into();
     (!rows.is_empty()).then(|| PageTable {
-        caption: "How the columns relate: rays per second over those of cubes".into(),
+        caption: "How the columns relate: rays per second (median) over those of cubes".into(),
         notes: vec![
             "At the largest picture. This is what can be compared between devices of different age and kind: above 1, faster than cubes of \
              as many levels."
@@ -186,6 +188,7 @@ pub(super) fn columns(report: &PaperReport, paper: &Paper) -> Option<PageTable> 
         ],
         head,
         left: 3,
+        cards: false,
         rows,
     })
 }

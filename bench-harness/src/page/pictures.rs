@@ -19,6 +19,7 @@ pub(super) struct Comparison {
 }
 
 /// A picture.
+#[derive(PartialEq)]
 pub(super) struct Shot {
     /// What it shows.
     pub(super) label: String,
@@ -29,8 +30,9 @@ pub(super) struct Shot {
 }
 
 /// The pictures of all records of the paper's tables, and what was left out. Scenes whose pictures may not be published have none.
+/// Those that another record has in the same way are shown once.
 pub(super) fn comparisons(found: &[Found], most_bytes: u64) -> (Vec<Comparison>, Vec<String>) {
-    let (mut all, mut left_out, mut bytes) = (Vec::new(), Vec::new(), 0);
+    let (mut all, mut left_out, mut bytes) = (Vec::<Comparison>::new(), Vec::new(), 0);
     for one in found {
         let Record::Paper(report) = &one.record else { continue };
         let folder = one.path.parent().unwrap_or(Path::new(""));
@@ -44,6 +46,7 @@ pub(super) fn comparisons(found: &[Found], most_bytes: u64) -> (Vec<Comparison>,
             let mut shots = Vec::new();
             for name in &scene.pictures {
                 match shot(folder, name, scene, most_bytes.saturating_sub(bytes)) {
+                    Ok((shot, _)) if all.iter().any(|known| known.shots.contains(&shot)) => {}
                     Ok((shot, size)) => {
                         bytes += size;
                         shots.push(shot);

@@ -3,6 +3,7 @@
 use esvo_engines::EngineId;
 
 use super::answers::setting;
+use super::span::Span;
 use crate::sweep_bench::SweepReport;
 use crate::sweep_bench::errors::ErrorMeasure;
 use crate::sweep_bench::record::{Cell, SceneSweep};
@@ -49,6 +50,8 @@ pub(super) struct Point {
     /// Lines of what is shown when it is pointed at.
     pub(super) tip: Vec<String>,
     pub(super) on_front: bool,
+    /// Of settings on the front, how far to the right the range of their times goes.
+    pub(super) range: Option<String>,
 }
 
 /// An entry of the legend.
@@ -108,36 +111,38 @@ fn plot(report: &SweepReport, scene: &SceneSweep, measure: ErrorMeasure) -> Opti
     let of_octrees = scene.cells.iter().filter(|cell| cell.octree.is_some()).map(|cell| measure.of(&cell.error));
     let least = of_octrees.filter(|error| *error > 0.0).fold(f64::INFINITY, f64::min);
     let floor = if least.is_finite() { BELOW * least } else { 1e-4 };
-    let timed: Vec<(usize, &Cell, f64, f64)> = (scene.cells.iter().enumerate())
-        .filter_map(|(index, cell)| Some((index, cell, cell.ms()?, measure.of(&cell.error).max(floor))))
+    let timed: Vec<(usize, &Cell, Span, f64)> = (scene.cells.iter().enumerate())
+        .filter_map(|(index, cell)| Some((index, cell, Span::of(cell)?, measure.of(&cell.error).max(floor))))
         .collect();
-    let [left, top, right, bottom] = [ROOM[0], ROOM[1], SIZE[0] - ROOM[2], SIZE[1] - ROOM[3]];
-    let x = Axis::new(timed.iter().map(|p| p.2), left, right)?;
-    let y = Axis::new(timed.iter().map(|p| p.3), bottom, top)?;
     let on = fronts(report, scene, measure, Among::Octrees);
+    let [left, top, right, bottom] = [ROOM[0], ROOM[1], SIZE[0] - ROOM[2], SIZE[1] - ROOM[3]];
+    let ends = timed.iter().filter(|p| on[p.0]).map(|p| p.2.quarter);
+    let x = Axis::new(timed.iter().map(|p| p.2.least).chain(ends), left, right)?;
+    let y = Axis::new(timed.iter().map(|p| p.3), bottom, top)?;
     let mut front: Vec<_> = timed.iter().filter(|(index, ..)| on[*index]).collect();
-    front.sort_by(|a, b| a.2.total_cmp(&b.2));
-    let place = |p: &(usize, &Cell, f64, f64)| format!("{},{}", coordinate(x.at(p.2)), coordinate(y.at(p.3)));
+    front.sort_by(|a, b| a.2.least.total_cmp(&b.2.least));
+    let place = |p: &(usize, &Cell, Span, f64)| format!("{},{}", coordinate(x.at(p.2.least)), coordinate(y.at(p.3)));
     let mut legend: Vec<Legend> = Vec::new();
     let mut points = Vec::new();
-    for (index, cell, ms, error) in &timed {
+    for (index, cell, span, error) in &timed {
         let (class, shape) = look(cell);
         if !legend.iter().any(|known| known.class == class && known.shape == shape) {
             legend.push(Legend { class: class.clone(), shape, text: series(cell) });
         }
-        let spread = cell.frame_ms().map_or(0.0, |ms| ms.rounds.median);
+        let median = cell.frame_ms().map_or(0.0, |ms| ms.rounds.median);
         points.push(Point {
-            x: coordinate(x.at(*ms)),
+            x: coordinate(x.at(span.least)),
             y: coordinate(y.at(*error)),
             class,
             shape,
             tip: vec![
                 setting(scene, cell),
-                format!("{} ms ({} in the middle) on {}", short(*ms), short(spread), cell.engine),
+                format!("{} by {} (median {} ms)", span.words(), cell.engine, short(median)),
                 format!("{} {}", measure.title(), measure.show(measure.of(&cell.error))),
                 format!("{} MB", short(cell.memory_bytes as f64 / 1e6)),
             ],
             on_front: on[*index],
+            range: on[*index].then(|| coordinate(x.at(span.quarter) - x.at(span.least))),
         });
     }
     let half = (measure == ErrorMeasure::P90).then(|| y.at(0.5)).filter(|at| (top..=bottom).contains(at));
@@ -147,7 +152,7 @@ fn plot(report: &SweepReport, scene: &SceneSweep, measure: ErrorMeasure) -> Opti
         width: SIZE[0],
         height: SIZE[1],
         area: [left, top, right, bottom],
-        x_title: "milliseconds per frame".into(),
+        x_title: "milliseconds per frame, least of the rounds".into(),
         y_title: format!("{}{unit}", measure.title()),
         x_ticks: x.ticks(),
         y_ticks: y.ticks(),
@@ -209,6 +214,7 @@ mod tests {
             assert!((left..=right).contains(&at[0]) && (top..=bottom).contains(&at[1]), "{at:?}");
         }
         assert_eq!(plot.front.split(' ').count(), 2);
+        assert_eq!(plot.points.iter().filter(|point| point.range.is_some()).count(), 2);
         assert!(plot.half.is_some() && plots[1].half.is_none());
         assert_eq!(plot.legend.len(), 4);
         let none = super::plots(

@@ -1,17 +1,27 @@
 //! Which engine is wrong: every comparison of every record, by engine.
 
-use esvo_core::DeviceKind;
+use std::collections::BTreeSet;
+
+use esvo_core::testing::compare::Allowed;
+use esvo_core::{Device, DeviceKind};
 use esvo_engines::EngineId;
 
 use super::html::{Answered, Mark, PageCell, PageTable, Question};
+use super::machines::OnMachine;
 use crate::paper_bench::check::Agreement;
 use crate::paper_bench::matrix::Variant;
+use crate::paper_bench::report::DeviceRecord;
 use crate::records::{Found, Record};
+use crate::stability_bench::StabilityReport;
 
-/// What the records say of one engine.
+/// What the records of a machine say of one engine on one device.
 pub(super) struct Verdict {
     /// Name of the engine, without its instruction set.
     pub(super) engine: String,
+    /// What it ran on; `None`: the records do not say.
+    pub(super) device: Option<(String, DeviceKind)>,
+    /// How its hits were judged.
+    rules: BTreeSet<Rule>,
     /// Rays that were compared.
     pub(super) rays: u64,
     /// Those that end elsewhere than the reference's.
@@ -22,14 +32,67 @@ pub(super) struct Verdict {
     pub(super) records: Vec<String>,
 }
 
+/// The engine that the others are compared with.
+const REFERENCE: &str = "reference";
+
+/// How hits are judged.
+#[derive(Clone, PartialEq, Eq, PartialOrd, Ord)]
+enum Rule {
+    /// By the oracle in double precision.
+    Oracle,
+    /// They must be the reference's in every bit.
+    Equal,
+    /// Hits of triangles must be the exact answer in every bit.
+    EqualTriangles,
+    /// Differences from the reference are counted, and few are allowed: in words, how many.
+    Counted(String),
+    /// Where hard rays differ from the reference's, the oracle judges.
+    OracleOfDifferences,
+}
+
+impl Rule {
+    fn of(agreement: &Agreement, triangles: bool) -> Self {
+        let allowed = agreement.allowed;
+        match (triangles, allowed == Allowed::EXACT) {
+            (true, _) => Self::EqualTriangles,
+            (false, true) => Self::Equal,
+            (false, false) if allowed.share == 0.0 => {
+                Self::Counted(format!("none may end elsewhere, distances within {:.5}", allowed.t))
+            }
+            (false, false) => {
+                let one_in = (1.0 / allowed.share).round();
+                let t = if allowed.t == 0.0 {
+                    "distances in every bit".into()
+                } else {
+                    format!("distances within {:.5}", allowed.t)
+                };
+                Self::Counted(format!("at most 1 ray in {one_in} may end elsewhere, {t}"))
+            }
+        }
+    }
+
+    fn words(&self) -> String {
+        match self {
+            Self::Oracle => "the oracle, in double precision".into(),
+            Self::Equal => "bit-equal to the reference".into(),
+            Self::EqualTriangles => "triangles: bit-equal to the exact answer".into(),
+            Self::Counted(how) => format!("counted differences from the reference: {how}"),
+            Self::OracleOfDifferences => "hard rays that differ: the oracle".into(),
+        }
+    }
+}
+
 #[derive(Default)]
 struct Verdicts(Vec<Verdict>);
 
 impl Verdicts {
-    fn of(&mut self, engine: &str, record: &str) -> &mut Verdict {
-        let index = self.0.iter().position(|v| v.engine == engine).unwrap_or_else(|| {
-            let engine = engine.to_owned();
-            self.0.push(Verdict { engine, rays: 0, different: 0, wrong: Vec::new(), records: Vec::new() });
+    fn of(&mut self, engine: &str, device: Option<(&str, DeviceKind)>, record: &str) -> &mut Verdict {
+        // Records name the device of the reference in several ways, or not at all. It is the processor.
+        let device = device.filter(|_| engine != REFERENCE).map(|(name, kind)| (name.to_owned(), kind));
+        let index = self.0.iter().position(|v| v.engine == engine && v.device == device).unwrap_or_else(|| {
+            let (engine, rules) = (engine.to_owned(), BTreeSet::new());
+            let (wrong, records) = (Vec::new(), Vec::new());
+            self.0.push(Verdict { engine, device, rules, rays: 0, different: 0, wrong, records });
             self.0.len() - 1
         });
         let verdict = &mut self.0[index];
@@ -38,13 +101,32 @@ impl Verdicts {
         }
         verdict
     }
+}
 
-    fn add(&mut self, engine: &str, record: &str, agreement: &Agreement, what: impl FnOnce() -> String) {
-        let verdict = self.of(engine, record);
-        verdict.rays += agreement.pixels;
-        verdict.different += agreement.different_voxel;
+impl Verdict {
+    fn add(&mut self, record: &str, agreement: &Agreement, triangles: bool, what: impl FnOnce() -> String) {
+        self.rays += agreement.pixels;
+        self.different += agreement.different_voxel;
+        if self.engine != REFERENCE {
+            self.rules.insert(Rule::of(agreement, triangles));
+        }
         if !agreement.passed() {
-            verdict.wrong.push(format!("{}: {} ({record})", what(), failure(agreement)));
+            self.wrong.push(format!("{}: {} ({record})", what(), failure(agreement)));
+        }
+    }
+
+    fn is_software(&self) -> bool {
+        matches!(self.device, Some((_, DeviceKind::SoftwareGpu)))
+    }
+
+    /// What it ran on, for people; `machine` is the processor of those whose records do not say.
+    fn device(&self, processor: &str) -> String {
+        match &self.device {
+            Some((name, DeviceKind::Cpu)) => format!("{name}, the processor"),
+            Some((name, DeviceKind::Gpu)) => format!("{name}, a GPU"),
+            Some((name, DeviceKind::SoftwareGpu)) => format!("{name}: software on the processor, no GPU"),
+            None if self.engine == REFERENCE => format!("{processor}, the processor"),
+            None => "not known".into(),
         }
     }
 }
@@ -68,20 +150,31 @@ fn failure(agreement: &Agreement) -> String {
 /// The name of an engine's row: instruction sets are those of `cpu`.
 fn engine_of(name: &str, kind: Option<DeviceKind>) -> String {
     let plain = name.split(',').next().unwrap_or(name).trim();
-    let is_set = kind == Some(DeviceKind::Cpu) && plain != "reference";
+    let is_set = kind == Some(DeviceKind::Cpu) && plain != REFERENCE;
     if is_set { "cpu".into() } else { plain.into() }
 }
 
-/// The verdicts on every engine that a record compares.
-pub(super) fn verdicts(found: &[Found]) -> Vec<Verdict> {
+/// The device of an engine in a record's list.
+fn among(devices: &[DeviceRecord], engine: EngineId) -> Option<(&str, DeviceKind)> {
+    devices.iter().find(|d| d.backend == engine).map(|d| (d.name.as_str(), d.kind))
+}
+
+fn on(device: &Device) -> Option<(&str, DeviceKind)> {
+    Some((&device.name, device.kind))
+}
+
+/// The verdicts on every engine that these records compare.
+pub(super) fn verdicts(found: &[&Found]) -> Vec<Verdict> {
     let mut all = Verdicts::default();
     for one in found {
         let record = one.name.as_str();
         match &one.record {
             Record::Paper(report) => {
                 for (scene, check) in report.scenes.iter().flat_map(|s| s.checks.iter().map(move |c| (s, c))) {
-                    all.add(check.backend.name(), record, &check.agreement, || {
-                        let what = if check.variant == Variant::Triangles { "" } else { "octree, " };
+                    let triangles = check.variant == Variant::Triangles;
+                    let device = among(&report.devices, check.backend);
+                    all.of(check.backend.name(), device, record).add(record, &check.agreement, triangles, || {
+                        let what = if triangles { "" } else { "octree, " };
                         let error = check.error.as_ref().map(|e| format!(": {e}")).unwrap_or_default();
                         format!("{}, {what}{}{error}", scene.name, check.variant.title())
                     });
@@ -89,29 +182,29 @@ pub(super) fn verdicts(found: &[Found]) -> Vec<Verdict> {
             }
             Record::Sweep(report) => {
                 for (scene, cell) in report.scenes.iter().flat_map(|s| s.cells.iter().map(move |c| (s, c))) {
+                    let device = among(&report.devices, cell.engine);
                     if let Some(agreement) = &cell.agreement {
-                        all.add(cell.engine.name(), record, agreement, || {
-                            format!("{}, {}", scene.name, scene.setting(cell))
-                        });
+                        all.of(cell.engine.name(), device, record)
+                            .add(record, agreement, false, || format!("{}, {}", scene.name, scene.setting(cell)));
                     }
                     if cell.error.strange > 0 {
                         let what =
                             format!("{}, {}: {} answers are none", scene.name, scene.setting(cell), cell.error.strange);
-                        all.of(cell.engine.name(), record).wrong.push(format!("{what} ({record})"));
+                        all.of(cell.engine.name(), device, record).wrong.push(format!("{what} ({record})"));
                     }
                 }
             }
             Record::Rays(report) => {
                 for row in &report.engines {
                     let Some(device) = &row.device else { continue };
-                    let engine = engine_of(&row.name, Some(device.kind));
+                    let verdict = all.of(&engine_of(&row.name, Some(device.kind)), on(device), record);
                     for (set, cell) in report.sets.iter().zip(&row.cells) {
-                        all.add(&engine, record, &cell.agreement, || {
+                        verdict.add(record, &cell.agreement, false, || {
                             format!("{}, {}, {}", report.scene, set.name, row.name)
                         });
                     }
                     if let Some(error) = &row.error {
-                        all.of(&engine, record).wrong.push(format!("{}: {error} ({record})", row.name));
+                        verdict.wrong.push(format!("{}: {error} ({record})", row.name));
                     }
                 }
             }
@@ -120,50 +213,13 @@ pub(super) fn verdicts(found: &[Found]) -> Vec<Verdict> {
                     for cell in &case.cells {
                         let Some(row) = report.engines.get(cell.engine) else { continue };
                         let engine = engine_of(&row.name, Some(row.device.kind));
-                        all.add(&engine, record, &cell.agreement, || {
+                        all.of(&engine, on(&row.device), record).add(record, &cell.agreement, false, || {
                             format!("{}, {} levels, {}, {}", case.scene, case.levels, cell.variant.name(), row.name)
                         });
                     }
                 }
             }
-            Record::Stability(report) => {
-                let reference = all.of("reference", record);
-                reference.rays += report.cells.iter().map(|cell| cell.cases).sum::<u64>();
-                for cell in report.cells.iter().filter(|cell| cell.failures > 0) {
-                    let first = cell.failure.as_deref().unwrap_or_default();
-                    let what = format!(
-                        "hard rays, {}, {}: {} of {} are wrong {first}",
-                        cell.set, cell.kind, cell.failures, cell.cases
-                    );
-                    reference.wrong.push(format!("{what} ({record})"));
-                }
-                for (what, failures) in [
-                    ("mirrored and turned octrees", report.symmetries.iter().map(|row| row.failures).sum()),
-                    ("rays that leave a closed shell", report.leaks.misses),
-                ] {
-                    if failures > 0 {
-                        reference.wrong.push(format!("{what}: {failures} are wrong ({record})"));
-                    }
-                }
-                for row in &report.engines {
-                    let Some(device) = &row.device else { continue };
-                    let verdict = all.of(&engine_of(&row.name, Some(device.kind)), record);
-                    verdict.rays += row.rays + row.pixels;
-                    verdict.different += row.different;
-                    if row.wrong > 0 {
-                        let first = row.first.as_deref().unwrap_or("-");
-                        verdict.wrong.push(format!(
-                            "hard rays, {}: {} of {} are wrong, the first is {first} ({record})",
-                            row.name,
-                            row.wrong,
-                            row.rays + row.pixels
-                        ));
-                    }
-                    if let Some(error) = &row.error {
-                        verdict.wrong.push(format!("{}: {error} ({record})", row.name));
-                    }
-                }
-            }
+            Record::Stability(report) => hard_rays(&mut all, report, record),
             Record::Build(_) => {}
         }
     }
@@ -174,47 +230,116 @@ pub(super) fn verdicts(found: &[Found]) -> Vec<Verdict> {
     all.0
 }
 
-/// The first question of the page.
-pub(super) fn question(found: &[Found], verdicts: &[Verdict]) -> Question {
-    let wrong: Vec<_> = verdicts.iter().filter(|v| !v.wrong.is_empty()).collect();
-    let rays: u64 = verdicts.iter().map(|v| v.rays).sum();
+fn hard_rays(all: &mut Verdicts, report: &StabilityReport, record: &str) {
+    let reference = all.of(REFERENCE, None, record);
+    reference.rules.insert(Rule::Oracle);
+    reference.rays += report.cells.iter().map(|cell| cell.cases).sum::<u64>();
+    for cell in report.cells.iter().filter(|cell| cell.failures > 0) {
+        let first = cell.failure.as_deref().unwrap_or_default();
+        let what =
+            format!("hard rays, {}, {}: {} of {} are wrong {first}", cell.set, cell.kind, cell.failures, cell.cases);
+        reference.wrong.push(format!("{what} ({record})"));
+    }
+    for (what, failures) in [
+        ("mirrored and turned octrees", report.symmetries.iter().map(|row| row.failures).sum()),
+        ("rays that leave a closed shell", report.leaks.misses),
+    ] {
+        if failures > 0 {
+            reference.wrong.push(format!("{what}: {failures} are wrong ({record})"));
+        }
+    }
+    for row in &report.engines {
+        let Some(device) = &row.device else { continue };
+        let engine = engine_of(&row.name, Some(device.kind));
+        let verdict = all.of(&engine, on(device), record);
+        verdict.rays += row.rays + row.pixels;
+        verdict.different += row.different;
+        // As the benchmark has it: what the engine is held to, whatever it runs on.
+        let exact = engine.parse::<EngineId>().is_ok_and(|id| id.allowed() == Allowed::EXACT);
+        verdict.rules.insert(if exact { Rule::Equal } else { Rule::OracleOfDifferences });
+        if row.wrong > 0 {
+            let first = row.first.as_deref().unwrap_or("-");
+            verdict.wrong.push(format!(
+                "hard rays, {}: {} of {} are wrong, the first is {first} ({record})",
+                row.name,
+                row.wrong,
+                row.rays + row.pixels
+            ));
+        }
+        if let Some(error) = &row.error {
+            verdict.wrong.push(format!("{}: {error} ({record})", row.name));
+        }
+    }
+}
+
+/// The first question of the page: of every machine, which engines are wrong, and a row for each engine.
+pub(super) fn question(machines: &[(OnMachine<'_>, Vec<Verdict>)]) -> Question {
+    let several = machines.len() > 1;
     let mut answers = Vec::new();
-    if verdicts.is_empty() {
-        let (mark, answer) = (Mark::Plain, "Not known: no record on this page compares engines.".to_string());
-        answers.push(Answered { of: String::new(), mark, answer, details: Vec::new() });
-    } else if wrong.is_empty() {
-        let names: Vec<_> = verdicts.iter().map(|v| v.engine.as_str()).collect();
-        let mut details =
-            vec![format!("{} gave the right answers in every comparison: {} rays.", listed(&names), in_words(rays))];
-        details.extend(controls(found));
-        answers.push(Answered { of: String::new(), mark: Mark::Good, answer: "None.".into(), details });
+    for (machine, verdicts) in machines {
+        let first = answers.len();
+        answers.extend(answers_of(&machine.found, verdicts));
+        if several {
+            answers[first..].iter_mut().for_each(|answer| answer.of.clone_from(&machine.name));
+        }
     }
-    for verdict in &wrong {
-        let shown = verdict.wrong.iter().take(6).cloned();
-        let more = verdict.wrong.len().saturating_sub(6);
-        let rest = (more > 0).then(|| format!("and {more} more"));
-        let details = shown.chain(rest).collect();
-        let answer = format!("{} is wrong.", verdict.engine);
-        answers.push(Answered { of: String::new(), mark: Mark::Bad, answer, details });
-    }
-    if !wrong.is_empty() && wrong.len() < verdicts.len() {
-        let right: Vec<_> = verdicts.iter().filter(|v| v.wrong.is_empty()).map(|v| v.engine.as_str()).collect();
-        let answer = format!("{} {} right.", listed(&right), if right.len() == 1 { "is" } else { "are" });
-        answers.push(Answered { of: String::new(), mark: Mark::Plain, answer, details: controls(found) });
-    }
+    let table = engines(machines);
     Question {
         id: "wrong",
         question: "Which engine is wrong?".into(),
+        machine: if several { String::new() } else { machines.first().map(|(m, _)| m.name.clone()).unwrap_or_default() },
         rule: "An engine is wrong if its hits are not those of the reference caster: the same voxel and every bit of the distance on \
                the processor, all but one ray in 100,000 on GPUs, which may round otherwise. The reference caster itself is judged by \
                an oracle in double precision. Hits are compared before anything is timed."
             .into(),
         answers,
+        table: (!table.rows.is_empty()).then_some(table),
     }
 }
 
+fn answers_of(found: &[&Found], verdicts: &[Verdict]) -> Vec<Answered> {
+    let wrong: Vec<_> = verdicts.iter().filter(|v| !v.wrong.is_empty()).collect();
+    let rays: u64 = verdicts.iter().map(|v| v.rays).sum();
+    let mut answers = Vec::new();
+    let mut say = |mark, answer: String, details| {
+        answers.push(Answered { of: String::new(), mark, answer, details, choices: Vec::new() });
+    };
+    let names = |wrong: bool| {
+        let mut names: Vec<&str> = Vec::new();
+        for v in verdicts.iter().filter(|v| v.wrong.is_empty() != wrong) {
+            if !names.contains(&v.engine.as_str()) {
+                names.push(&v.engine);
+            }
+        }
+        names
+    };
+    if verdicts.is_empty() {
+        say(Mark::Plain, "Not known: no record on this page compares engines.".into(), Vec::new());
+    } else if wrong.is_empty() {
+        let mut details = vec![format!(
+            "{} gave the right answers in every comparison: {} rays.",
+            listed(&names(false)),
+            in_words(rays)
+        )];
+        details.extend(controls(found));
+        say(Mark::Good, "None.".into(), details);
+    }
+    for verdict in &wrong {
+        let shown = verdict.wrong.iter().take(6).cloned();
+        let more = verdict.wrong.len().saturating_sub(6);
+        let rest = (more > 0).then(|| format!("and {more} more"));
+        say(Mark::Bad, format!("{} is wrong.", verdict.engine), shown.chain(rest).collect());
+    }
+    if !wrong.is_empty() && wrong.len() < verdicts.len() {
+        let right = names(false);
+        let answer = format!("{} {} right.", listed(&right), if right.len() == 1 { "is" } else { "are" });
+        say(Mark::Plain, answer, controls(found));
+    }
+    answers
+}
+
 /// Whether the comparisons see mistakes.
-fn controls(found: &[Found]) -> Vec<String> {
+fn controls(found: &[&Found]) -> Vec<String> {
     let report =
         found.iter().find_map(|one| if let Record::Stability(report) = &one.record { Some(report) } else { None });
     let Some(report) = report.filter(|report| !report.controls.is_empty()) else { return Vec::new() };
@@ -239,28 +364,76 @@ pub(super) fn in_words(count: u64) -> String {
     if count < 1_000_000 { count.to_string() } else { format!("{} million", crate::text::short(count as f64 / 1e6)) }
 }
 
-/// A row for every engine.
-pub(super) fn table(verdicts: &[Verdict]) -> PageTable {
-    let rows = verdicts.iter().map(|v| {
-        let (text, class) = if v.wrong.is_empty() { ("right", "good") } else { ("WRONG", "bad") };
-        vec![
-            PageCell::new(v.engine.clone()),
-            PageCell { class, ..PageCell::new(text) },
-            PageCell::number(in_words(v.rays), v.rays as f64, Vec::new()),
-            PageCell::new(v.different.to_string()),
-            PageCell::new(v.wrong.len().to_string()),
-            PageCell::new(v.records.join(", ")),
-        ]
-    });
+/// A row for every engine: what it runs on, how it is judged, and the verdict.
+fn engines(machines: &[(OnMachine<'_>, Vec<Verdict>)]) -> PageTable {
+    let several = machines.len() > 1;
+    let mut head: Vec<String> =
+        ["engine", "verdict", "device", "software", "judged by", "rays compared", "other hits"].map(Into::into).into();
+    if several {
+        head.insert(2, "machine".into());
+    }
+    let mut rows = Vec::new();
+    for (machine, verdicts) in machines {
+        let processor = machine.found.first().map_or("unknown", |one| one.record.machine().cpu.as_str());
+        for v in verdicts {
+            let rules: Vec<String> = v.rules.iter().map(Rule::words).collect();
+            let mut row = vec![
+                PageCell::new(v.engine.clone()),
+                verdict(v),
+                PageCell::new(v.device(processor)),
+                PageCell::new(if v.is_software() { "yes" } else { "no" }),
+                PageCell::new(if rules.is_empty() {
+                    "it is what others are compared with".into()
+                } else {
+                    rules.join("; ")
+                }),
+                PageCell::number(in_words(v.rays), v.rays as f64, Vec::new()),
+                PageCell::new(v.different.to_string()),
+            ];
+            if several {
+                row.insert(2, PageCell::new(machine.name.clone()));
+            }
+            rows.push(row);
+        }
+    }
     PageTable {
         caption: "Engines".into(),
         notes: vec![
-            "Other hits: rays that end at another voxel than the reference's, over all records. On GPUs a few are allowed; where the \
-             shading language rounds otherwise, hard rays are judged by the oracle."
+            "Other hits: rays that end at another voxel, or at another distance, than the reference's. Where the rule counts differences, \
+             a few are allowed."
                 .into(),
         ],
-        head: ["engine", "verdict", "rays compared", "other hits", "comparisons that failed", "records"].map(Into::into).into(),
-        left: 2,
+        left: head.len() - 2,
+        head,
+        cards: true,
+        rows,
+    }
+}
+
+fn verdict(v: &Verdict) -> PageCell {
+    let (text, class) = if v.wrong.is_empty() { ("right", "good") } else { ("WRONG", "bad") };
+    PageCell { class, ..PageCell::new(text) }
+}
+
+/// The records that each engine was compared in.
+pub(super) fn table(machines: &[(OnMachine<'_>, Vec<Verdict>)]) -> PageTable {
+    let rows = machines.iter().flat_map(|(machine, verdicts)| verdicts.iter().map(move |v| (machine, v))).map(
+        |(machine, v)| {
+            vec![
+                PageCell::new(v.engine.clone()),
+                verdict(v),
+                PageCell::new(machine.name.clone()),
+                PageCell::new(v.records.join(", ")),
+                PageCell::new(v.wrong.len().to_string()),
+            ]
+        },
+    );
+    PageTable {
+        caption: "Comparisons of each engine".into(),
+        notes: Vec::new(),
+        head: ["engine", "verdict", "machine", "records", "comparisons that failed"].map(Into::into).into(),
+        left: 4,
+        cards: true,
         rows: rows.collect(),
     }
 }

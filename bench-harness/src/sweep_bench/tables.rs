@@ -149,7 +149,7 @@ pub(crate) fn settings(report: &SweepReport, scene: &SceneSweep, all: bool) -> T
 }
 
 /// The fronts that each cell is on.
-fn marks(report: &SweepReport, scene: &SceneSweep) -> Vec<String> {
+pub(crate) fn marks(report: &SweepReport, scene: &SceneSweep) -> Vec<String> {
     let mut marks = vec![String::new(); scene.cells.len()];
     for (measure, [octrees, all]) in ErrorMeasure::SHOWN.into_iter().zip([["d", "D"], ["f", "F"]]) {
         let among = |among| fronts(report, scene, measure, among);
