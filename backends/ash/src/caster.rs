@@ -8,6 +8,7 @@ use ash::vk;
 use ash::vk::{BufferUsageFlags as Usage, DescriptorType};
 use esvo_core::filter::kernel::Band;
 use esvo_core::filter::{Frame, Radius};
+use esvo_core::gpu::arithmetic::Arithmetic;
 use esvo_core::gpu::kernel::{self, Bands, GpuOptions, Pass, Placement, Variant, WORKGROUP};
 use esvo_core::gpu::resident::{Resident, SlotMap};
 use esvo_core::{
@@ -310,7 +311,7 @@ impl Loaded {
         let resident = Resident::new(octree);
         let slots = resident.slots();
         let placement = Placement::new(octree, slots, &slot_limits(gpu, options))
-            .and_then(|placement| placement.with(options))
+            .and_then(|placement| placement.with(options, Arithmetic { rounds_products: false, ..Arithmetic::on(gpu.about().kind) }))
             .map_err(|error| gpu.error(&error))?;
         let data = Data::upload(gpu, placement.slots, slots)?;
         let set = BufferSet::of_data(gpu, &[&data])?;

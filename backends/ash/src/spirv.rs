@@ -81,6 +81,7 @@ pub fn forbid_contraction(words: &[u32]) -> Vec<u32> {
 mod tests {
     use std::collections::HashSet;
 
+    use esvo_core::gpu::arithmetic::Arithmetic;
     use esvo_core::gpu::kernel::{ENTRY_CAST, ENTRY_COARSE, ENTRY_INSTANCES, ENTRY_RAYS, ENTRY_TIME, Variant};
     use esvo_core::gpu::slots::Slots;
 
@@ -172,6 +173,7 @@ mod tests {
                     beam_block: 4 + 4 * (bits & 1),
                     slots,
                     workgroup: (8, 8),
+                    arithmetic: if bits & 1 != 0 { Arithmetic::EXACT } else { Arithmetic::PLAIN },
                 };
                 for entry in [ENTRY_CAST, ENTRY_TIME] {
                     module(&variant.source(), entry).expect("compiles");

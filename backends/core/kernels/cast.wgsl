@@ -4,6 +4,7 @@
 // `esvo_core::gpu::kernel` puts a prelude in front, which declares what depends on the octree and on the frame:
 //   const CONTOURS, FAR_POINTERS, LOD, BEAM, RAYS: bool   the features of this variant
 //   const LEVELS: u32                               level of the deepest voxel: the number of frames of the stack
+//   const ROUND_PRODUCTS, ROUND_QUOTIENTS: bool     what the driver need not do as the processor does: see `gpu::arithmetic`
 //   const BEAM_BLOCK: u32                           edge of a block of the coarse pass in pixels
 //   const WIDTH, HEIGHT: u32                        size of a workgroup in pixels, powers of two
 //   fn slot_at(slot: u32) -> vec2<u32>              a slot of the octree, from the bindings of group 1
@@ -80,13 +81,47 @@ const FAR_BIT: u32 = 1u << 16u;
 // Scale of the first frame of the stack; the last frame is that of the root's children.
 const LOWEST_SCALE: u32 = MAX_SCALE - LEVELS;
 
+// A product that is added to something, rounded on its own. A driver may fuse the two operations, or change the order of products, but not
+// across an operation on the bits whose result it cannot know: the topmost flag is never set.
+fn product(a: f32, b: f32) -> f32 {
+    if ROUND_PRODUCTS {
+        return bitcast<f32>(bitcast<u32>(a * b) ^ (view.flags & ~MAGNITUDE));
+    }
+    return a * b;
+}
+
+fn product3(a: vec3<f32>, b: vec3<f32>) -> vec3<f32> {
+    if ROUND_PRODUCTS {
+        return bitcast<vec3<f32>>(bitcast<vec3<u32>>(a * b) ^ vec3<u32>(view.flags & ~MAGNITUDE));
+    }
+    return a * b;
+}
+
 // `a * b + c`, each operation rounded. A change to a fused operation would be made here and in `mad3`.
 fn mad(a: f32, b: f32, c: f32) -> f32 {
-    return a * b + c;
+    return product(a, b) + c;
 }
 
 fn mad3(a: vec3<f32>, b: vec3<f32>, c: vec3<f32>) -> vec3<f32> {
-    return a * b + c;
+    return product3(a, b) + c;
+}
+
+// `1 / x`, rounded to the nearest number, for `x` from 2^-23 to 2^100 and below zero.
+fn inverse_of(x: f32) -> f32 {
+    if !ROUND_QUOTIENTS {
+        return 1.0 / x;
+    }
+    let bits = bitcast<u32>(x);
+    let digits = (bits & 0x7fffffu) | 0x800000u;
+    // 2^47 / digits, off by a few. The remainder is so small that its low 32 bits are all of it, and those of 2^47 are 0.
+    let near = 16777216.0 / bitcast<f32>((bits & 0x7fffffu) | 0x3f800000u);
+    var quotient = u32(near);
+    let off = i32(round(f32(bitcast<i32>(0u - quotient * digits)) * (near * 7.105427357601002e-15)));
+    quotient += bitcast<u32>(off);
+    // Off by one at most. It never lies halfway: 2^48 has no odd divisor.
+    let twice = 2 * bitcast<i32>(0u - quotient * digits);
+    quotient += select(0u, 1u, twice > i32(digits)) - select(0u, 1u, twice < -i32(digits));
+    return f32(quotient) * bitcast<f32>((bits & ~MAGNITUDE) | ((230u - ((bits >> 23u) & 0xffu)) << 23u));
 }
 
 fn away_from_zero(x: f32) -> f32 {
@@ -115,13 +150,13 @@ fn project_contour(parent: u32, descriptor: vec2<u32>, child: u32, direction: ve
     let distance = (descriptor.y >> 8u) + countOneBits(descriptor.y & ((1u << child) - 1u));
     let pair = slot_at(parent + (distance >> 1u));
     let word = select(pair.x, pair.y, (distance & 1u) != 0u);
-    let a = f32(bitcast<i32>(word << 14u)) * direction.x;
-    let b = f32(bitcast<i32>(word << 20u)) * direction.y;
-    let c = f32(bitcast<i32>(word << 26u)) * direction.z;
-    let inverse = 1.0 / away_from_zero(a + b + c);
-    let position = f32(bitcast<i32>(word << 7u)) * size * 1.5;
-    let middle = (t_centre.x * a + t_centre.y * b + t_centre.z * c + position) * inverse;
-    let half = abs(f32(word) * size * 0.75 * inverse);
+    let a = product(f32(bitcast<i32>(word << 14u)), direction.x);
+    let b = product(f32(bitcast<i32>(word << 20u)), direction.y);
+    let c = product(f32(bitcast<i32>(word << 26u)), direction.z);
+    let inverse = inverse_of(away_from_zero(a + b + c));
+    let position = product(f32(bitcast<i32>(word << 7u)) * size, 1.5);
+    let middle = product(product(t_centre.x, a) + product(t_centre.y, b) + product(t_centre.z, c) + position, inverse);
+    let half = abs(product(product(f32(word) * size, 0.75), inverse));
     return vec2<f32>(middle - half, middle + half);
 }
 
@@ -137,15 +172,15 @@ fn cast_ray(ray: Ray) -> Hit {
         away_from_zero(ray.direction.y),
         away_from_zero(ray.direction.z),
     );
-    let coef = vec3<f32>(1.0) / -abs(direction);
+    let coef = -vec3<f32>(inverse_of(abs(direction.x)), inverse_of(abs(direction.y)), inverse_of(abs(direction.z)));
     let mirrored = direction > vec3<f32>(0.0);
-    let straight = coef * ray.origin;
-    let bias = select(straight, vec3<f32>(3.0) * coef - straight, mirrored);
+    let straight = product3(coef, ray.origin);
+    let bias = select(straight, mad3(vec3<f32>(3.0), coef, -straight), mirrored);
     let mirror = axes(mirrored);
 
     // 1-3
-    var t_min = greatest(mad3(vec3<f32>(2.0), coef, -bias));
-    var t_max = least(mad3(vec3<f32>(1.0), coef, -bias));
+    var t_min = greatest(2.0 * coef - bias);
+    var t_max = least(coef - bias);
     t_min = max(t_min, ray.t_min);
     t_max = min(t_max, ray.t_max);
 
@@ -180,7 +215,7 @@ fn cast_ray(ray: Ray) -> Hit {
             if LOD {
                 var footprint = tc_max * ray.size_per_t;
                 if RAYS {
-                    footprint += ray.size_at_origin;
+                    footprint = mad(tc_max, ray.size_per_t, ray.size_at_origin);
                 }
                 if footprint >= size {
                     return Hit(t_min, parent, child | (scale << 8u), iteration);
@@ -190,7 +225,8 @@ fn cast_ray(ray: Ray) -> Hit {
             var tv_min = t_min;
             var tv_max = min(t_max, tc_max);
             let half = size * 0.5;
-            let t_centre = mad3(vec3<f32>(half), coef, t_corner);
+            // The product is exact: `half` is a power of two.
+            let t_centre = half * coef + t_corner;
             if CONTOURS {
                 if ((descriptor.y >> child) & 1u) != 0u {
                     let span = project_contour(parent, descriptor, child, direction, t_centre, size);

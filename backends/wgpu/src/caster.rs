@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use esvo_core::filter::{Frame, Radius};
+use esvo_core::gpu::arithmetic::Arithmetic;
 use esvo_core::gpu::kernel::{self, Bands, GpuOptions, Pass, Placement, Variant, WORKGROUP};
 use esvo_core::gpu::resident::{Resident, SlotMap};
 use esvo_core::gpu::slots::SlotKind;
@@ -325,7 +326,7 @@ impl Loaded {
         let resident = Resident::new(octree);
         let slots = resident.slots();
         let placement = Placement::new(octree, slots, &slot_limits(gpu, options))
-            .and_then(|placement| placement.with(options))
+            .and_then(|placement| placement.with(options, Arithmetic::on(gpu.about().kind)))
             .map_err(|error| gpu.error(error))?;
         let data = Data::upload(gpu, "octree", SlotKind::Pair, placement.slots, slots)?;
         let (layout, group) = Data::bind(gpu, "octree", &[&data])?;

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use esvo_core::BEAM_BLOCK;
 use esvo_core::filter::kernel::FILTER_WGSL;
+use esvo_core::gpu::arithmetic::Arithmetic;
 use esvo_core::gpu::kernel::{Variant, WORKGROUP};
 use esvo_core::gpu::slots::Slots;
 use esvo_core::gpu::triangles::{MAX_STACK, TrianglePlacement};
@@ -109,6 +110,7 @@ pub(crate) fn run_kernel(arguments: &KernelArguments) -> Result<(), Failure> {
         levels: arguments.levels.or(needs.map(|needs| needs.levels)).unwrap_or(23),
         slots,
         workgroup: (width, height),
+        arithmetic: Arithmetic::EXACT,
     };
     match arguments.pass {
         KernelPass::Filter => print(FILTER_WGSL),

@@ -9,6 +9,7 @@ use std::fmt::Write as _;
 use bytemuck::{Pod, Zeroable};
 use esvo_format::{Needs, Octree};
 
+use super::arithmetic::Arithmetic;
 use super::slots::{OCTREE, SlotKind, Slots, SlotsIn};
 use crate::gpu::resident::SlotMap;
 use crate::instances::{NO_INSTANCE, Node};
@@ -131,6 +132,8 @@ pub struct Variant {
     pub slots: Slots,
     /// Width and height of a workgroup in pixels: powers of two.
     pub workgroup: (u32, u32),
+    /// What is not left to the driver.
+    pub arithmetic: Arithmetic,
 }
 
 impl Variant {
@@ -155,6 +158,8 @@ impl Variant {
             ("LOD", self.lod),
             ("BEAM", self.beam),
             ("RAYS", self.rays),
+            ("ROUND_PRODUCTS", self.arithmetic.rounds_products),
+            ("ROUND_QUOTIENTS", self.arithmetic.rounds_quotients),
         ];
         for (name, value) in flags {
             let _ = writeln!(text, "const {name}: bool = {value};");
@@ -202,6 +207,7 @@ pub struct Placement {
     pub workgroup: (u32, u32),
     needs: Needs,
     leave_out: LeaveOut,
+    arithmetic: Arithmetic,
 }
 
 impl Placement {
@@ -227,15 +233,17 @@ impl Placement {
                  bytes: build it with fewer levels, or cast it on the processor"
             )
         })?;
-        Ok(Self { bytes, slots, workgroup: WORKGROUP, needs: octree.needs(), leave_out: LeaveOut::ALL })
+        Ok(Self { bytes, slots, workgroup: WORKGROUP, needs: octree.needs(), leave_out: LeaveOut::ALL, arithmetic: Arithmetic::EXACT })
     }
 
-    /// With the [workgroups](GpuOptions::workgroup) of these options, and leaving out [what they say](GpuOptions::leave_out).
+    /// With the [workgroups](GpuOptions::workgroup) and the [arithmetic](GpuOptions::arithmetic) of these options, where they say nothing
+    /// with `arithmetic`, and leaving out [what they say](GpuOptions::leave_out).
     ///
     /// # Errors
     /// Workgroups of a size that is not of powers of two, or of more than 256 invocations.
-    pub fn with(self, options: &GpuOptions) -> Result<Self, String> {
-        Ok(Self { workgroup: workgroup_of(options.workgroup)?, leave_out: options.leave_out, ..self })
+    pub fn with(self, options: &GpuOptions, arithmetic: Arithmetic) -> Result<Self, String> {
+        let arithmetic = options.arithmetic.unwrap_or(arithmetic);
+        Ok(Self { workgroup: workgroup_of(options.workgroup)?, leave_out: options.leave_out, arithmetic, ..self })
     }
 
     /// The main pass's kernel for a view.
@@ -269,6 +277,7 @@ impl Placement {
             beam_block: BEAM_BLOCK,
             slots: self.slots,
             workgroup: WORKGROUP,
+            arithmetic: self.arithmetic,
         }
     }
 }
@@ -313,6 +322,8 @@ pub struct GpuOptions {
     pub workgroup: Option<(u32, u32)>,
     /// Invocations of a subgroup, a power of two. `None`: as many as the driver chooses. Only ash can ask for it.
     pub subgroup_size: Option<u32>,
+    /// What kernels that cast octrees do not leave to the driver. `None`: what the kind of the device needs.
+    pub arithmetic: Option<Arithmetic>,
 }
 
 impl GpuOptions {
@@ -501,7 +512,7 @@ mod tests {
         let placed = |leave_out| {
             let options = GpuOptions { leave_out, ..GpuOptions::default() };
             Placement::new(&octree, octree.slots(), &limits)
-                .and_then(|placement| placement.with(&options))
+                .and_then(|placement| placement.with(&options, Arithmetic::PLAIN))
                 .expect("fits")
         };
         let parts = |variant: Variant| (variant.contours, variant.far_pointers, variant.lod, variant.levels);
@@ -522,7 +533,7 @@ mod tests {
         }
 
         let options = GpuOptions { workgroup: Some((7, 8)), ..GpuOptions::default() };
-        assert!(all.with(&options).expect_err("no power of two").contains("7 x 8"));
+        assert!(all.with(&options, Arithmetic::PLAIN).expect_err("no power of two").contains("7 x 8"));
         let small = SlotLimits { memory_bytes: Some(8), ..limits };
         assert!(Placement::new(&octree, octree.slots(), &small).expect_err("too large").contains("memory of 8 bytes"));
     }
@@ -540,6 +551,7 @@ mod tests {
             beam_block: 4,
             slots: Slots::Buffers { parts: 3, part_shift: 24 },
             workgroup: (8, 8),
+            arithmetic: Arithmetic::EXACT,
         };
         let source = variant.source();
         for part in 0..3 {

@@ -2,12 +2,13 @@
 
 use super::checks::{demand_agreement, view_of};
 use super::{Fault, Subject, demand};
+use crate::gpu::arithmetic::Arithmetic;
 use crate::gpu::kernel::{CAST_WGSL, GpuOptions};
 use crate::gpu::slots::SlotsIn;
 use crate::reference::ReferenceCaster;
-use crate::testing::compare::Allowed;
+use crate::testing::compare::{Allowed, Comparison};
 use crate::testing::sample::{Sample, against_reference};
-use crate::{CastError, Caster};
+use crate::{CastError, Caster, DeviceKind};
 
 /// Lines of the kernel, and mistakes to put in their place.
 const MISTAKES: [(&str, &str); 6] = [
@@ -41,6 +42,54 @@ pub fn octrees_in_buffers_and_in_textures_agree(subject: &Subject) -> Result<(),
         let mut caster = subject.open_with(&GpuOptions { slots_in: Some(slots_in), ..GpuOptions::default() })??;
         let comparison = against_reference(&mut *caster, &octree, (64, 48))?;
         demand_agreement(&*caster, &comparison)?;
+    }
+    Ok(())
+}
+
+/// The kernel's approximate quotient.
+const QUOTIENT: &str = "16777216.0 / bitcast<f32>((bits & 0x7fffffu) | 0x3f800000u)";
+
+/// Kernels that leave nothing to the driver give the reference's hits in every bit, with quotients that are off, too; on the processor,
+/// also those that leave quotients to it. Products and quotients that are off by a unit in the last place are noticed.
+///
+/// # Errors
+/// Another bit, or none where one must be; a kernel that no longer has the lines; what the caster said.
+pub fn kernels_need_no_exact_driver(subject: &Subject) -> Result<(), Fault> {
+    let octree = Sample::scattered(6, true).octree()?;
+    let cast = |arithmetic, kernel: Option<String>| {
+        let options = GpuOptions { arithmetic: Some(arithmetic), kernel, ..GpuOptions::default() };
+        let mut caster = subject.open_with(&options)??;
+        let found = against_reference(&mut *caster, &octree, (64, 48))?;
+        Ok::<_, Fault>((found, caster.device().kind))
+    };
+    let same = |found: &Comparison| found.mismatches() == 0 && found.max_t_difference == 0.0 && found.other_size == 0;
+    for rounds_quotients in [true, false] {
+        let arithmetic = Arithmetic { rounds_quotients, ..Arithmetic::EXACT };
+        let (found, kind) = cast(arithmetic, None)?;
+        let right = same(&found) || (kind != DeviceKind::SoftwareGpu && !rounds_quotients);
+        demand(right, || format!("{arithmetic:?}: {found:?}"))?;
+    }
+    let replaced = |right: &str, wrong: &str| {
+        demand(CAST_WGSL.contains(right), || format!("the kernel has no {right:?}"))?;
+        Ok::<_, Fault>(Some(CAST_WGSL.replace(right, wrong)))
+    };
+    // A driver may be off by 2.5 units in the last place.
+    for off in ["+ 3u", "- 3u"] {
+        let kernel = replaced(QUOTIENT, &format!("bitcast<f32>(bitcast<u32>({QUOTIENT}) {off})"))?;
+        let (found, _) = cast(Arithmetic::EXACT, kernel)?;
+        demand(same(&found), || format!("quotients {off}: {found:?}"))?;
+    }
+    for (right, wrong) in [
+        ("return 1.0 / x;", "return bitcast<f32>(bitcast<u32>(1.0 / x) + 1u);"),
+        ("return product3(a, b) + c;", "return bitcast<vec3<f32>>(bitcast<vec3<u32>>(product3(a, b)) + 1u) + c;"),
+        ("quotient += bitcast<u32>(off);", "quotient += bitcast<u32>(off) + 1u;"),
+        ("quotient += select(0u, 1u, twice > i32(digits)) - select(0u, 1u, twice < -i32(digits));", "quotient += 1u;"),
+    ] {
+        let rounds_quotients = !right.contains("1.0 / x");
+        let (found, _) = cast(Arithmetic { rounds_quotients, ..Arithmetic::EXACT }, replaced(right, wrong)?)?;
+        // One more than the nearest is corrected again.
+        let corrected = right.contains("(off)");
+        demand(same(&found) == corrected, || format!("{wrong}: {found:?}"))?;
     }
     Ok(())
 }

@@ -234,6 +234,7 @@ macro_rules! kernel_suite {
             several_bindings_agree
             octrees_in_buffers_and_in_textures_agree
             other_workgroups_agree
+            kernels_need_no_exact_driver
             subgroups_agree_or_are_refused
             beams_of_both_blocks_save_the_same
             broken_kernels_are_caught

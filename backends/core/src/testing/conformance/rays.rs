@@ -17,7 +17,7 @@ use crate::{CastError, Caster, Device, DeviceKind, Hit, Ray, Rays};
 
 /// Mistakes in what the kernel does with a buffer of rays alone.
 const RAY_MISTAKES: [(&str, &str); 4] = [
-    ("footprint += ray.size_at_origin;", ""),
+    ("footprint = mad(tc_max, ray.size_per_t, ray.size_at_origin);", ""),
     ("ray.t_max = rays[at].t_max;", "ray.t_max = 1.0;"),
     ("if at >= view.width {", "if at >= view.width - 1u {"),
     ("rays[at].origin[2]);", "rays[0].origin[2]);"),
