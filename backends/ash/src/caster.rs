@@ -311,7 +311,9 @@ impl Loaded {
         let resident = Resident::new(octree);
         let slots = resident.slots();
         let placement = Placement::new(octree, slots, &slot_limits(gpu, options))
-            .and_then(|placement| placement.with(options, Arithmetic { rounds_products: false, ..Arithmetic::on(gpu.about().kind) }))
+            .and_then(|placement| {
+                placement.with(options, Arithmetic { rounds_products: false, ..Arithmetic::on(gpu.about().kind) })
+            })
             .map_err(|error| gpu.error(&error))?;
         let data = Data::upload(gpu, placement.slots, slots)?;
         let set = BufferSet::of_data(gpu, &[&data])?;

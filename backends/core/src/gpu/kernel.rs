@@ -233,7 +233,14 @@ impl Placement {
                  bytes: build it with fewer levels, or cast it on the processor"
             )
         })?;
-        Ok(Self { bytes, slots, workgroup: WORKGROUP, needs: octree.needs(), leave_out: LeaveOut::ALL, arithmetic: Arithmetic::EXACT })
+        Ok(Self {
+            bytes,
+            slots,
+            workgroup: WORKGROUP,
+            needs: octree.needs(),
+            leave_out: LeaveOut::ALL,
+            arithmetic: Arithmetic::EXACT,
+        })
     }
 
     /// With the [workgroups](GpuOptions::workgroup) and the [arithmetic](GpuOptions::arithmetic) of these options, where they say nothing

@@ -30,11 +30,12 @@ const ASTRAY: [&[(&str, &str)]; 2] = [
         ("    var scale = MAX_SCALE - 1u;\n", "    var scale = MAX_SCALE - 1u;\n    var h = t_max;\n"),
         (
             "stack_parent[scale - LOWEST_SCALE] = parent;",
-            "if tc_max < h { stack_parent[scale - LOWEST_SCALE] = parent; }",
+            // What is in a frame that was not written depends on the driver; here it is what leads farthest astray.
+            "stack_parent[scale - LOWEST_SCALE] = select(ray.root, parent, tc_max < h);",
         ),
         (
             "stack_t_max[scale - LOWEST_SCALE] = t_max;",
-            "if tc_max < h { stack_t_max[scale - LOWEST_SCALE] = t_max; }\n h = tc_max;",
+            "stack_t_max[scale - LOWEST_SCALE] = select(0.0, t_max, tc_max < h);\n h = tc_max;",
         ),
         (
             "    idx = axes((path & vec3<u32>(1u)) != vec3<u32>(0u));",
