@@ -6,6 +6,7 @@
 # ESVO is the program, built with its GPU engines (`cargo build --release -p esvo`); FOLDER, by default `results`, gets the records
 # and `on-gpu.txt`, which says what was run and how it ended. Scenes are the real meshes where $ESVO_SCENES or ../shared/scenes has
 # them, generated stand-ins otherwise. $SECONDS_IN_ALL, by default 570, is the time for all; what does not fit is left out and said.
+# $SCENES, by default those of `esvo bench`, are the scenes of the paper's tables.
 # Exit code 1 if anything failed or was left out.
 set -uo pipefail
 
@@ -51,7 +52,7 @@ step() {
 }
 
 # Table 2 with triangles, after every answer was compared with the reference caster's.
-step tables 330 "$esvo" bench --out "$folder" --time-limit 120
+step tables 330 "$esvo" bench ${SCENES:+--scenes "$SCENES"} --out "$folder" --time-limit $((in_all / 5))
 # Hard rays, which a GPU may round otherwise: judged by derived bounds.
 step stability 150 "$esvo" bench stability --backends wgpu,ash --rays 1M --gpu-rays 1M --out "$folder"
 # What kernels save by leaving out what a scene does not need.

@@ -24,6 +24,7 @@
 //! - [`stability_bench`]: `esvo bench stability`, hard rays through hard octrees on every engine, judged by an oracle.
 //! - [`sweep_bench`]: `esvo bench sweep`, error against run time; `esvo advise` picks settings from its record.
 //! - [`import_bench`]: `esvo bench import`, what happens to each mesh file of a folder.
+//! - [`full_bench`]: `esvo bench --full`, all of these one after the other.
 //! - [`page`]: `esvo bench page`, one HTML file of the records of the others.
 //!
 //! What they share:
@@ -32,7 +33,9 @@
 //!   second record, and baselines.
 //! - [`error`]: depth error and image error (FLIP). [`timing`]: samples, medians and quartiles.
 //! - [`text`]: tables as text and Markdown. [`output`]: the only writer of records, tables and pictures.
+//! - [`journal`]: finished parts of a run that was stopped.
 //! - [`records`]: finds records and reads them, of whichever benchmark.
+//! - [`repeat`]: `esvo bench --repeat`, a record's run again.
 //! - [`ray_files`]: rays and hits in files, and comparing hits.
 //! - [`build_summary`]: what `esvo build --json` prints. `growth`: predicting the next level. `curve`: between
 //!   levels and beyond them. `content_hash`: of octrees. `units`: bytes.
@@ -48,8 +51,10 @@ mod content_hash;
 mod curve;
 pub mod error;
 pub mod format_bench;
+pub mod full_bench;
 mod growth;
 pub mod import_bench;
+pub mod journal;
 pub mod matrix_parts;
 pub mod needs_bench;
 pub mod output;
@@ -60,6 +65,7 @@ mod progress;
 pub mod ray_bench;
 pub mod ray_files;
 pub mod records;
+pub mod repeat;
 pub mod scene;
 pub mod stability_bench;
 pub mod sweep_bench;

@@ -50,6 +50,7 @@ fn a_displaced_mesh_is_compared_with_its_own_triangles_at_every_level() {
         manifest: Some(folder.path().join("scenes.toml")),
         threads: None,
         slowed: Vec::new(),
+        views: Vec::new(),
     };
     let outcome = run_paper_bench(&options, &Progress::hidden()).unwrap();
     let report = &outcome.report;
@@ -80,6 +81,7 @@ fn levels_that_are_hit_the_filter_and_the_pictures_are_recorded() {
         manifest: None,
         threads: None,
         slowed: Vec::new(),
+        views: Vec::new(),
     };
     let outcome = run_paper_bench(&options, &Progress::hidden()).unwrap();
     let report = &outcome.report;

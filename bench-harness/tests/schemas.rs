@@ -239,15 +239,14 @@ fn tables() {
     matrix.backends = vec![EngineId::Cpu];
     matrix.left_out = vec![left_out()];
     let slowed = vec![Slowed { engine: EngineId::Cpu, percent: 1.0 }];
-    let options = PaperBenchOptions { matrix, scenes_dir: None, manifest: None, threads: Some(1), slowed };
+    let options = PaperBenchOptions { threads: Some(1), slowed, ..PaperBenchOptions::new(matrix) };
     let mut report = run_paper_bench(&options, &Progress::hidden()).unwrap().report;
     Schema::of("tables").accepts(&parse(&report.to_json()), "as it was made");
     // What only displaced meshes and GPUs have.
     report.scenes[0].builds[0].displaced_triangles = Some(12);
     report.scenes[0].checks[0].undecided = Some(0);
     report.scenes[0].checks[0].error = Some("lost".into());
-    let mut record = parse(&report.to_json());
-    record["scenes"][0]["mesh_sha256"] = json!("0".repeat(64));
+    let record = parse(&report.to_json());
     let optional = [
         "/calibration",
         "/slowed",
@@ -280,11 +279,19 @@ fn sweep() {
     plan.terminations = vec![1.0];
     plan.engines = vec![EngineId::Cpu];
     let cache = Cache::none();
-    let options =
-        SweepBenchOptions { plan, scenes_dir: None, manifest: None, threads: Some(1), all_on_software: false, cache };
+    let options = SweepBenchOptions {
+        plan,
+        scenes_dir: None,
+        manifest: None,
+        threads: Some(1),
+        all_on_software: true,
+        cache,
+        views: Vec::new(),
+    };
     let mut report = run_sweep_bench(&options, &Progress::hidden()).unwrap();
     report.left_out.push(left_out());
-    let optional = ["/calibration", "cells/guard", "guard/calibration_cpu_seconds", "guard/cpu_seconds"];
+    let optional =
+        ["/all_on_software", "/calibration", "cells/guard", "guard/calibration_cpu_seconds", "guard/cpu_seconds"];
     holds("sweep", &parse(&report.to_json()), &optional);
 }
 
@@ -301,8 +308,15 @@ fn rays() {
         ..RayBenchOptions::default()
     };
     let report = run_ray_bench(&options, &Progress::hidden()).unwrap();
-    let optional =
-        ["/calibration", "/image_sha256", "cells/guard", "guard/calibration_cpu_seconds", "guard/cpu_seconds"];
+    let optional = [
+        "/calibration",
+        "/image_sha256",
+        "/options",
+        "cells/guard",
+        "guard/calibration_cpu_seconds",
+        "guard/cpu_seconds",
+        "options/threads",
+    ];
     let mut record = parse(&report.to_json());
     Schema::of("rays").accepts(&record, "as it was made");
     record["engines"][0]["error"] = json!("lost");
@@ -329,12 +343,14 @@ fn needs() {
     let optional = [
         "/calibration",
         "/left_out",
+        "/options",
         "cases/image_sha256",
         "cases/unread",
         "cases/upload_bytes",
         "cells/guard",
         "guard/calibration_cpu_seconds",
         "guard/cpu_seconds",
+        "options/threads",
     ];
     holds("needs", &parse(&report.to_json()), &optional);
 }
@@ -359,7 +375,7 @@ fn stability() {
     for list in ["sets", "cells", "symmetries", "engines", "meshes", "controls"] {
         record[list].as_array_mut().unwrap().truncate(1);
     }
-    holds("stability", &record, &[]);
+    holds("stability", &record, &["/options"]);
 }
 
 #[test]

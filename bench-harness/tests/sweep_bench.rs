@@ -26,7 +26,15 @@ fn small(cache: Cache) -> SweepBenchOptions {
     plan.size = [64, 48];
     plan.rounds = 2;
     plan.engines = vec![EngineId::Cpu];
-    SweepBenchOptions { plan, scenes_dir: None, manifest: None, threads: None, all_on_software: false, cache }
+    SweepBenchOptions {
+        plan,
+        scenes_dir: None,
+        manifest: None,
+        threads: None,
+        all_on_software: false,
+        cache,
+        views: Vec::new(),
+    }
 }
 
 fn find(scene: &SceneSweep, levels: u32, contours: bool, pixels: f32) -> &Cell {

@@ -10,10 +10,13 @@ use esvo_core::testing::compare::Comparison;
 use esvo_core::{CastError, CastOptions, Caster, Object, View};
 use esvo_engines::{EngineId, InstructionSet, OpenOptions};
 use esvo_format::Octree;
+use esvo_scenes::SceneEntry;
+use serde::{Deserialize, Serialize};
 
 use super::{Case, Cell, EngineRow, Needed, NeedsBenchOptions, NeedsReport, SCHEMA, Unread, Variant};
 use crate::calibration::{Calibrator, GuardRound, GuardSamples};
 use crate::content_hash::image_key;
+use crate::journal::Journal;
 use crate::matrix_parts::LeftOut;
 use crate::paper_bench::check::Agreement;
 use crate::scene::{self, Scene};
@@ -28,13 +31,27 @@ const MOST_VOXELS: f64 = 1e9;
 /// # Errors
 /// A scene or options that cannot be used, and a caster that fails.
 pub fn run_needs_bench(options: &NeedsBenchOptions, progress: &Progress) -> Result<NeedsReport, BenchError> {
+    resume_needs_bench(options, &Journal::none(), progress)
+}
+
+/// Like [`run_needs_bench`]. Scenes that are in the journal are not measured again; those that are measured are kept there.
+///
+/// # Errors
+/// Those of [`run_needs_bench`], and the journal's.
+pub fn resume_needs_bench(
+    options: &NeedsBenchOptions,
+    journal: &Journal,
+    progress: &Progress,
+) -> Result<NeedsReport, BenchError> {
     let start = Instant::now();
+    let found_before = journal.found_seconds();
+    let elapsed = || journal.found_seconds() - found_before + start.elapsed().as_secs_f64();
     let manifest = scene::manifest(None)?;
-    let subjects = subjects(&options.engines);
     let calibrator = Calibrator::new(options.threads)?;
     let mut report = NeedsReport {
         schema: SCHEMA,
         machine: Machine::detect(),
+        options: Some(options.clone()),
         size: options.size,
         calibration: Some(calibrator.record()),
         credits: Vec::new(),
@@ -48,48 +65,76 @@ pub fn run_needs_bench(options: &NeedsBenchOptions, progress: &Progress) -> Resu
         let all = manifest.scenes.iter();
         scenes = all.filter(|s| !s.displaced && s.unsupported.is_none()).map(|s| s.name.clone()).collect();
     }
-    for name in &scenes {
-        let failed = |what: String| BenchError::scene(name, what);
-        if options.rounds == 0 || options.views == 0 {
-            return Err(failed("expected at least one round and one view".into()));
+    for (done, name) in scenes.iter().enumerate() {
+        progress.parts(done, scenes.len(), elapsed());
+        let part = journal.part(&format!("needs {name}"), || {
+            scene_part(options, scene::entry(&manifest, name)?, &calibrator, progress)
+        })?;
+        if report.engines.is_empty() {
+            report.engines = part.engines;
         }
-        progress.say(format!("{name}: reading the mesh"));
-        let scene = Scene::load(scene::entry(&manifest, name)?, options.scenes_dir.as_deref(), options.views)?;
-        for &levels in &options.levels {
-            let voxels = esvo_builder::expected_leaves(&scene.mesh, levels);
-            if voxels > MOST_VOXELS {
-                let billions = voxels / 1e9;
-                let reason = format!(
-                    "{levels} levels of cubes may have {billions:.1} billion voxels; expected levels with less than a billion"
-                );
-                if !options.scenes.is_empty() {
-                    return Err(failed(reason));
-                }
-                report.left_out.push(LeftOut { what: format!("{} at {levels} levels", scene.name), reason });
-                continue;
-            }
-            for contours in [false, true] {
-                progress.say(format!("{name}: building {levels} levels"));
-                let settings = BuildSettings { levels, contours, ..scene.settings };
-                let built = esvo_builder::build(&scene.mesh, &settings, &|_| ()).map_err(|e| failed(e.to_string()))?;
-                let octree = Arc::new(built.octree);
-                for sizes in [false, true] {
-                    progress.say(format!("{name}: casting {levels} levels"));
-                    let cast =
-                        CastOptions { contours: true, beam: false, max_voxel_pixels: if sizes { 1.0 } else { 0.0 } };
-                    let case = views(&scene, &octree, options, &cast)
-                        .and_then(|views| {
-                            measure(&octree, &views, &subjects, options, sizes, &calibrator, &mut report.engines)
-                        })
-                        .map_err(|e| failed(e.to_string()))?;
-                    report.cases.push(Case { scene: scene.name.clone(), levels, ..case });
-                }
-            }
-        }
-        report.credits.push([scene.name, scene.credit, scene.identity]);
+        report.cases.extend(part.cases);
+        report.left_out.extend(part.left_out);
+        report.credits.push(part.credit);
     }
-    report.seconds = start.elapsed().as_secs_f64();
+    report.seconds = elapsed();
     Ok(report)
+}
+
+/// What a journal keeps of a scene.
+#[derive(Serialize, Deserialize)]
+struct ScenePart {
+    engines: Vec<EngineRow>,
+    cases: Vec<Case>,
+    left_out: Vec<LeftOut>,
+    credit: [String; 3],
+}
+
+/// Everything of one scene.
+fn scene_part(
+    options: &NeedsBenchOptions,
+    entry: &SceneEntry,
+    calibrator: &Calibrator,
+    progress: &Progress,
+) -> Result<ScenePart, BenchError> {
+    let name = &entry.name;
+    let failed = |what: String| BenchError::scene(name, what);
+    if options.rounds == 0 || options.views == 0 {
+        return Err(failed("expected at least one round and one view".into()));
+    }
+    let subjects = subjects(&options.engines);
+    progress.say(format!("{name}: reading the mesh"));
+    let scene = Scene::load(entry, options.scenes_dir.as_deref(), options.views)?;
+    let (mut engines, mut cases, mut left_out) = (Vec::new(), Vec::new(), Vec::new());
+    for &levels in &options.levels {
+        let voxels = esvo_builder::expected_leaves(&scene.mesh, levels);
+        if voxels > MOST_VOXELS {
+            let billions = voxels / 1e9;
+            let reason = format!(
+                "{levels} levels of cubes may have {billions:.1} billion voxels; expected levels with less than a billion"
+            );
+            if !options.scenes.is_empty() {
+                return Err(failed(reason));
+            }
+            left_out.push(LeftOut { what: format!("{} at {levels} levels", scene.name), reason });
+            continue;
+        }
+        for contours in [false, true] {
+            progress.say(format!("{name}: building {levels} levels"));
+            let settings = BuildSettings { levels, contours, ..scene.settings };
+            let built = esvo_builder::build(&scene.mesh, &settings, &|_| ()).map_err(|e| failed(e.to_string()))?;
+            let octree = Arc::new(built.octree);
+            for sizes in [false, true] {
+                progress.say(format!("{name}: casting {levels} levels"));
+                let cast = CastOptions { contours: true, beam: false, max_voxel_pixels: if sizes { 1.0 } else { 0.0 } };
+                let case = views(&scene, &octree, options, &cast)
+                    .and_then(|views| measure(&octree, &views, &subjects, options, sizes, calibrator, &mut engines))
+                    .map_err(|e| failed(e.to_string()))?;
+                cases.push(Case { scene: scene.name.clone(), levels, ..case });
+            }
+        }
+    }
+    Ok(ScenePart { engines, cases, left_out, credit: [scene.name, scene.credit, scene.identity] })
 }
 
 /// What is measured of these engines: of the CPU's instruction sets, one ray at a time and the fastest.

@@ -21,7 +21,7 @@ use crate::paper_bench::check::Agreement;
 use crate::system::machine::Machine;
 use crate::timing::Spread;
 
-pub use measure::run_needs_bench;
+pub use measure::{resume_needs_bench, run_needs_bench};
 pub use output::write_needs_record;
 pub use tables::{to_markdown, to_text};
 
@@ -29,7 +29,7 @@ pub use tables::{to_markdown, to_text};
 pub const SCHEMA: u32 = 1;
 
 /// What [`run_needs_bench`] measures.
-#[derive(Clone, Debug)]
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct NeedsBenchOptions {
     /// Names of the scenes; empty: all of the manifest that are built as they are, which leaves out SIBENIK-D, displaced at each level.
     pub scenes: Vec<String>,
@@ -44,8 +44,10 @@ pub struct NeedsBenchOptions {
     /// The engines: the CPU caster, by one ray at a time and by its fastest instructions, and GPU casters.
     pub engines: Vec<EngineId>,
     /// Threads of the CPU caster; `None`: one per core.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub threads: Option<usize>,
-    /// The folder that is searched first for real meshes.
+    /// The folder that is searched first for real meshes. Not in records.
+    #[serde(skip)]
     pub scenes_dir: Option<PathBuf>,
 }
 
@@ -72,6 +74,9 @@ pub struct NeedsReport {
     pub schema: u32,
     /// The machine and the software.
     pub machine: Machine,
+    /// What was asked for; `None` in records that do not say.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub options: Option<NeedsBenchOptions>,
     /// Size of the pictures.
     pub size: [u32; 2],
     /// Scene, credit and identity of the meshes, as in [`Scene`](crate::scene::Scene).

@@ -36,6 +36,9 @@ const SCRIPT: &str = include_str!("../../templates/page.js");
 /// Its style.
 const STYLE: &str = include_str!("../../templates/page.css");
 
+/// The title of a page that is not given another.
+pub const DEFAULT_TITLE: &str = "esvo: error and speed of sparse voxel octrees";
+
 /// What [`make_page`] makes a page of.
 #[derive(Clone, Debug)]
 pub struct PageOptions {
@@ -45,6 +48,13 @@ pub struct PageOptions {
     pub title: String,
     /// Most bytes of the pictures' files in the page. Those that do not fit are named and left out.
     pub picture_bytes: u64,
+}
+
+impl Default for PageOptions {
+    /// No records, and 24 MB of pictures.
+    fn default() -> Self {
+        Self { inputs: Vec::new(), title: DEFAULT_TITLE.into(), picture_bytes: 24_000_000 }
+    }
 }
 
 /// A page.

@@ -20,5 +20,5 @@ pub mod tables;
 mod timed_row;
 
 pub use output::write_paper_record;
-pub use run::{PaperBenchOptions, run_paper_bench};
+pub use run::{PaperBenchOptions, resume_paper_bench, run_paper_bench};
 pub use slowed::Slowed;

@@ -93,6 +93,9 @@ pub struct SceneReport {
     pub triangles: u64,
     /// Whether the file is the one that the manifest names, or which generator made the mesh.
     pub identity: String,
+    /// SHA-256 of the mesh as it was loaded, before displacement, in hexadecimal digits; empty in records that have none.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub mesh_sha256: String,
     /// Credit to print with pictures and tables.
     pub credit: String,
     /// Whether pictures may be published.

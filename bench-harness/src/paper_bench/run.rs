@@ -2,14 +2,18 @@
 
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::time::Instant;
 
 use esvo_builder::Mesh;
 use esvo_core::exact::CameraRays;
 use esvo_core::{CastError, DeviceKind, View};
 use esvo_engines::{EngineId, OpenOptions};
 use esvo_format::Octree;
+use esvo_scenes::SceneEntry;
+use serde::{Deserialize, Serialize};
 
 use crate::calibration::Calibrator;
+use crate::journal::Journal;
 use crate::matrix_parts::{LeftOut, SceneLevels};
 use crate::output::NamedPicture;
 use crate::paper_bench::filter_row::FilterRow;
@@ -22,7 +26,9 @@ use crate::paper_bench::pair::{CHECK_SIZE, EnginePair, OctreePair};
 use crate::paper_bench::report::{DeviceRecord, PaperOutcome, PaperReport, SCHEMA, SceneReport, Table1Row};
 use crate::paper_bench::slowed::Slowed;
 use crate::paper_bench::timed_row::{Subjects, TimedRow};
-use crate::scene::{self, Scene};
+use crate::repeat::replace_views;
+use crate::scene::{self, NamedView, Scene};
+use crate::sweep_bench::mesh_sha256;
 use crate::system::clock::Clock;
 use crate::system::machine::Machine;
 use crate::system::proc::resident_bytes;
@@ -42,12 +48,14 @@ pub struct PaperBenchOptions {
     pub threads: Option<usize>,
     /// Engines that are slowed on purpose: the negative control of [`compare`](crate::compare).
     pub slowed: Vec<Slowed>,
+    /// Viewpoints of scenes, by the scenes' names in records, instead of the manifest's: those of a record whose run is repeated.
+    pub views: Vec<(String, Vec<NamedView>)>,
 }
 
 impl PaperBenchOptions {
     /// A matrix, of the paper's scenes and on all cores.
     pub fn new(matrix: Matrix) -> Self {
-        Self { matrix, scenes_dir: None, manifest: None, threads: None, slowed: Vec::new() }
+        Self { matrix, scenes_dir: None, manifest: None, threads: None, slowed: Vec::new(), views: Vec::new() }
     }
 
     fn open_options(&self) -> OpenOptions {
@@ -63,13 +71,29 @@ impl PaperBenchOptions {
 /// # Errors
 /// A scene that does not exist, or a mesh that cannot be used.
 pub fn run_paper_bench(options: &PaperBenchOptions, progress: &Progress) -> Result<PaperOutcome, BenchError> {
+    resume_paper_bench(options, &Journal::none(), progress)
+}
+
+/// Like [`run_paper_bench`]. Scenes that are in the journal are not measured again; those that are measured are kept there.
+///
+/// # Errors
+/// Those of [`run_paper_bench`], and the journal's.
+pub fn resume_paper_bench(
+    options: &PaperBenchOptions,
+    journal: &Journal,
+    progress: &Progress,
+) -> Result<PaperOutcome, BenchError> {
     options.matrix.validate().map_err(|what| BenchError::Matrix { file: options.matrix.name.clone(), what })?;
     let manifest = scene::manifest(options.manifest.as_deref())?;
     let wanted = (options.matrix.scenes.iter())
         .map(|wanted| Ok((wanted, scene::buildable(&manifest, &wanted.name)?)))
         .collect::<Result<Vec<_>, BenchError>>()?;
 
-    let clock = Clock::start(options.matrix.time_limit_seconds);
+    let found_before = journal.found_seconds();
+    let names: Vec<_> = wanted.iter().map(|(_, entry)| part_name(entry)).collect();
+    let mut parts = names.iter().map(|name| journal.find::<ScenePart>(name)).collect::<Result<Vec<_>, _>>()?;
+    let before = journal.found_seconds() - found_before;
+    let clock = Clock::start(options.matrix.time_limit_seconds.map(|limit| (limit - before).max(0.0)));
     let mut runner = PaperRun {
         options,
         progress,
@@ -82,10 +106,26 @@ pub fn run_paper_bench(options: &PaperBenchOptions, progress: &Progress) -> Resu
     let calibrator = Calibrator::new(options.threads)?;
     let mut scenes = Vec::new();
     for (index, (wanted, entry)) in wanted.iter().enumerate() {
-        let clock = clock.share(options.matrix.scenes.len() - index);
+        if let Some(part) = parts[index].take() {
+            runner.pictures.extend(journal.find_pictures(&part.report.pictures)?);
+            runner.left_out.extend(part.left_out);
+            scenes.push(part.report);
+            continue;
+        }
+        let start = Instant::now();
+        let done = scenes.len();
+        progress.parts(done, names.len(), before + clock.elapsed());
+        // The parts that were found, and come later, take no time.
+        let clock = clock.share(parts[index..].iter().filter(|part| part.is_none()).count());
         progress.say(format!("{}: reading the mesh", entry.name));
-        let scene = Scene::load(entry, options.scenes_dir.as_deref(), options.matrix.views)?;
-        scenes.push(runner.scene(wanted, &scene, &calibrator, &clock)?);
+        let mut scene = Scene::load(entry, options.scenes_dir.as_deref(), options.matrix.views)?;
+        replace_views(&options.views, &scene.name, &mut scene.views);
+        let (left_out, pictures) = (runner.left_out.len(), runner.pictures.len());
+        let report = runner.scene(wanted, &scene, &calibrator, &clock)?;
+        journal.keep_pictures(&runner.pictures[pictures..])?;
+        let part = ScenePart { report, left_out: runner.left_out[left_out..].to_vec() };
+        journal.keep(&names[index], start, &part)?;
+        scenes.push(part.report);
     }
     let PaperRun { left_out, pictures, .. } = runner;
     let report = PaperReport {
@@ -97,9 +137,21 @@ pub fn run_paper_bench(options: &PaperBenchOptions, progress: &Progress) -> Resu
         slowed: options.slowed.clone(),
         scenes,
         left_out,
-        seconds: clock.elapsed(),
+        seconds: before + clock.elapsed(),
     };
     Ok(PaperOutcome { report, pictures })
+}
+
+/// What a journal keeps of a scene, beside its pictures.
+#[derive(Serialize, Deserialize)]
+struct ScenePart {
+    report: SceneReport,
+    left_out: Vec<LeftOut>,
+}
+
+/// A scene's name in the journal.
+fn part_name(entry: &SceneEntry) -> String {
+    format!("tables {}", entry.name)
 }
 
 /// The views of a scene for one of its octrees.
@@ -162,6 +214,7 @@ impl PaperRun<'_> {
             mesh: scene.variant,
             triangles: scene.mesh.triangle_count() as u64,
             identity: scene.identity.clone(),
+            mesh_sha256: mesh_sha256(&scene.mesh),
             credit: scene.credit.clone(),
             publish: scene.not_published.is_none(),
             views: scene.views.clone(),

@@ -74,6 +74,7 @@ pub fn run_ray_bench(options: &RayBenchOptions, progress: &Progress) -> Result<R
     Ok(RayReport {
         schema: SCHEMA,
         machine: Machine::detect(),
+        options: Some(options.clone()),
         scene: scene.name,
         identity: scene.identity,
         credit: scene.credit,

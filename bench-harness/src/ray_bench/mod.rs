@@ -26,7 +26,7 @@ pub use tables::{to_markdown, to_text};
 pub const SCHEMA: u32 = 1;
 
 /// What [`run_ray_bench`] measures.
-#[derive(Clone, Debug)]
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct RayBenchOptions {
     /// Name of the scene.
     pub scene: String,
@@ -41,8 +41,10 @@ pub struct RayBenchOptions {
     /// The engines.
     pub engines: Vec<EngineId>,
     /// Threads of the CPU caster; `None`: one per core.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub threads: Option<usize>,
-    /// The folder that is searched first for real meshes.
+    /// The folder that is searched first for real meshes. Not in records.
+    #[serde(skip)]
     pub scenes_dir: Option<PathBuf>,
 }
 
@@ -69,6 +71,9 @@ pub struct RayReport {
     pub schema: u32,
     /// The machine and the software.
     pub machine: Machine,
+    /// What was asked for; `None` in records that do not say.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub options: Option<RayBenchOptions>,
     /// The scene, as in [`Scene::name`](crate::scene::Scene::name).
     pub scene: String,
     /// Whether its mesh is the one that the manifest names.

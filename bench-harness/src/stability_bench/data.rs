@@ -37,6 +37,7 @@ pub fn run_stability_bench(options: &StabilityOptions, progress: &Progress) -> R
     let mut report = StabilityReport {
         schema: SCHEMA,
         machine: Machine::detect(),
+        options: Some(options.clone()),
         seed: options.seed,
         sets: Vec::new(),
         cells: Vec::new(),

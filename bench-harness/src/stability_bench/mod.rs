@@ -30,7 +30,7 @@ pub use tables::{to_markdown, to_text};
 pub const SCHEMA: u32 = 1;
 
 /// What [`run_stability_bench`] tests.
-#[derive(Clone, Debug)]
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct StabilityOptions {
     /// Rays for each engine that runs on the processor, over all octrees and kinds.
     pub rays: u64,
@@ -58,6 +58,9 @@ pub struct StabilityReport {
     pub schema: u32,
     /// The machine and the software.
     pub machine: Machine,
+    /// What was asked for; `None` in records that do not say.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub options: Option<StabilityOptions>,
     /// Number of the first ray of each kind.
     pub seed: u64,
     /// The octrees.

@@ -111,9 +111,17 @@ fn make_folder(path: &Path) -> Result<(), BenchError> {
 
 /// Hash of a mesh with everything that octrees and exact answers depend on, and of the code that makes them.
 pub(crate) fn mesh_key(mesh: &Mesh) -> String {
+    hash_mesh(Hash::new("mesh"), mesh)
+}
+
+/// Hash of a mesh with everything that octrees and exact answers depend on, whatever code makes them.
+pub(crate) fn mesh_sha256(mesh: &Mesh) -> String {
+    hash_mesh(Hash(Sha256::new()), mesh)
+}
+
+fn hash_mesh(mut hash: Hash, mesh: &Mesh) -> String {
     let Mesh { positions, normals, uvs, colors, tangents, triangles, triangle_materials, materials, warnings: _ } =
         mesh;
-    let mut hash = Hash::new("mesh");
     hash.numbers(positions.as_flattened().iter().map(|x| x.to_le_bytes()));
     hash.numbers(normals.as_flattened().iter().map(|x| x.to_le_bytes()));
     hash.numbers(uvs.as_flattened().iter().map(|x| x.to_le_bytes()));

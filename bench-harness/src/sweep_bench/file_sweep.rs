@@ -116,6 +116,7 @@ pub fn run_file_sweep(
         schema: SCHEMA,
         machine,
         plan,
+        all_on_software: true,
         devices,
         calibration: Some(calibrator.record()),
         scenes: vec![record],

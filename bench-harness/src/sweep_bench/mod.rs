@@ -28,9 +28,10 @@ pub(crate) mod tables;
 
 pub use crate::content_hash::image_key;
 pub use cache::Cache;
+pub(crate) use cache::mesh_sha256;
 pub use file_sweep::{FileSweepOptions, run_file_sweep};
 pub use output::{read_sweep_record, write_sweep_record};
 pub use plan::SweepPlan;
 pub use record::SweepReport;
-pub use run::{SweepBenchOptions, run_sweep_bench};
+pub use run::{SweepBenchOptions, resume_sweep_bench, run_sweep_bench};
 pub use tables::{to_markdown, to_text};

@@ -27,6 +27,9 @@ pub struct SweepReport {
     pub machine: Machine,
     /// What was asked for.
     pub plan: SweepPlan,
+    /// Whether Vulkan drivers that run on the processor cast all settings, and not a few only.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub all_on_software: bool,
     /// The engines that were opened.
     pub devices: Vec<DeviceRecord>,
     /// The calibration casts; `None` in records that have none.

@@ -7,6 +7,7 @@ use esvo_core::CastOptions;
 use esvo_cpu::triangles::TriangleScene;
 use esvo_engines::OpenOptions;
 use esvo_scenes::SceneEntry;
+use serde::{Deserialize, Serialize};
 
 use super::cache::{Cache, mesh_key};
 use super::measure::{Rounds, SOFTWARE_SUBSET, SweptEngine, measure};
@@ -14,9 +15,11 @@ use super::plan::SweepPlan;
 use super::record::{ExactKind, SCHEMA, SceneSweep, SweepReport};
 use super::subject::{Sample, Subject, Truth, build_all};
 use crate::calibration::Calibrator;
+use crate::journal::Journal;
 use crate::matrix_parts::{LeftOut, SceneLevels};
 use crate::paper_bench::report::DeviceRecord;
-use crate::scene::{self, Scene};
+use crate::repeat::replace_views;
+use crate::scene::{self, NamedView, Scene};
 use crate::system::machine::Machine;
 use crate::{BenchError, Progress};
 
@@ -35,6 +38,8 @@ pub struct SweepBenchOptions {
     pub all_on_software: bool,
     /// Where octrees and exact answers of former runs are.
     pub cache: Cache,
+    /// Viewpoints of scenes, by the scenes' names in records, instead of the manifest's: those of a record whose run is repeated.
+    pub views: Vec<(String, Vec<NamedView>)>,
 }
 
 /// Builds or finds the octrees, compares every setting with the reference caster and with the exact answer, and times them.
@@ -45,7 +50,21 @@ pub struct SweepBenchOptions {
 /// # Errors
 /// A plan or a scene that cannot be used, a cache that cannot be written, an engine that fails.
 pub fn run_sweep_bench(options: &SweepBenchOptions, progress: &Progress) -> Result<SweepReport, BenchError> {
+    resume_sweep_bench(options, &Journal::none(), progress)
+}
+
+/// Like [`run_sweep_bench`]. Scenes that are in the journal are not measured again; those that are measured are kept there.
+///
+/// # Errors
+/// Those of [`run_sweep_bench`], and the journal's.
+pub fn resume_sweep_bench(
+    options: &SweepBenchOptions,
+    journal: &Journal,
+    progress: &Progress,
+) -> Result<SweepReport, BenchError> {
     let (start, machine) = (Instant::now(), Machine::detect());
+    let found_before = journal.found_seconds();
+    let elapsed = || journal.found_seconds() - found_before + start.elapsed().as_secs_f64();
     options.plan.validate()?;
     let manifest = scene::manifest(options.manifest.as_deref())?;
     let wanted = (options.plan.scenes.iter())
@@ -55,19 +74,35 @@ pub fn run_sweep_bench(options: &SweepBenchOptions, progress: &Progress) -> Resu
     let (devices, engines) = open(&options.plan, options.threads, options.all_on_software, &mut left_out);
     let calibrator = Calibrator::new(options.threads)?;
     let mut scenes = Vec::new();
+    let all = wanted.len();
     for (wanted, entry) in wanted {
-        scenes.push(sweep(options, wanted, entry, &engines, &calibrator, progress, &mut left_out)?);
+        progress.parts(scenes.len(), all, elapsed());
+        let part: ScenePart = journal.part(&format!("sweep {}", entry.name), || {
+            let mut left_out = Vec::new();
+            let scene = sweep(options, wanted, entry, &engines, &calibrator, progress, &mut left_out)?;
+            Ok(ScenePart { scene, left_out })
+        })?;
+        left_out.extend(part.left_out);
+        scenes.push(part.scene);
     }
     Ok(SweepReport {
         schema: SCHEMA,
         machine,
         plan: options.plan.clone(),
+        all_on_software: options.all_on_software,
         devices,
         calibration: Some(calibrator.record()),
         scenes,
         left_out,
-        seconds: start.elapsed().as_secs_f64(),
+        seconds: elapsed(),
     })
+}
+
+/// What a journal keeps of a scene.
+#[derive(Serialize, Deserialize)]
+struct ScenePart {
+    scene: SceneSweep,
+    left_out: Vec<LeftOut>,
 }
 
 /// Opens every engine once to find its device.
@@ -113,7 +148,8 @@ fn sweep(
 ) -> Result<SceneSweep, BenchError> {
     let plan = &options.plan;
     progress.say(format!("{}: reading the mesh", entry.name));
-    let scene = Scene::load(entry, options.scenes_dir.as_deref(), plan.views)?;
+    let mut scene = Scene::load(entry, options.scenes_dir.as_deref(), plan.views)?;
+    replace_views(&options.views, &scene.name, &mut scene.views);
     let mesh = &scene.mesh;
     let key = mesh_key(mesh);
     let corners = mesh.triangles.iter().map(|t| t.map(|v| mesh.positions[v as usize])).collect();

@@ -56,6 +56,7 @@ pub(crate) fn report(cells: Vec<Cell>) -> SweepReport {
         schema: SCHEMA,
         machine,
         plan: SweepPlan::default_run(),
+        all_on_software: false,
         devices: vec![DeviceRecord {
             backend: EngineId::Cpu,
             name: "Example".into(),

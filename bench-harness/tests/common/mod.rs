@@ -69,6 +69,7 @@ fn scene(name: &str, mesh: SceneVariant, factor: f64) -> SceneReport {
         mesh,
         triangles: 73_564,
         identity: "as listed in the manifest".into(),
+        mesh_sha256: String::new(),
         credit: "somebody".into(),
         publish: true,
         views: vec![NamedView { name: "first".into(), camera }],

@@ -201,6 +201,7 @@ fn sweep_scene(arguments: &AdviseArguments) -> Result<SweepReport, Failure> {
         plan.set_levels(&arguments.levels);
     }
     let options = SweepBenchOptions {
+        views: Vec::new(),
         plan,
         scenes_dir: arguments.scenes_dir.clone(),
         manifest: arguments.manifest.clone(),

@@ -5,12 +5,14 @@ pub(crate) mod cache;
 mod casting;
 pub(crate) mod compare;
 pub(crate) mod format;
+mod full;
 pub(crate) mod import;
 pub(crate) mod needs;
 pub(crate) mod page;
 pub(crate) mod pictures;
 pub(crate) mod rays;
 mod record;
+mod repeat;
 pub(crate) mod selection;
 pub(crate) mod stability;
 pub(crate) mod sweep;
@@ -42,7 +44,9 @@ results/<machine>/<date>/. Exit code 1 if the answers of an engine are wrong.
 
 Examples:
   esvo bench                                    about five minutes on two cores
-  esvo bench --full --memory 16                 the paper's whole matrix
+  esvo bench --full --memory 16                 every report, in two hours on two cores
+  esvo bench --full --memory 16 --resume        the same, after it was stopped
+  esvo bench --repeat results/machine/2026-11-26/report.json
   esvo bench --scenes sibenik --levels 9,10,11 --backends cpu")]
 pub(crate) struct BenchArguments {
     /// Another benchmark; without one, the paper's tables are measured

@@ -2,7 +2,8 @@
 
 use clap::Args;
 use esvo_bench::Progress;
-use esvo_bench::needs_bench::{NeedsBenchOptions, run_needs_bench, to_text, write_needs_record};
+use esvo_bench::journal::Journal;
+use esvo_bench::needs_bench::{NeedsBenchOptions, resume_needs_bench, to_text, write_needs_record};
 use esvo_engines::EngineId;
 
 use crate::commands::bench::casting::CastingArguments;
@@ -43,6 +44,9 @@ pub(crate) struct BenchNeedsArguments {
     /// fastest instructions
     #[arg(long, value_name = "NAMES", value_delimiter = ',', value_parser = engine(), default_value = "cpu")]
     pub(crate) backends: Vec<EngineId>,
+    /// Go on with the run of the same options that was stopped: scenes that were finished are not measured again
+    #[arg(long)]
+    pub(crate) resume: bool,
     #[command(flatten)]
     pub(crate) casting: CastingArguments,
 }
@@ -62,12 +66,14 @@ pub(crate) fn run_bench_needs(arguments: &BenchNeedsArguments) -> Result<(), Fai
         threads: arguments.casting.threads(),
         scenes_dir: arguments.casting.scenes_dir.clone(),
     };
+    let record = &arguments.casting.record;
+    let journal = Journal::open(&record.out, record.machine.as_deref(), "-needs", &options, arguments.resume)?;
     let progress = Progress::terminal();
-    let report = run_needs_bench(&options, &progress);
+    let report = resume_needs_bench(&options, &journal, &progress);
     progress.finish();
     let report = report?;
-    let folder =
-        write_needs_record(&report, &arguments.casting.record.out, arguments.casting.record.machine.as_deref())?;
+    let folder = write_needs_record(&report, &record.out, record.machine.as_deref())?;
+    journal.remove()?;
     arguments.casting.record.print(&folder, || report.to_json(), || to_text(&report))?;
     if report.passed() { Ok(()) } else { Err("hits are not the reference's".to_string().into()) }
 }

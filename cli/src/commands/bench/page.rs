@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use esvo_bench::output::check_writable;
-use esvo_bench::page::{PageOptions, make_page, write_page};
+use esvo_bench::page::{DEFAULT_TITLE, PageOptions, make_page, write_page};
 
 use crate::fail::{Failure, complain, print};
 use crate::values::parse_positive;
@@ -30,7 +30,7 @@ pub(crate) struct BenchPageArguments {
     #[arg(short, long, value_name = "FILE", default_value = "page.html")]
     output: PathBuf,
     /// Title of the page
-    #[arg(long, value_name = "TEXT", default_value = "esvo: error and speed of sparse voxel octrees")]
+    #[arg(long, value_name = "TEXT", default_value = DEFAULT_TITLE)]
     title: String,
     /// Most megabytes (10^6 bytes) of pictures in the page
     #[arg(long, value_name = "MB", default_value_t = 24.0, value_parser = parse_positive)]

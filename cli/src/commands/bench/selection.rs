@@ -18,7 +18,7 @@ pub(crate) struct Selection {
     pub(crate) scenes: Vec<String>,
     /// Build these levels of every scene
     #[arg(long, value_name = "N,...", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=23))]
-    levels: Vec<u32>,
+    pub(crate) levels: Vec<u32>,
     /// Memory limit of the run (of each build in `bench build`) in GB (10^9 bytes); levels that need more are left out
     #[arg(long, value_name = "GB")]
     memory: Option<f64>,

@@ -4,7 +4,8 @@ use std::path::PathBuf;
 
 use clap::Args;
 use esvo_bench::Progress;
-use esvo_bench::sweep_bench::{SweepBenchOptions, SweepPlan, run_sweep_bench, to_text, write_sweep_record};
+use esvo_bench::journal::Journal;
+use esvo_bench::sweep_bench::{SweepBenchOptions, SweepPlan, resume_sweep_bench, to_text, write_sweep_record};
 use esvo_engines::EngineId;
 
 use crate::commands::bench::cache::CacheArguments;
@@ -30,7 +31,7 @@ Examples:
   esvo bench sweep --scenes sibenik --levels 8,9,10 --engines cpu
   esvo bench sweep --full --memory 16")]
 pub(crate) struct BenchSweepArguments {
-    /// All scenes of the paper, deeper levels, larger pictures, all viewpoints
+    /// All scenes but SIBENIK-D, three viewpoints of each
     #[arg(long)]
     full: bool,
     /// Measure only these scenes
@@ -60,6 +61,9 @@ pub(crate) struct BenchSweepArguments {
     /// GPU drivers that run on the processor cast all settings, too
     #[arg(long)]
     all_on_software: bool,
+    /// Go on with the run of the same options that was stopped: scenes that were finished are not measured again
+    #[arg(long)]
+    resume: bool,
     /// Read the scenes from this manifest of your own instead of the paper's: see scenes/README.md
     #[arg(long, value_name = "FILE", conflicts_with = "scenes_dir", requires = "scenes")]
     manifest: Option<PathBuf>,
@@ -78,13 +82,17 @@ pub(crate) fn run_bench_sweep(arguments: &BenchSweepArguments) -> Result<(), Fai
         threads: arguments.casting.threads(),
         all_on_software: arguments.all_on_software,
         cache: arguments.cache.open(),
+        views: Vec::new(),
     };
+    let record = &arguments.casting.record;
+    let settings = (&options.plan, options.threads, options.all_on_software);
+    let journal = Journal::open(&record.out, record.machine.as_deref(), "-sweep", &settings, arguments.resume)?;
     let progress = Progress::terminal();
-    let report = run_sweep_bench(&options, &progress);
+    let report = resume_sweep_bench(&options, &journal, &progress);
     progress.finish();
     let report = report?;
-    let record = &arguments.casting.record;
     let folder = write_sweep_record(&report, &record.out, record.machine.as_deref())?;
+    journal.remove()?;
     let printed = record.print(&folder, || report.to_json(), || to_text(&report));
     let wrong = report.failures().count();
     if wrong > 0 {

@@ -3,11 +3,14 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use esvo_bench::journal::Journal;
 use esvo_bench::output::check_writable;
-use esvo_bench::paper_bench::{PaperBenchOptions, Slowed, run_paper_bench, tables, write_paper_record};
+use esvo_bench::paper_bench::{PaperBenchOptions, Slowed, resume_paper_bench, tables, write_paper_record};
 use esvo_bench::{Matrix, Progress};
 use esvo_engines::EngineId;
 
+use crate::commands::bench::full::{FullKind, run_bench_full};
+use crate::commands::bench::repeat::run_bench_repeat;
 use crate::commands::bench::selection::Selection;
 use crate::fail::{Failure, complain, print};
 use crate::values::{engine, parse_size, parse_slowed};
@@ -15,9 +18,20 @@ use crate::values::{engine, parse_size, parse_slowed};
 /// What `esvo bench` measures, and where its record goes.
 #[derive(Debug, Args)]
 pub(crate) struct TablesArguments {
-    /// Measure the paper's whole matrix: all scenes, resolutions and viewpoints, levels as deep as memory allows
+    /// Make every report: hard cases, the paper's whole matrix (all scenes, resolutions and viewpoints, levels as deep as memory
+    /// allows), error against run time, what code costs that a scene does not need, lists of rays; and a page of them all
     #[arg(long, conflicts_with = "matrix")]
     pub(crate) full: bool,
+    /// With --full: make only these reports
+    #[arg(long, value_name = "NAMES", value_delimiter = ',', requires = "full", value_enum)]
+    pub(crate) reports: Vec<FullKind>,
+    /// Go on with the run of the same options that was stopped: what was finished is not measured again
+    #[arg(long)]
+    pub(crate) resume: bool,
+    /// Run what this record says again: report.json of this command, or of sweep, stability, rays or needs; and say where the
+    /// results differ
+    #[arg(long, value_name = "RECORD", conflicts_with_all = ["full", "matrix", "scenes", "levels", "memory", "time_limit", "json", "backends", "resolutions", "views", "rounds", "threads", "slow"])]
+    pub(crate) repeat: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) selection: Selection,
     /// Measure only these engines
@@ -47,22 +61,31 @@ pub(crate) struct TablesArguments {
 }
 
 pub(crate) fn run_bench_tables(arguments: &TablesArguments) -> Result<(), Failure> {
-    let matrix = matrix(arguments)?;
     let selection = &arguments.selection;
     selection.check()?;
     check_writable(&arguments.out)?;
+    if let Some(record) = &arguments.repeat {
+        return run_bench_repeat(record, arguments);
+    }
     let options = PaperBenchOptions {
-        matrix,
         scenes_dir: selection.scenes_dir.clone(),
         manifest: selection.manifest.clone(),
         threads: arguments.threads.map(Into::into),
         slowed: arguments.slow.clone(),
+        ..PaperBenchOptions::new(matrix(arguments)?)
     };
+    if arguments.full {
+        return run_bench_full(options, arguments);
+    }
+    let (out, machine) = (&arguments.out, arguments.machine.as_deref());
+    let settings = (&options.matrix, options.threads, &options.slowed);
+    let journal = Journal::open(out, machine, "", &settings, arguments.resume)?;
     let progress = Progress::terminal();
-    let outcome = run_paper_bench(&options, &progress);
+    let outcome = resume_paper_bench(&options, &journal, &progress);
     progress.finish();
     let outcome = outcome?;
-    let folder = write_paper_record(&outcome, &arguments.out, arguments.machine.as_deref())?;
+    let folder = write_paper_record(&outcome, out, machine)?;
+    journal.remove()?;
     let report = &outcome.report;
     let text = if selection.json {
         report.to_json()

@@ -1,0 +1,153 @@
+//! What differs between two records, but for times.
+
+use serde_json::Value;
+
+use crate::system::machine::Machine;
+
+/// Something that differs.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Difference {
+    /// Where in the record: `scenes[SIBENIK].builds[levels 9, contours].bytes`.
+    pub place: String,
+    /// What the first record has; JSON.
+    pub before: String,
+    /// What the second record has.
+    pub after: String,
+}
+
+/// Fields that depend on time, on the day, or on the sources alone: the key of a sweep's mesh has a hash of the builder's.
+const PASSED_OVER: [&str; 11] = [
+    "machine",
+    "calibration",
+    "guard",
+    "samples",
+    "seconds",
+    "mesh_seconds",
+    "build_seconds",
+    "mrays",
+    "mesh_sha256",
+    "options",
+    "all_on_software",
+];
+
+/// Fields that tell an element of a list from others, in the order in which they are printed.
+const NAMES: [&str; 10] = ["name", "scene", "set", "what", "backend", "variant", "contours", "levels", "kind", "size"];
+
+/// Characters of a value that are printed.
+const MOST_CHARACTERS: usize = 60;
+
+/// Where the machine and the software differ.
+pub(super) fn software(before: &Machine, after: &Machine) -> Vec<Difference> {
+    let fields = |machine: &Machine| {
+        let Machine { cpu, threads, memory_mb, os, rustc, profile, commit, date: _ } = machine.clone();
+        [
+            ("processor", cpu),
+            ("threads", threads.to_string()),
+            ("memory in MiB", memory_mb.to_string()),
+            ("system", os),
+            ("compiler", rustc),
+            ("profile", profile),
+            ("commit", commit),
+        ]
+    };
+    let both = fields(before).into_iter().zip(fields(after));
+    let different = both.filter(|(before, after)| before.1 != after.1);
+    different.map(|((place, before), (_, after))| Difference { place: place.into(), before, after }).collect()
+}
+
+/// Where results differ. Fields that only one record has are passed over: fields may be added within a version.
+pub(super) fn results(before: &Value, after: &Value) -> Vec<Difference> {
+    let mut found = Vec::new();
+    walk("", before, after, &mut found);
+    found
+}
+
+fn walk(place: &str, before: &Value, after: &Value, found: &mut Vec<Difference>) {
+    match (before, after) {
+        (Value::Object(a), Value::Object(b)) => {
+            for (key, value) in a {
+                if let Some(other) = b.get(key).filter(|_| !PASSED_OVER.contains(&key.as_str())) {
+                    let place = if place.is_empty() { key.clone() } else { format!("{place}.{key}") };
+                    walk(&place, value, other, found);
+                }
+            }
+        }
+        (Value::Array(a), Value::Array(b)) if a.len() == b.len() => {
+            for (index, (value, other)) in a.iter().zip(b).enumerate() {
+                walk(&format!("{place}[{}]", label(index, value)), value, other, found);
+            }
+        }
+        (Value::Array(a), Value::Array(b)) => {
+            let count = |list: &Vec<Value>| format!("{} entries", list.len());
+            found.push(Difference { place: place.into(), before: count(a), after: count(b) });
+        }
+        _ if before == after => {}
+        _ => found.push(Difference { place: place.into(), before: short(before), after: short(after) }),
+    }
+}
+
+/// What an element of a list is called.
+fn label(index: usize, value: &Value) -> String {
+    let name = |key: &&str| match value.get(*key)? {
+        Value::String(text) => Some(text.clone()),
+        Value::Bool(true) => Some((*key).to_string()),
+        Value::Number(number) => Some(format!("{key} {number}")),
+        Value::Array(list) if *key == "size" => Some(list.iter().map(Value::to_string).collect::<Vec<_>>().join("x")),
+        _ => None,
+    };
+    let names: Vec<_> = NAMES.iter().filter_map(name).collect();
+    if names.is_empty() { index.to_string() } else { names.join(", ") }
+}
+
+fn short(value: &Value) -> String {
+    let text = value.to_string();
+    if text.chars().count() <= MOST_CHARACTERS {
+        return text;
+    }
+    text.chars().take(MOST_CHARACTERS).chain("...".chars()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn results_are_compared_and_times_are_not() {
+        let before = json!({
+            "seconds": 1.0,
+            "scenes": [{
+                "name": "SIBENIK",
+                "builds": [{"levels": 9, "contours": true, "bytes": 10, "seconds": 2.0}],
+                "views": [[1, 2], [3]],
+            }],
+        });
+        assert_eq!(results(&before, &before), []);
+        let mut after = before.clone();
+        after["seconds"] = json!(9.0);
+        after["scenes"][0]["builds"][0]["seconds"] = json!(3.0);
+        after["scenes"][0]["new"] = json!(1);
+        assert_eq!(results(&before, &after), []);
+        after["scenes"][0]["builds"][0]["bytes"] = json!(11);
+        after["scenes"][0]["views"] = json!([[1, 4], [3, 5]]);
+        let found = results(&before, &after);
+        let places: Vec<_> = found.iter().map(|d| format!("{} {} {}", d.place, d.before, d.after)).collect();
+        assert_eq!(
+            places,
+            [
+                "scenes[SIBENIK].builds[contours, levels 9].bytes 10 11",
+                "scenes[SIBENIK].views[0][1] 2 4",
+                "scenes[SIBENIK].views[1] 1 entries 2 entries",
+            ]
+        );
+    }
+
+    #[test]
+    fn a_new_compiler_is_told() {
+        let before = Machine::detect();
+        assert_eq!(software(&before, &before), []);
+        let found = software(&before, &Machine { rustc: "other".into(), ..before.clone() });
+        assert!(found.len() == 1 && found[0].place == "compiler" && found[0].after == "other");
+    }
+}

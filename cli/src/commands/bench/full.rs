@@ -1,0 +1,122 @@
+//! `esvo bench --full`.
+
+use clap::ValueEnum;
+use esvo_bench::Progress;
+use esvo_bench::full_bench::{FullOptions, run_full_bench};
+use esvo_bench::needs_bench::NeedsBenchOptions;
+use esvo_bench::paper_bench::PaperBenchOptions;
+use esvo_bench::ray_bench::RayBenchOptions;
+use esvo_bench::stability_bench::StabilityOptions;
+use esvo_bench::sweep_bench::{Cache, SweepBenchOptions, SweepPlan};
+use esvo_engines::EngineId;
+
+use crate::commands::bench::tables::TablesArguments;
+use crate::fail::{Failure, print};
+
+/// A report of a full run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum FullKind {
+    /// Hard rays, octrees and meshes: 10 million rays for each instruction set, a million for each GPU engine
+    Stability,
+    /// The paper's tables
+    Tables,
+    /// Error against run time
+    Sweep,
+    /// What code costs that a scene does not need
+    Needs,
+    /// Lists of rays at three scenes
+    Rays,
+}
+
+/// Scenes whose lists of rays are measured.
+const RAY_SCENES: [&str; 3] = ["sibenik", "conference", "hairball"];
+
+/// Makes the reports that are asked for. What the options say of scenes, levels, views, rounds, sizes, engines, threads and memory
+/// applies to all that have such.
+pub(crate) fn run_bench_full(tables: PaperBenchOptions, arguments: &TablesArguments) -> Result<(), Failure> {
+    let selection = &arguments.selection;
+    if selection.manifest.is_some() {
+        return Err("--manifest: --full makes reports of the paper's scenes; expected no --full".to_string().into());
+    }
+    let wanted = |kind| arguments.reports.is_empty() || arguments.reports.contains(&kind);
+    let (scenes_dir, threads) = (tables.scenes_dir.clone(), tables.threads);
+    let engines =
+        |all: &[EngineId]| if arguments.backends.is_empty() { all.to_vec() } else { arguments.backends.clone() };
+    let sizes = &arguments.resolutions;
+
+    let mut plan = SweepPlan::full_run();
+    if !selection.scenes.is_empty() {
+        plan.select_scenes(&selection.scenes);
+    }
+    if !selection.levels.is_empty() {
+        plan.set_levels(&selection.levels);
+    }
+    plan.engines = engines(&plan.engines);
+    plan.views = arguments.views.unwrap_or(plan.views);
+    plan.rounds = arguments.rounds.unwrap_or(plan.rounds);
+    plan.size = sizes.first().copied().unwrap_or(plan.size);
+    plan.memory_gb = tables.matrix.memory_gb;
+    plan.validate()?;
+
+    let mut needs = NeedsBenchOptions {
+        scenes: selection.scenes.clone(),
+        levels: vec![7, 9],
+        views: arguments.views.unwrap_or(2),
+        rounds: arguments.rounds.unwrap_or(3),
+        engines: engines(&[EngineId::Cpu, EngineId::Wgpu, EngineId::Ash]),
+        threads,
+        scenes_dir: scenes_dir.clone(),
+        ..NeedsBenchOptions::default()
+    };
+    // It has all code, whatever it is told.
+    needs.engines.retain(|engine| *engine != EngineId::Reference);
+    needs.size = sizes.first().copied().unwrap_or(needs.size);
+    let mut stability = StabilityOptions { rays: 10_000_000, gpu_rays: 1_000_000, ..StabilityOptions::default() };
+    stability.engines = engines(&stability.engines);
+    let ray_options = |scene: &String| {
+        let all = RayBenchOptions::default();
+        RayBenchOptions {
+            scene: scene.clone(),
+            levels: selection.levels.last().copied().unwrap_or(all.levels),
+            size: sizes.first().copied().unwrap_or(all.size),
+            engines: engines(&all.engines),
+            threads,
+            scenes_dir: scenes_dir.clone(),
+            ..all
+        }
+    };
+    let ray_scenes =
+        if selection.scenes.is_empty() { RAY_SCENES.map(String::from).to_vec() } else { selection.scenes.clone() };
+
+    let options = FullOptions {
+        stability: wanted(FullKind::Stability).then_some(stability),
+        sweep: wanted(FullKind::Sweep).then(|| SweepBenchOptions {
+            plan,
+            scenes_dir: scenes_dir.clone(),
+            manifest: None,
+            threads,
+            all_on_software: false,
+            cache: Cache::in_folder(&Cache::default_folder()),
+            views: Vec::new(),
+        }),
+        needs: wanted(FullKind::Needs).then_some(needs),
+        rays: if wanted(FullKind::Rays) { ray_scenes.iter().map(ray_options).collect() } else { Vec::new() },
+        tables: wanted(FullKind::Tables).then_some(tables),
+        results: arguments.out.clone(),
+        machine: arguments.machine.clone(),
+        resume: arguments.resume,
+    };
+    let progress = Progress::terminal();
+    let report = run_full_bench(&options, &progress);
+    progress.finish();
+    let report = report?;
+    let printed = print(&format!("{}\nWritten to {}\n", report.table().to_text(), report.folder.display()));
+    if report.passed() {
+        return printed;
+    }
+    let what = match report.failed.first() {
+        Some((command, why)) => format!("{command}: {why}"),
+        None => "answers of an engine are wrong".into(),
+    };
+    Err(format!("{what}; see {}", report.folder.join("run.md").display()).into())
+}

@@ -1,0 +1,157 @@
+//! `esvo bench --full`, stopped and resumed; `esvo bench --repeat`.
+
+mod common;
+
+use std::path::{Path, PathBuf};
+use std::process::Stdio;
+use std::time::{Duration, Instant};
+
+use common::Folder;
+use serde_json::Value;
+
+/// A small run of some reports at two stand-ins.
+const FULL: [&str; 20] = [
+    "bench",
+    "--full",
+    "--reports",
+    "tables,sweep,needs,rays",
+    "--scenes",
+    "fairy,hairball",
+    "--levels",
+    "4,5",
+    "--views",
+    "1",
+    "--rounds",
+    "1",
+    "--resolutions",
+    "48x36",
+    "--backends",
+    "cpu",
+    "--threads",
+    "1",
+    "--machine",
+    "m",
+];
+
+#[test]
+fn a_full_run_that_was_stopped_goes_on_and_makes_every_report() {
+    let folder = Folder::new();
+    let mut child =
+        folder.command(&FULL).env("XDG_CACHE_HOME", folder.path("cache")).stdout(Stdio::null()).spawn().unwrap();
+    let start = Instant::now();
+    let part = folder.path("results/m/.unfinished-full/part-tables-fairy.json");
+    while !part.exists() {
+        assert!(child.try_wait().unwrap().is_none(), "the run has ended before a part was finished");
+        assert!(start.elapsed() < Duration::from_secs(120), "no part is finished after two minutes");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    child.kill().unwrap();
+    child.wait().unwrap();
+    let kept = std::fs::read(&part).unwrap();
+
+    // Other options are another run.
+    let mut other = FULL.to_vec();
+    other[11] = "2";
+    other.push("--resume");
+    let refused = folder.command(&other).output().unwrap();
+    assert_eq!(refused.status.code(), Some(1));
+    let says = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert!(says.contains("other settings") && says.contains("without --resume"), "{says}");
+    assert_eq!(std::fs::read(&part).unwrap(), kept);
+
+    let mut resumed = FULL.to_vec();
+    resumed.push("--resume");
+    let done = folder.command(&resumed).env("XDG_CACHE_HOME", folder.path("cache")).output().unwrap();
+    let (out, err) = (String::from_utf8_lossy(&done.stdout), String::from_utf8_lossy(&done.stderr));
+    assert!(done.status.success(), "{out}{err}");
+    for report in ["esvo bench ", "esvo bench sweep", "esvo bench needs", "rays --scene fairy", "rays --scene hairball"]
+    {
+        assert!(out.contains(report), "{report}: {out}");
+    }
+    let names: Vec<String> = (std::fs::read_dir(folder.path("results/m")).unwrap())
+        .map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned())
+        .collect();
+    assert!(!names.iter().any(|name| name.starts_with('.')), "{names:?}");
+    let of = |end: &str| names.iter().find(|name| name.ends_with(end)).unwrap_or_else(|| panic!("{end}: {names:?}"));
+    let page = folder.path("results/m").join(of("-full")).join("page.html");
+    assert!(std::fs::read_to_string(page).unwrap().contains("FAIRY"));
+    assert_eq!(names.len(), 6, "{names:?}");
+
+    // What was finished before the stop is in the record as it was, times included.
+    let part: Value = serde_json::from_slice(&kept).unwrap();
+    let tables = names.iter().find(|name| name.len() == "2026-01-02".len()).unwrap();
+    let record: Value = read(&folder.path("results/m").join(tables).join("report.json"));
+    assert_eq!(record["scenes"][0], part["result"]["report"]);
+    assert_eq!(record["scenes"].as_array().unwrap().len(), 2);
+    assert!(record["scenes"][0]["pictures"].as_array().is_some_and(|pictures| {
+        pictures.iter().all(|name| folder.path("results/m").join(tables).join(name.as_str().unwrap()).exists())
+    }));
+}
+
+fn read(path: &Path) -> Value {
+    serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
+}
+
+#[test]
+fn a_record_is_run_again_and_what_differs_is_told() {
+    let folder = Folder::new();
+    let small = ["--scenes", "fairy", "--levels", "4", "--views", "1", "--rounds", "1", "--machine", "m"];
+    let tables = ["bench", "--resolutions", "48x36", "--backends", "cpu"];
+    folder.ok(&[&tables[..], &small].concat());
+    let sweep =
+        ["bench", "sweep", "--size", "48x36", "--engines", "cpu", "--no-cache", "--scenes", "fairy", "--levels", "4"];
+    folder.ok(&[&sweep[..], &["--views", "1", "--rounds", "1", "--machine", "m"]].concat());
+    folder.ok(&[
+        "bench",
+        "needs",
+        "--size",
+        "48x36",
+        "--scenes",
+        "fairy",
+        "--levels",
+        "4",
+        "--views",
+        "1",
+        "--rounds",
+        "1",
+        "--machine",
+        "m",
+    ]);
+    let records: Vec<PathBuf> =
+        std::fs::read_dir(folder.path("results/m")).unwrap().map(|e| e.unwrap().path().join("report.json")).collect();
+    assert_eq!(records.len(), 3);
+    let repeat = |record: &Path| {
+        let arguments = ["bench", "--repeat", record.to_str().unwrap(), "--out", "again", "--machine", "m"];
+        let done = folder.command(&arguments).env("XDG_CACHE_HOME", folder.path("cache")).output().unwrap();
+        let text = [done.stdout, done.stderr].concat();
+        (done.status.code(), String::from_utf8_lossy(&text).into_owned())
+    };
+    for record in &records {
+        let (code, text) = repeat(record);
+        assert!(code == Some(0) && text.contains("the first record's in every digit"), "{}: {text}", record.display());
+    }
+
+    // Something that this program would not find: a byte more, and a mesh of another hash.
+    let tables = records.iter().find(|path| read(path).get("matrix").is_some()).unwrap();
+    let mut changed = read(tables);
+    let bytes = changed["scenes"][0]["builds"][1]["bytes"].as_u64().unwrap();
+    changed["scenes"][0]["builds"][1]["bytes"] = (bytes + 8).into();
+    changed["machine"]["rustc"] = "another compiler".into();
+    folder.put("changed.json", changed.to_string());
+    let (code, text) = repeat(&folder.path("changed.json"));
+    assert_eq!(code, Some(1), "{text}");
+    assert!(text.contains("scenes[FAIRY].builds[contours, levels 4].bytes"), "{text}");
+    assert!(text.contains("another compiler") && text.contains("one result differs"), "{text}");
+
+    // The viewpoints are the record's, and not the manifest's: with others, the errors are others.
+    let mut moved = read(tables);
+    moved["scenes"][0]["views"][0]["camera"]["fov_degrees"] = 20.0.into();
+    folder.put("moved.json", moved.to_string());
+    let (code, text) = repeat(&folder.path("moved.json"));
+    assert!(code == Some(1) && text.contains(".errors["), "{text}");
+    assert!(!text.contains("fov_degrees"), "{text}");
+
+    folder.put("no.json", "{}");
+    let (code, text) = repeat(&folder.path("no.json"));
+    assert!(code == Some(1) && text.contains("expected report.json"), "{text}");
+}
