@@ -249,6 +249,7 @@ mod tests {
         NeedsReport {
             schema: SCHEMA,
             machine: report(Vec::new()).machine,
+            options: None,
             size: [1, 1],
             credits: Vec::new(),
             calibration: None,
