@@ -31,6 +31,23 @@ say() { printf '%s\n' "$*" | tee -a "$summary"; }
 say "$version"
 say "$(uname -sm), $(date -u +%Y-%m-%d)"
 
+# Without a GPU engine there is nothing to measure: benchmarks list what they leave out, and would end well.
+cache=$(mktemp -d)
+trap 'rm -rf "$cache"' EXIT
+engines=0
+for engine in wgpu ash; do
+    if why=$(timeout --kill-after=5 $((in_all < 60 ? in_all : 60)) "$esvo" bench needs --backends "$engine" --scenes sibenik --levels 3 --views 1 --rounds 1 --size 8x8 --out "$cache" 2>&1 >/dev/null); then
+        engines=$((engines + 1))
+    else
+        say "$engine: $why"
+        failed=1
+    fi
+done
+if [ "$engines" -eq 0 ]; then
+    say "no GPU engine can be opened. The loader is libvulkan.so.1 (Debian: libvulkan1); VK_DRIVER_FILES names the driver's file if it is in no usual place"
+    exit 1
+fi
+
 # step NAME LIMIT COMMAND...: runs a command for at most LIMIT seconds, and no longer than there is time in all. Its output goes to
 # FOLDER/NAME.txt. The shell's SECONDS are those since it started.
 step() {
@@ -60,8 +77,6 @@ step needs 120 "$esvo" bench needs --backends wgpu,ash --scenes sibenik --views 
 # Incoherent rays and shadow rays.
 step rays 90 "$esvo" bench rays --seconds 20 --out "$folder"
 # Error against run time.
-cache=$(mktemp -d)
-trap 'rm -rf "$cache"' EXIT
 step sweep 100 "$esvo" bench sweep --scenes sibenik --levels 7,8,9 --views 1 --rounds 3 --cache "$cache" --out "$folder"
 # All of it on one page.
 step page 30 "$esvo" bench page "$folder" -o "$folder/page.html"

@@ -3,6 +3,7 @@
 //! A journal is a folder beside the records, whose name begins with a dot. It has one file for what is measured and by which build, one for
 //! each finished part, and the pictures of these parts. Every file is whole or absent. The folder is removed when the record is written.
 
+use std::cell::Cell;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -19,8 +20,12 @@ use crate::system::machine::{Machine, slug};
 pub struct Journal {
     /// `None`: nothing is kept.
     folder: Option<PathBuf>,
+    /// The text of the file for what is measured.
+    header: String,
+    /// Whether parts of a former run are found; the first part that is kept removes them otherwise.
+    resumed: Cell<bool>,
     /// Seconds of the parts that were found.
-    found_seconds: std::cell::Cell<f64>,
+    found_seconds: Cell<f64>,
 }
 
 /// What a journal belongs to: parts of another build, machine or plan are of no use.
@@ -45,8 +50,8 @@ impl Journal {
     }
 
     /// The journal of a run of `kind` in `<results>/<machine>/.unfinished<kind>/`. `machine` replaces the name made from the processor.
-    /// With `resume`, parts that are there are found by [`find`](Self::find); otherwise they are removed. `settings` is all that the
-    /// results depend on.
+    /// With `resume`, parts that are there are found by [`find`](Self::find); otherwise they are removed when the first part is kept.
+    /// `settings` is all that the results depend on. Nothing is written before a part is kept.
     ///
     /// # Errors
     /// The system's. With `resume`: the parts are of another build or machine, or of other settings.
@@ -63,21 +68,26 @@ impl Journal {
         let failed = |what: String| BenchError::scene("journal", what);
         let settings = serde_json::to_value(settings).map_err(|e| failed(e.to_string()))?;
         let header = Header { commit: this.commit, cpu: this.cpu, threads: this.threads, settings };
-        let journal = Self { folder: Some(folder.clone()), ..Self::default() };
-        if resume && folder.is_dir() {
+        let resumed = resume && folder.is_dir();
+        if resumed {
             let kept: Header = read(&file)?;
-            return match differing(&kept, &header) {
-                None => Ok(journal),
-                Some(what) => Err(BenchError::Matrix {
+            if let Some(what) = differing(&kept, &header) {
+                return Err(BenchError::Matrix {
                     file: folder.display().to_string(),
                     what: format!("the run that was stopped had {what}; without --resume, a new one begins"),
-                }),
-            };
+                });
+            }
         }
-        journal.remove()?;
-        std::fs::create_dir_all(&folder).map_err(|e| BenchError::io(&folder, e))?;
-        write_text(&file, &to_json(&header))?;
-        Ok(journal)
+        let (folder, header) = (Some(folder), to_json(&header));
+        Ok(Self { folder, header, resumed: Cell::new(resumed), ..Self::default() })
+    }
+
+    /// Makes the folder, in place of a former run's, if this is the first part that is kept.
+    fn make(&self) -> Result<(), BenchError> {
+        let Some(folder) = self.folder.as_ref().filter(|_| !self.resumed.replace(true)) else { return Ok(()) };
+        self.remove()?;
+        std::fs::create_dir_all(folder).map_err(|e| BenchError::io(folder, e))?;
+        write_text(&folder.join("run.json"), &self.header)
     }
 
     /// The result of a part that is finished.
@@ -85,7 +95,7 @@ impl Journal {
     /// # Errors
     /// A file that cannot be read or is no result of this kind.
     pub fn find<T: DeserializeOwned>(&self, part: &str) -> Result<Option<T>, BenchError> {
-        let Some(file) = self.file(part).filter(|file| file.exists()) else { return Ok(None) };
+        let Some(file) = self.file(part).filter(|file| self.resumed.get() && file.exists()) else { return Ok(None) };
         let part: Part<T> = read(&file)?;
         self.found_seconds.set(self.found_seconds.get() + part.seconds);
         Ok(Some(part.result))
@@ -97,6 +107,7 @@ impl Journal {
     /// The system's.
     pub fn keep(&self, part: &str, start: Instant, result: &impl Serialize) -> Result<(), BenchError> {
         let Some(file) = self.file(part) else { return Ok(()) };
+        self.make()?;
         write_text(&file, &to_json(&Part { seconds: start.elapsed().as_secs_f64(), result }))
     }
 
@@ -124,6 +135,7 @@ impl Journal {
     /// The system's.
     pub fn keep_pictures(&self, pictures: &[NamedPicture]) -> Result<(), BenchError> {
         let Some(folder) = &self.folder else { return Ok(()) };
+        self.make()?;
         pictures.iter().try_for_each(|picture| picture.write(folder).map(drop))
     }
 
@@ -204,8 +216,14 @@ mod tests {
         assert!(journal.found_seconds() >= 0.0);
         let error = open("b", true).unwrap_err().to_string();
         assert!(error.contains("other settings"), "{error}");
-        assert_eq!(open("a", false).unwrap().find::<i32>("s/1").unwrap(), None);
-        open("a", true).unwrap().remove().unwrap();
+        // A new run begins, and the parts stay until it keeps one.
+        let new = open("b", false).unwrap();
+        assert_eq!(new.find::<i32>("s/1").unwrap(), None);
+        assert_eq!(open("a", true).unwrap().find::<i32>("s/1").unwrap(), Some(7));
+        new.part("s/2", || Ok(8)).unwrap();
+        assert_eq!(new.find::<i32>("s/1").unwrap(), None);
+        assert!(open("a", true).is_err());
+        open("b", true).unwrap().remove().unwrap();
         assert_eq!(std::fs::read_dir(results.path().join("m")).unwrap().count(), 0);
     }
 
@@ -213,6 +231,8 @@ mod tests {
     fn a_part_that_failed_is_not_kept_and_a_damaged_one_is_named() {
         let results = tempfile::tempdir().unwrap();
         let journal = Journal::open(results.path(), Some("m"), "", &1, false).unwrap();
+        assert!(!results.path().join("m").exists(), "nothing is written before a part is kept");
+        journal.part("first", || Ok(1)).unwrap();
         assert!(journal.part("a", || -> Result<i32, _> { Err(BenchError::scene("s", "fails")) }).is_err());
         assert_eq!(journal.find::<i32>("a").unwrap(), None);
         std::fs::write(journal.file("b").unwrap(), "{").unwrap();

@@ -13,7 +13,7 @@ use crate::paper_bench::pair::EnginePair;
 use crate::paper_bench::report::TimeCell;
 use crate::paper_bench::slowed::Slowed;
 use crate::system::clock::Clock;
-use crate::timing::{Samples, Spread};
+use crate::timing::{Samples, Spread, wake};
 use crate::{BenchError, Progress};
 
 /// What is timed, and with what.
@@ -128,6 +128,16 @@ impl TimedCell {
 
     /// Seconds of the frame of a view, and of its coarse pass.
     fn frame(&self, subjects: &mut Subjects, index: usize) -> Result<(f64, f64), BenchError> {
+        if let Some(engine) = self.engine {
+            let pair = &mut subjects.engines[engine];
+            let (id, kind) = (pair.backend, pair.caster(Variant::Cubical).device().kind);
+            let woken = match (&mut pair.triangles, self.variant) {
+                (Some(caster), Variant::Triangles) => wake(kind, || caster.time(&self.rays[index]).map(drop)),
+                (None, Variant::Triangles) => Ok(()),
+                _ => wake(kind, || pair.caster(self.variant).time(&self.views[index]).map(drop)),
+            };
+            woken.map_err(|source| BenchError::Cast { engine: id, source })?;
+        }
         let id = self.engine.map_or(EngineId::Cpu, |engine| subjects.engines[engine].backend);
         let percent = Slowed::percent_of(subjects.slowed, id);
         let mut coarse = Duration::ZERO;

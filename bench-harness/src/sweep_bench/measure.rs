@@ -15,6 +15,7 @@ use super::subject::{Sample, Subject, Truth};
 use crate::calibration::{Calibrator, GuardRound, GuardSamples};
 use crate::matrix_parts::LeftOut;
 use crate::paper_bench::check::Agreement;
+use crate::timing::wake;
 use crate::{BenchError, Progress};
 
 /// What a Vulkan driver that runs on the processor casts: its times say nothing about GPUs.
@@ -251,7 +252,8 @@ fn time(
                     let caster = &mut loaded[index].caster;
                     for view in &running.views {
                         let engine = running.cell.engine;
-                        let time = guard.frame(|| caster.time(view));
+                        let woken = wake(caster.device().kind, || caster.time(view).map(drop));
+                        let time = woken.and_then(|()| guard.frame(|| caster.time(view)));
                         let time = time.map_err(|source| BenchError::Cast { engine, source })?;
                         seconds.push(time.total.as_secs_f64());
                     }

@@ -16,7 +16,7 @@ use crate::fail::{Failure, print};
 /// A report of a full run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum FullKind {
-    /// Hard rays, octrees and meshes: 10 million rays for each instruction set, a million for each GPU engine
+    /// Hard rays, octrees and meshes: 12 million rays for each instruction set, 1.2 million for each GPU engine
     Stability,
     /// The paper's tables
     Tables,
@@ -71,7 +71,7 @@ pub(crate) fn run_bench_full(tables: PaperBenchOptions, arguments: &TablesArgume
     // It has all code, whatever it is told.
     needs.engines.retain(|engine| *engine != EngineId::Reference);
     needs.size = sizes.first().copied().unwrap_or(needs.size);
-    let mut stability = StabilityOptions { rays: 10_000_000, gpu_rays: 1_000_000, ..StabilityOptions::default() };
+    let mut stability = StabilityOptions { rays: 12_000_000, gpu_rays: 1_200_000, ..StabilityOptions::default() };
     stability.engines = engines(&stability.engines);
     let ray_options = |scene: &String| {
         let all = RayBenchOptions::default();
