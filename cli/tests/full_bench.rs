@@ -16,7 +16,7 @@ const FULL: [&str; 20] = [
     "--reports",
     "tables,sweep,needs,rays",
     "--scenes",
-    "fairy,hairball",
+    "fairy,conference",
     "--levels",
     "4,5",
     "--views",
@@ -64,7 +64,8 @@ fn a_full_run_that_was_stopped_goes_on_and_makes_every_report() {
     let done = folder.command(&resumed).env("XDG_CACHE_HOME", folder.path("cache")).output().unwrap();
     let (out, err) = (String::from_utf8_lossy(&done.stdout), String::from_utf8_lossy(&done.stderr));
     assert!(done.status.success(), "{out}{err}");
-    for report in ["esvo bench ", "esvo bench sweep", "esvo bench needs", "rays --scene fairy", "rays --scene hairball"]
+    for report in
+        ["esvo bench ", "esvo bench sweep", "esvo bench needs", "rays --scene fairy", "rays --scene conference"]
     {
         assert!(out.contains(report), "{report}: {out}");
     }

@@ -80,6 +80,8 @@ pub(crate) fn run_bench_full(tables: PaperBenchOptions, arguments: &TablesArgume
             levels: selection.levels.last().copied().unwrap_or(all.levels),
             size: sizes.first().copied().unwrap_or(all.size),
             engines: engines(&all.engines),
+            // With a number of rounds, no longer than it takes.
+            seconds: if arguments.rounds.is_some() { 0.0 } else { all.seconds },
             threads,
             scenes_dir: scenes_dir.clone(),
             ..all
