@@ -70,6 +70,9 @@ fn shot(folder: &Path, name: &str, scene: &SceneReport, room: u64) -> Result<(Sh
         return Err("is no name of a file beside the record".into());
     }
     let path = folder.join(name);
+    if !path.exists() {
+        return Err("its file is not beside the record".into());
+    }
     let size = std::fs::metadata(&path).map_err(|e| e.to_string())?.len();
     if size > room {
         return Err(format!("has {:.1} MB, more than is left for pictures; see --picture-mb", size as f64 / 1e6));
