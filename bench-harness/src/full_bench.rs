@@ -11,6 +11,7 @@ use crate::output::{write_folder, write_text};
 use crate::page::{PageOptions, make_page, write_page};
 use crate::paper_bench::{PaperBenchOptions, resume_paper_bench, write_paper_record};
 use crate::ray_bench::{RayBenchOptions, run_ray_bench, write_ray_record};
+use crate::scene;
 use crate::stability_bench::{StabilityOptions, run_stability_bench, write_stability_record};
 use crate::sweep_bench::{SweepBenchOptions, resume_sweep_bench, write_sweep_record};
 use crate::system::machine::Machine;
@@ -101,8 +102,9 @@ struct Run<'a> {
 /// Makes every report that is asked for, and the page. A report that fails does not stop the others.
 ///
 /// # Errors
-/// The journal's; a page that cannot be made or written.
+/// A scene that does not exist; the journal's; a page that cannot be made or written.
 pub fn run_full_bench(options: &FullOptions, progress: &Progress) -> Result<FullReport, BenchError> {
+    check_scenes(options)?;
     let (results, machine) = (options.results.as_path(), options.machine.as_deref());
     let journal = Journal::open(results, machine, "-full", &settings(options), options.resume)?;
     let mut run = Run { journal: &journal, parts: Vec::new(), failed: Vec::new(), found: 0 };
@@ -145,6 +147,22 @@ pub fn run_full_bench(options: &FullOptions, progress: &Progress) -> Result<Full
     })?;
     journal.remove()?;
     Ok(report)
+}
+
+/// Finds every scene that is named, so that a wrong name is told before hours have passed.
+fn check_scenes(options: &FullOptions) -> Result<(), BenchError> {
+    let manifest = scene::manifest(None)?;
+    let tables = options.tables.iter().flat_map(|tables| &tables.matrix.scenes).map(|scene| &scene.name);
+    for name in tables {
+        scene::buildable(&manifest, name)?;
+    }
+    let sweep = options.sweep.iter().flat_map(|sweep| &sweep.plan.scenes).map(|scene| &scene.name);
+    let needs = options.needs.iter().flat_map(|needs| &needs.scenes);
+    let rays = options.rays.iter().map(|rays| &rays.scene);
+    for name in sweep.chain(needs).chain(rays) {
+        scene::entry(&manifest, name)?;
+    }
+    Ok(())
 }
 
 fn page(report: &FullReport, path: &Path) -> Result<(), BenchError> {

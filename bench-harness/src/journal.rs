@@ -68,7 +68,8 @@ impl Journal {
         let failed = |what: String| BenchError::scene("journal", what);
         let settings = serde_json::to_value(settings).map_err(|e| failed(e.to_string()))?;
         let header = Header { commit: this.commit, cpu: this.cpu, threads: this.threads, settings };
-        let resumed = resume && folder.is_dir();
+        // A folder without this file was stopped before it had a part.
+        let resumed = resume && file.is_file();
         if resumed {
             let kept: Header = read(&file)?;
             if let Some(what) = differing(&kept, &header) {

@@ -6,9 +6,10 @@ use esvo_bench::full_bench::{FullOptions, run_full_bench};
 use esvo_bench::needs_bench::NeedsBenchOptions;
 use esvo_bench::paper_bench::PaperBenchOptions;
 use esvo_bench::ray_bench::RayBenchOptions;
+use esvo_bench::scene::manifest;
 use esvo_bench::stability_bench::StabilityOptions;
 use esvo_bench::sweep_bench::{Cache, SweepBenchOptions, SweepPlan};
-use esvo_engines::EngineId;
+use esvo_engines::{EngineId, OpenOptions};
 
 use crate::commands::bench::tables::TablesArguments;
 use crate::fail::{Failure, print};
@@ -38,15 +39,26 @@ pub(crate) fn run_bench_full(tables: PaperBenchOptions, arguments: &TablesArgume
     if selection.manifest.is_some() {
         return Err("--manifest: --full makes reports of the paper's scenes; expected no --full".to_string().into());
     }
+    if selection.json {
+        return Err("--json: --full writes a record of each report; expected no --json".to_string().into());
+    }
     let wanted = |kind| arguments.reports.is_empty() || arguments.reports.contains(&kind);
     let (scenes_dir, threads) = (tables.scenes_dir.clone(), tables.threads);
     let engines =
         |all: &[EngineId]| if arguments.backends.is_empty() { all.to_vec() } else { arguments.backends.clone() };
     let sizes = &arguments.resolutions;
 
+    // Only the tables displace meshes.
+    let manifest = manifest(None)?;
+    let displaced = |name: &String| manifest.scene(name).is_some_and(|scene| scene.displaced);
+    let scenes: Vec<String> = selection.scenes.iter().filter(|name| !displaced(name)).cloned().collect();
+    let only_displaced = scenes.is_empty() && !selection.scenes.is_empty();
+    let wanted =
+        |kind| wanted(kind) && !(only_displaced && matches!(kind, FullKind::Sweep | FullKind::Needs | FullKind::Rays));
+
     let mut plan = SweepPlan::full_run();
-    if !selection.scenes.is_empty() {
-        plan.select_scenes(&selection.scenes);
+    if !scenes.is_empty() {
+        plan.select_scenes(&scenes);
     }
     if !selection.levels.is_empty() {
         plan.set_levels(&selection.levels);
@@ -59,8 +71,8 @@ pub(crate) fn run_bench_full(tables: PaperBenchOptions, arguments: &TablesArgume
     plan.validate()?;
 
     let mut needs = NeedsBenchOptions {
-        scenes: selection.scenes.clone(),
-        levels: vec![7, 9],
+        scenes: scenes.clone(),
+        levels: if selection.levels.is_empty() { vec![7, 9] } else { selection.levels.clone() },
         views: arguments.views.unwrap_or(2),
         rounds: arguments.rounds.unwrap_or(3),
         engines: engines(&[EngineId::Cpu, EngineId::Wgpu, EngineId::Ash]),
@@ -68,8 +80,9 @@ pub(crate) fn run_bench_full(tables: PaperBenchOptions, arguments: &TablesArgume
         scenes_dir: scenes_dir.clone(),
         ..NeedsBenchOptions::default()
     };
-    // It has all code, whatever it is told.
-    needs.engines.retain(|engine| *engine != EngineId::Reference);
+    // The reference has all code, whatever it is told; an engine without a device fails the report.
+    let opens = |engine: &EngineId| engine.open(&OpenOptions::default()).is_ok();
+    needs.engines.retain(|engine| *engine != EngineId::Reference && opens(engine));
     needs.size = sizes.first().copied().unwrap_or(needs.size);
     let mut stability = StabilityOptions { rays: 12_000_000, gpu_rays: 1_200_000, ..StabilityOptions::default() };
     stability.engines = engines(&stability.engines);
@@ -87,8 +100,7 @@ pub(crate) fn run_bench_full(tables: PaperBenchOptions, arguments: &TablesArgume
             ..all
         }
     };
-    let ray_scenes =
-        if selection.scenes.is_empty() { RAY_SCENES.map(String::from).to_vec() } else { selection.scenes.clone() };
+    let ray_scenes = if scenes.is_empty() { RAY_SCENES.map(String::from).to_vec() } else { scenes };
 
     let options = FullOptions {
         stability: wanted(FullKind::Stability).then_some(stability),
