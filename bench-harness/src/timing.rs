@@ -6,6 +6,7 @@ use esvo_core::DeviceKind;
 use serde::{Deserialize, Serialize};
 
 use crate::calibration::GuardSamples;
+use crate::text::short;
 
 /// How long a GPU casts before something is timed.
 const AWAKE: Duration = Duration::from_millis(20);
@@ -74,6 +75,12 @@ impl Spread {
     pub fn percent(&self) -> f64 {
         50.0 * (self.upper_quartile - self.lower_quartile) / self.median
     }
+
+    /// `11.7 ±3%`, the median and [`percent`](Self::percent); the median alone of one value, which has no spread.
+    pub fn to_text(&self) -> String {
+        let median = short(self.median);
+        if self.lower_quartile == self.upper_quartile { median } else { format!("{median} ±{:.0}%", self.percent()) }
+    }
 }
 
 /// Quantile `q` (0 to 1) of ascending values, interpolated linearly.
@@ -107,6 +114,8 @@ mod tests {
     fn quartiles() {
         let spread = Spread::of(&[4.0, 1.0, 3.0, 2.0, 5.0]).unwrap();
         assert_eq!((spread.lower_quartile, spread.median, spread.upper_quartile), (2.0, 3.0, 4.0));
+        assert_eq!(spread.to_text(), "3.00 ±33%");
+        assert_eq!(Spread::of(&[3.0]).unwrap().to_text(), "3.00");
         assert_eq!(Spread::of(&[1.0, 2.0]).unwrap().median, 1.5);
         assert_eq!(Spread::of(&[]), None);
         assert_eq!(Spread::of(&[f64::NAN]), None);

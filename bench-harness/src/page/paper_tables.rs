@@ -125,7 +125,7 @@ pub(super) fn table2(report: &PaperReport, paper: &Paper, device: &DeviceRecord)
             });
             cells.push(match cell.rate {
                 Rate::Measured(spread) => {
-                    let text = format!("{} ±{:.0} %", short(spread.median), spread.percent());
+                    let text = spread.to_text();
                     let level = cell.hit_level.map(|level| format!("hits at level {level:.1}"));
                     PageCell::number(text, spread.median, theirs.into_iter().chain(error).chain(level).collect())
                 }
@@ -136,11 +136,7 @@ pub(super) fn table2(report: &PaperReport, paper: &Paper, device: &DeviceRecord)
             });
         }
         cells.extend(filtered.then(|| match row.filter {
-            Some(spread) => PageCell::number(
-                format!("{} ±{:.0} %", short(spread.median), spread.percent()),
-                spread.median,
-                Vec::new(),
-            ),
+            Some(spread) => PageCell::number(spread.to_text(), spread.median, Vec::new()),
             None => PageCell::default(),
         }));
         table.rows.push(cells);

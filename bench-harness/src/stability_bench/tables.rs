@@ -33,6 +33,11 @@ fn document(report: &StabilityReport) -> Document<'_> {
         header.push(format!("{}: {software}{} ({})", row.name, device.name, device.detail));
     }
     let failures = report.failures();
+    let untested: Vec<_> =
+        report.engines.iter().filter(|row| row.error.is_some()).map(|row| row.name.as_str()).collect();
+    if !untested.is_empty() {
+        header.push(format!("NOT TESTED: {}", untested.join(", ")));
+    }
     header.push(if failures == 0 { "nothing failed".into() } else { format!("{failures} FAILED") });
     Document {
         title: format!("esvo bench stability, {}", m.date),

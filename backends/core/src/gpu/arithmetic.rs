@@ -26,3 +26,14 @@ impl Arithmetic {
         Self { rounds_quotients: kind != DeviceKind::SoftwareGpu, ..Self::EXACT }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_gpu_is_left_nothing_and_products_are_left_to_no_driver() {
+        assert_eq!(Arithmetic::on(DeviceKind::Gpu), Arithmetic::EXACT);
+        assert!(DeviceKind::ALL.into_iter().all(|kind| Arithmetic::on(kind).rounds_products));
+    }
+}

@@ -136,7 +136,7 @@ fn table2(rows: &[RateRow], report: &PaperReport, device: &DeviceRecord, paper: 
         let mut cells = [&name[..], &[escape(&format!("{}×{}", rate.size[0], rate.size[1]))]].concat();
         for cell in &rate.cells {
             cells.push(match cell.rate {
-                Rate::Measured(spread) => escape(&format!("{} ±{:.0}%", short(spread.median), spread.percent())),
+                Rate::Measured(spread) => escape(&spread.to_text()),
                 Rate::Wrong => "\\textbf{wrong}".into(),
                 Rate::Absent => "--".into(),
             });

@@ -31,7 +31,7 @@ pub(super) fn table2(report: &PaperReport, paper: &Paper, device: &DeviceRecord)
     let mut table = TextTable { head, left: 3, ..TextTable::new(title, 3, &[]) };
     table.notes = vec![
         device_title(device),
-        "Median over the rounds, ± half the distance between the quartiles. The last line of each scene names the level that was cast.".into(),
+        "Median over the rounds, ± half the distance between the quartiles if there are several. The last line of each scene names the level that was cast.".into(),
         "Depth error against the triangles in pixels, at 512x384: median / 99th percentile.".into(),
     ];
     table.notes.push(viewpoints(report));
@@ -66,7 +66,7 @@ pub(super) fn table2(report: &PaperReport, paper: &Paper, device: &DeviceRecord)
             row.extend(own);
             if filtered {
                 let spread = scene.filter(device.backend, size).and_then(FilterCell::milliseconds);
-                row.push(or_dash(spread.map(|s| format!("{} ±{:.0}%", short(s.median), s.percent()))));
+                row.push(or_dash(spread.map(|s| s.to_text())));
             }
             if with_paper {
                 let known = compared_as(&scene.name, scene.mesh);
@@ -97,7 +97,7 @@ fn time_cell(scene: &SceneReport, device: &DeviceRecord, variant: Variant, size:
         return "FAILED".into();
     }
     let spread = scene.time(device.backend, variant, size).and_then(|t| t.mrays);
-    or_dash(spread.map(|s| format!("{} ±{:.0}%", short(s.median), s.percent())))
+    or_dash(spread.map(|s| s.to_text()))
 }
 
 pub(crate) fn device_title(device: &DeviceRecord) -> String {
