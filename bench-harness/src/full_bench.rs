@@ -82,8 +82,10 @@ impl FullReport {
         for (command, why) in &self.failed {
             table.rows.push(vec![command.clone(), "-".into(), "-".into(), why.clone()]);
         }
-        let all: f64 = self.parts.iter().map(|part| part.seconds).sum();
-        table.notes.push(format!("{} minutes in all.", short(all / 60.0)));
+        if !self.parts.is_empty() {
+            let all: f64 = self.parts.iter().map(|part| part.seconds).sum();
+            table.notes.push(format!("{} minutes in all.", short(all / 60.0)));
+        }
         if self.found > 0 {
             table.notes.push(format!("The run was stopped, and resumed with {} of these finished.", self.found));
         }

@@ -10,6 +10,7 @@ use glam::{DMat4, DVec4};
 use serde::{Deserialize, Serialize};
 
 use crate::BenchError;
+use crate::matrix_parts::LeftOut;
 
 /// A scene with its mesh in memory.
 pub struct Scene {
@@ -100,6 +101,20 @@ pub fn settings(entry: &SceneEntry) -> BuildSettings {
         contour_error: entry.build.contour_error,
         ..BuildSettings::default()
     }
+}
+
+/// Why a scene of several is left out: its mesh is not there and it has no stand-in. `None`: it is there, or is the only one, so that
+/// loading it says why it cannot be measured.
+///
+/// # Errors
+/// A mesh file that exists but cannot be read.
+pub(crate) fn left_out(
+    entry: &SceneEntry,
+    scenes_dir: Option<&Path>,
+    scenes: usize,
+) -> Result<Option<LeftOut>, BenchError> {
+    let why = if scenes > 1 { SceneSource::find(entry, scenes_dir, false)?.absent() } else { None };
+    Ok(why.map(|reason| LeftOut { what: entry.name.clone(), reason }))
 }
 
 /// The name of a scene in tables, records and messages: `SIBENIK`, or `SIBENIK: another mesh, cube.obj, sha256 0123456789ab` if

@@ -73,6 +73,28 @@ fn a_displaced_mesh_is_compared_with_its_own_triangles_at_every_level() {
 }
 
 #[test]
+fn a_scene_whose_mesh_is_not_there_is_left_out_unless_it_is_the_only_one() {
+    let folder = tempfile::tempdir().unwrap();
+    bumpy_floor(folder.path());
+    let scenes = std::fs::read_to_string(folder.path().join("scenes.toml")).unwrap();
+    let absent = "[[scene]]\nname = \"GONE\"\n[[scene.mesh]]\nfile = \"gone.obj\"\ncameras = [{ name = \"a\", eye = [0, 1, 1], \
+                  target = [0, 0, 0], up = [0, 1, 0], fov = 50, near = 0.05, far = 5 }]\n";
+    std::fs::write(folder.path().join("scenes.toml"), scenes + absent).unwrap();
+    let run = |names: &[&str]| {
+        let mut matrix = matrix("floor");
+        matrix.select_scenes(&names.iter().map(ToString::to_string).collect::<Vec<_>>());
+        matrix.variants = vec![Variant::Contours];
+        let manifest = Some(folder.path().join("scenes.toml"));
+        run_paper_bench(&PaperBenchOptions { manifest, ..PaperBenchOptions::new(matrix) }, &Progress::hidden())
+    };
+    let report = run(&["gone", "floor"]).unwrap().report;
+    assert_eq!(report.scenes.iter().map(|scene| &scene.name[..]).collect::<Vec<_>>(), ["FLOOR"]);
+    assert!(report.left_out.iter().any(|left| left.what == "GONE" && left.reason.contains("gone.obj")), "{report:?}");
+    let error = run(&["gone"]).map(|_| ()).unwrap_err().to_string();
+    assert!(error.contains("GONE") && error.contains("gone.obj"), "{error}");
+}
+
+#[test]
 fn levels_that_are_hit_the_filter_and_the_pictures_are_recorded() {
     // The stand-in, wherever this runs.
     let options = PaperBenchOptions {

@@ -68,9 +68,12 @@ pub fn resume_needs_bench(
     }
     for (done, name) in scenes.iter().enumerate() {
         progress.parts(done, scenes.len(), elapsed());
-        let part = journal.part(&format!("needs {name}"), || {
-            scene_part(options, scene::entry(&manifest, name)?, &calibrator, progress)
-        })?;
+        let entry = scene::entry(&manifest, name)?;
+        if let Some(absent) = scene::left_out(entry, options.scenes_dir.as_deref(), scenes.len())? {
+            report.left_out.push(absent);
+            continue;
+        }
+        let part = journal.part(&format!("needs {name}"), || scene_part(options, entry, &calibrator, progress))?;
         if report.engines.is_empty() {
             report.engines = part.engines;
         }

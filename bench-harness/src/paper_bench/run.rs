@@ -112,9 +112,12 @@ pub fn resume_paper_bench(
             scenes.push(part.report);
             continue;
         }
+        if let Some(absent) = scene::left_out(entry, options.scenes_dir.as_deref(), names.len())? {
+            runner.left_out.push(absent);
+            continue;
+        }
         let start = Instant::now();
-        let done = scenes.len();
-        progress.parts(done, names.len(), before + clock.elapsed());
+        progress.parts(index, names.len(), before + clock.elapsed());
         // The parts that were found, and come later, take no time.
         let clock = clock.share(parts[index..].iter().filter(|part| part.is_none()).count());
         progress.say(format!("{}: reading the mesh", entry.name));

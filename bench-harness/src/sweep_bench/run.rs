@@ -75,8 +75,12 @@ pub fn resume_sweep_bench(
     let calibrator = Calibrator::new(options.threads)?;
     let mut scenes = Vec::new();
     let all = wanted.len();
-    for (wanted, entry) in wanted {
-        progress.parts(scenes.len(), all, elapsed());
+    for (done, (wanted, entry)) in wanted.into_iter().enumerate() {
+        progress.parts(done, all, elapsed());
+        if let Some(absent) = scene::left_out(entry, options.scenes_dir.as_deref(), all)? {
+            left_out.push(absent);
+            continue;
+        }
         let part: ScenePart = journal.part(&format!("sweep {}", entry.name), || {
             let mut left_out = Vec::new();
             let scene = sweep(options, wanted, entry, &engines, &calibrator, progress, &mut left_out)?;
