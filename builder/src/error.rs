@@ -18,6 +18,9 @@ pub enum BuildError {
     /// The mesh has no surface, numbers that are not finite, or indices out of range.
     #[error("mesh: {0}")]
     Mesh(String),
+    /// A list of cells is empty, not in order, out of range, or does not fit its attributes.
+    #[error("cells: {0}")]
+    Cells(String),
     /// The format cannot hold the result, or the file cannot be written.
     #[error(transparent)]
     Format(#[from] esvo_format::FormatError),

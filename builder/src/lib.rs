@@ -47,6 +47,7 @@
 //! | `surface/` | the prepared mesh; colours, normals and holes of pieces; attributes of voxels and the test for refining them |
 //! | `shape/` | contours: slabs, the polyhedron that they leave of a voxel, how one is chosen, the short way for planes |
 //! | `build/` | a build from start to end, the recursion, the journal of an interrupted build, progress |
+//! | [`cells`] | which cubes of a level triangles meet, for comparing other voxelizers; octrees of lists of such cubes |
 //! | [`voxels`] | voxel models and the octrees that they become, without triangles |
 //! | `settings.rs`, `error.rs` | [`BuildSettings`] and [`Preset`]; [`BuildError`] |
 //!
@@ -63,6 +64,7 @@
 //! - The bytes depend on the mesh and the settings only, not on the number of threads.
 
 mod build;
+pub mod cells;
 mod clip;
 mod displace;
 mod error;
@@ -74,6 +76,7 @@ mod surface;
 pub mod voxels;
 
 pub use build::{BuildStats, Built, BuiltFile, FileOptions, Progress, build, build_file, expected_leaves};
+pub use cells::{CellTriangles, Cells, PreparedMesh, build_cells, build_cells_file};
 pub use displace::{DisplaceOptions, displace};
 pub use error::BuildError;
 pub use mesh::maps::{HeightMap, LinearMip, LinearTexture, NormalMap, UvTransform, mapped_normal};

@@ -7,10 +7,12 @@ mod integers;
 mod overlap;
 #[path = "exact/random.rs"]
 mod random;
+#[path = "exact/triangles.rs"]
+mod triangles;
 
 use std::collections::HashSet;
 
-use esvo_builder::{BuildError, BuildSettings, Material, Mesh, build};
+use esvo_builder::{BuildError, BuildSettings, build};
 use esvo_format::Octree;
 use glam::DVec3;
 use num_bigint::BigInt;
@@ -18,22 +20,11 @@ use num_bigint::BigInt;
 use integers::{Integer, cross, sub};
 use overlap::{Cube, Projected, Space, Voxel, voxels};
 use random::Random;
+use triangles::{Triangle, crumbs, grazing, mesh_of, on_corners, pinned, slivers, walls};
 
 /// How far from its cube the surface of an extra voxel may be, in edges of the root cube: `2^-TOLERANCE`, as the builder
 /// documents.
 const TOLERANCE: u32 = 45;
-
-type Triangle = [DVec3; 3];
-
-fn mesh_of(triangles: &[Triangle]) -> Mesh {
-    Mesh {
-        positions: triangles.iter().flatten().map(|p| p.to_array()).collect(),
-        triangles: (0..triangles.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
-        triangle_materials: vec![0; triangles.len()],
-        materials: vec![Material::default()],
-        ..Mesh::default()
-    }
-}
 
 /// All voxels of an octree.
 fn voxels_of(octree: &Octree) -> HashSet<Voxel> {
@@ -119,79 +110,6 @@ fn check<T: Integer>(name: &str, triangles: &[Triangle], levels: u32) -> Found {
         }
     }
     found
-}
-
-/// Two tiny triangles in opposite corners of the unit cube, so that it becomes the root cube.
-fn pinned(mut triangles: Vec<Triangle>) -> Vec<Triangle> {
-    let tiny = 1.0 / (1 << 20) as f64;
-    for (corner, step) in [(DVec3::ZERO, tiny), (DVec3::ONE, -tiny)] {
-        triangles.push([corner, corner + DVec3::X * step, corner + DVec3::Y * step]);
-    }
-    triangles
-}
-
-/// Triangles whose corners are corners of voxels of this level.
-fn on_corners(random: &mut Random, bits: u32, count: usize) -> Vec<Triangle> {
-    (0..count).map(|_| [0; 3].map(|_| random.point(bits))).collect()
-}
-
-/// Triangles in planes of voxel faces of this level, with corners anywhere in the planes or on corners of voxels.
-fn walls(random: &mut Random, bits: u32, count: usize) -> Vec<Triangle> {
-    (0..count)
-        .map(|i| {
-            let at = random.unit(bits);
-            let fine = if i % 2 == 0 { bits } else { 30 };
-            [0; 3].map(|_| {
-                let mut p = random.point(fine);
-                p[i % 3] = at;
-                p
-            })
-        })
-        .collect()
-}
-
-/// Long thin triangles of this width, and triangles whose third corner is almost on the line between the others.
-fn slivers(random: &mut Random, bits: u32, width: f64, count: usize) -> Vec<Triangle> {
-    (0..count)
-        .map(|i| {
-            let (a, b) = (random.point(bits) * 0.5, random.point(bits) * 0.5 + 0.5);
-            let off = (random.point(3) - 0.5) * width;
-            if i % 2 == 0 { [a, b, b + off] } else { [a, (a + b) * 0.5 + off, b] }
-        })
-        .collect()
-}
-
-/// Triangles smaller than a voxel of level `level`, around corners of such voxels.
-fn crumbs(random: &mut Random, level: u32, count: usize) -> Vec<Triangle> {
-    let voxel = (-f64::from(level)).exp2();
-    (0..count)
-        .map(|i| {
-            let corner = random.point(level.min(10)).max(DVec3::splat(voxel));
-            [0; 3].map(|_| {
-                let mut off = (random.point(8) - 0.5) * voxel;
-                // Some touch the voxels' corner, or a plane through it, with one of their corners or edges.
-                if i % 3 == 0 {
-                    off[i / 3 % 3] = off[i / 3 % 3].max(0.0);
-                }
-                corner + off
-            })
-        })
-        .collect()
-}
-
-/// Triangles almost parallel to a plane between voxels that cross it at a slope of about `2^-44`.
-fn grazing(random: &mut Random, level: u32, count: usize) -> Vec<Triangle> {
-    (0..count)
-        .map(|i| {
-            let at = (random.unit(level - 1) * 2.0f64.powi(level as i32 - 1) * 2.0 + 1.0) / 2.0f64.powi(level as i32);
-            let slope = 2.0f64.powi(-40 - (random.next() % 8) as i32);
-            [0; 3].map(|_| {
-                let mut p = random.point(53);
-                p[i % 3] = at + (random.unit(8) - 0.5) * slope;
-                p
-            })
-        })
-        .collect()
 }
 
 #[test]

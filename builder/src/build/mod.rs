@@ -16,7 +16,7 @@ pub use self::expectation::expected_leaves;
 use self::journal::Journal;
 pub use self::progress::Progress;
 use self::recursion::Recursion;
-pub(crate) use self::recursion::block_nodes;
+pub(crate) use self::recursion::{Cube, append_by_slot, block_nodes};
 use crate::surface::Surface;
 use crate::{BuildError, BuildSettings, Mesh};
 

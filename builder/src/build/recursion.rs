@@ -27,15 +27,15 @@ const JOURNAL_LEVEL: u32 = 4;
 /// A cube of the octree.
 #[derive(Clone, Copy)]
 pub(crate) struct Cube {
-    centre: DVec3,
+    pub(crate) centre: DVec3,
     size: f64,
-    level: u32,
+    pub(crate) level: u32,
 }
 
 impl Cube {
     pub(crate) const ROOT: Self = Self { centre: DVec3::splat(0.5), size: 1.0, level: 0 };
 
-    fn child(&self, slot: usize) -> Self {
+    pub(crate) fn child(&self, slot: usize) -> Self {
         let quarter = self.size * 0.25;
         let offset = std::array::from_fn(|axis| if slot >> axis & 1 != 0 { quarter } else { -quarter });
         Self { centre: self.centre + DVec3::from(offset), size: self.size * 0.5, level: self.level + 1 }
@@ -104,7 +104,7 @@ struct Worker {
 }
 
 /// Appends pieces to a list in the order of their slots. Returns where the pieces of each slot begin, and the end of the last.
-fn append_by_slot(of_slots: &[(u8, Piece)], list: &mut Vec<Piece>) -> [usize; 9] {
+pub(crate) fn append_by_slot(of_slots: &[(u8, Piece)], list: &mut Vec<Piece>) -> [usize; 9] {
     let mut counts = [0; 8];
     for (slot, _) in of_slots {
         counts[usize::from(*slot)] += 1;

@@ -33,9 +33,12 @@
 //! where a triangle is almost parallel to the plane, an error of `e` in one coordinate moves the cut by `e / slope` in
 //! another.
 
+mod chain;
 pub(crate) mod polygon;
 
 use glam::DVec3;
+
+pub(crate) use chain::meets;
 
 /// How far beyond a cube its pieces are cut off, in edges of the root cube. Larger than the sum of all rounding errors.
 pub(crate) const MARGIN: f64 = 1.0 / (1u64 << 46) as f64;
@@ -152,17 +155,9 @@ impl Arena {
         centre: DVec3,
         mut found: impl FnMut(usize, Piece),
     ) {
-        let vertices = vertices_of(&self.vertices, piece, corners);
-        self.scratch.whole.set(vertices);
-        let vertices = self.scratch.whole.vertices();
-        // Per axis: 1 = meets the lower half, 2 = the upper, 3 = both.
-        let sides = [
-            vertices_meet(vertices, centre.x, |v| v.x),
-            vertices_meet(vertices, centre.y, |v| v.y),
-            vertices_meet(vertices, centre.z, |v| v.z),
-        ];
-        if sides.iter().all(|s| *s != 3) {
-            let slot = (0..3).map(|axis| usize::from(sides[axis] >> 1) << axis).sum();
+        self.scratch.whole.set(vertices_of(&self.vertices, piece, corners));
+        let sides = sides(self.scratch.whole.vertices(), centre);
+        if let Some(slot) = only_slot(&sides) {
             found(slot, *piece);
             return;
         }
@@ -177,6 +172,26 @@ impl Arena {
             }
         }
     }
+
+    /// The child slots that a piece meets: bit `i` is set exactly if [`split`](Self::split) calls `found` with slot `i`. Takes
+    /// less time, because the last cut needs no vertices.
+    pub(crate) fn slots(&mut self, piece: &Piece, corners: &[[DVec3; 3]], centre: DVec3) -> u8 {
+        let Self { vertices: stack, scratch: Scratch { whole, z, y, .. } } = self;
+        whole.set(vertices_of(stack, piece, corners));
+        let sides = sides(whole.vertices(), centre);
+        if let Some(slot) = only_slot(&sides) {
+            return 1 << slot;
+        }
+        let mut found = 0;
+        for (high_z, polygon) in halves(whole, 2, centre.z, sides[2], z) {
+            for (high_y, polygon) in halves(polygon, 1, centre.y, sides[1], y) {
+                // A part that a cut keeps has a vertex of the polygon on its side.
+                let x = if sides[0] == 3 { vertices_meet(polygon.vertices(), centre.x, |v| v.x) } else { sides[0] };
+                found |= x << (high_y << 1 | high_z << 2);
+            }
+        }
+        found
+    }
 }
 
 fn vertices_of<'a>(stack: &'a [DVec3], piece: &Piece, corners: &'a [[DVec3; 3]]) -> &'a [DVec3] {
@@ -185,6 +200,22 @@ fn vertices_of<'a>(stack: &'a [DVec3], piece: &Piece, corners: &'a [[DVec3; 3]])
     } else {
         &stack[piece.first as usize..][..piece.count as usize]
     }
+}
+
+/// Per axis, on which sides of the plane through `centre` there are vertices, see [`vertices_meet`].
+#[inline(always)]
+fn sides(vertices: &[DVec3], centre: DVec3) -> [u8; 3] {
+    [
+        vertices_meet(vertices, centre.x, |v| v.x),
+        vertices_meet(vertices, centre.y, |v| v.y),
+        vertices_meet(vertices, centre.z, |v| v.z),
+    ]
+}
+
+/// The child slot with all vertices, if no plane separates them.
+#[inline(always)]
+fn only_slot(sides: &[u8; 3]) -> Option<usize> {
+    sides.iter().all(|s| *s != 3).then(|| (0..3).map(|axis| usize::from(sides[axis] >> 1) << axis).sum())
 }
 
 /// On which sides of the plane at `at` there are vertices, [`MARGIN`] included: 1 the lower, 2 the upper, 3 both.

@@ -4,6 +4,7 @@ pub(crate) mod attributes;
 mod color_map;
 mod edges;
 mod look;
+pub(crate) mod prepared;
 mod range;
 mod shading;
 pub(crate) mod srgb;
@@ -15,6 +16,7 @@ use rayon::prelude::*;
 use crate::{BuildError, BuildSettings, Mesh, TextureTest};
 pub(crate) use edges::Edges;
 use look::Look;
+pub(crate) use prepared::PreparedMesh;
 pub(crate) use shading::Sample;
 use shading::Shading;
 
@@ -38,21 +40,9 @@ pub(crate) struct Surface<'a> {
 }
 
 impl<'a> Surface<'a> {
-    /// Checks the mesh and moves it into the root cube (see [`place`]).
+    /// Checks the mesh and moves it into the root cube, see [`PreparedMesh::new`].
     pub(crate) fn new(mesh: &'a Mesh, settings: &BuildSettings) -> Result<Self, BuildError> {
-        mesh.validate().map_err(|e| BuildError::Mesh(e.to_string()))?;
-        let octree_to_mesh = place(mesh, settings.levels)?;
-        let scale = 1.0 / octree_to_mesh.x_axis.x;
-        let origin = octree_to_mesh.w_axis.truncate();
-        let corner = |i: u32| (DVec3::from(mesh.positions[i as usize]) - origin) * scale;
-        let with_area: Vec<(u32, [DVec3; 3])> = (mesh.triangles.par_iter().enumerate())
-            .map(|(i, t)| (i as u32, t.map(corner)))
-            .filter(|(_, corners)| has_area(corners) && corners.iter().all(in_cube))
-            .collect();
-        if with_area.is_empty() {
-            return Err(BuildError::Mesh("none of its triangles has an area; a mesh needs at least one".into()));
-        }
-        let (source, corners): (Vec<u32>, Vec<[DVec3; 3]>) = with_area.into_iter().unzip();
+        let PreparedMesh { corners, source, octree_to_mesh, dropped } = PreparedMesh::new(mesh, settings.levels)?;
         let normals: Vec<Vec3> =
             (corners.par_iter()).map(|[a, b, c]| (*b - *a).cross(*c - *a).normalize_or(DVec3::Z).as_vec3()).collect();
         let looks = Look::all(mesh, settings.texture_test);
@@ -60,7 +50,7 @@ impl<'a> Surface<'a> {
         let finest_voxel = (-(settings.levels as f32)).exp2();
         let shading = Shading::new(mesh, &source, &corners, &normals, looks, finest_voxel);
         Ok(Self {
-            dropped: mesh.triangles.len() - source.len(),
+            dropped,
             has_holes: shading.has_holes(),
             tests_texels: settings.texture_test == TextureTest::Texels,
             corners,
@@ -75,81 +65,4 @@ impl<'a> Surface<'a> {
     pub(crate) fn len(&self) -> usize {
         self.corners.len()
     }
-}
-
-/// A mesh that is at most so thick along an axis, as a share of its largest extent, is flat: a plane that was turned, or one
-/// far from the origin, is rarely exactly flat. A 256th of half a voxel on the deepest level that an octree can have.
-const FLAT: f64 = 1.0 / (1u64 << 32) as f64;
-
-/// The transform from the root cube to the bounding box of the triangles that have an area: uniform scale, centred, with the
-/// largest extent filling the cube.
-///
-/// Along an axis in which the box is flat but for rounding (see [`FLAT`]), the cube is moved by half a voxel of the deepest
-/// level, so that the surface lies in the middle of one layer of voxels instead of on the border of two.
-fn place(mesh: &Mesh, levels: u32) -> Result<DMat4, BuildError> {
-    let (lo, hi) = bounds(mesh);
-    let extent = (hi - lo).max_element();
-    let farthest = lo.abs().max(hi.abs()).max_element();
-    if extent == 0.0 {
-        return Err(BuildError::Mesh(
-            "all its vertices lie at one point; a mesh needs at least one triangle with an area".into(),
-        ));
-    }
-    // The third power of the extent is the determinant of the transform, which the format requires to be a normal number.
-    if !(1e-100..=1e100).contains(&extent) {
-        return Err(BuildError::Mesh(format!(
-            "its largest extent is {extent:e}; it must be between 1e-100 and 1e100, choose another unit"
-        )));
-    }
-    if farthest / extent > 1e12 {
-        return Err(BuildError::Mesh(format!(
-            "its largest extent is {extent:e}, with coordinates up to {farthest:e}; it must be at least 1e-12 of its coordinates, move \
-             it closer to the origin"
-        )));
-    }
-    // Far from the origin these are rounded. The cube must still contain all vertices.
-    let mut origin = ((lo + hi) * 0.5 - DVec3::splat(extent * 0.5)).min(lo);
-    let extent = extent.max((hi - origin).max_element());
-    for axis in (0..3).filter(|&axis| hi[axis] - lo[axis] <= FLAT * extent) {
-        origin[axis] = (lo[axis] + hi[axis]) * 0.5 - extent * (0.5 + 0.5 * (-f64::from(levels)).exp2());
-    }
-    Ok(DMat4::from_translation(origin) * DMat4::from_scale(DVec3::splat(extent)))
-}
-
-/// Smallest and largest coordinates over the triangles that have an area; over all triangles if none has.
-fn bounds(mesh: &Mesh) -> (DVec3, DVec3) {
-    let corners = |t: &[u32; 3]| t.map(|i| DVec3::from(mesh.positions[i as usize]));
-    let of = |kept: &(dyn Fn(&[DVec3; 3]) -> bool + Sync)| {
-        let empty = (DVec3::MAX, DVec3::MIN);
-        let join = |a: (DVec3, DVec3), b: (DVec3, DVec3)| (a.0.min(b.0), a.1.max(b.1));
-        let triangles = mesh.triangles.par_iter().map(corners).filter(kept);
-        triangles.map(|[a, b, c]| (a.min(b).min(c), a.max(b).max(c))).reduce(|| empty, join)
-    };
-    let (all_lo, all_hi) = of(&|_| true);
-    // Scaled by a power of two, which is exact, so that products neither overflow nor vanish.
-    let largest = all_lo.abs().max(all_hi.abs()).max_element();
-    let scale = (-largest.log2().floor().clamp(-1000.0, 1000.0)).exp2();
-    let (lo, hi) = of(&|corners| has_area(&corners.map(|p| p * scale)));
-    if lo.cmple(hi).all() { (lo, hi) } else { (all_lo, all_hi) }
-}
-
-/// Whether a point lies in the root cube, with a margin for rounding. A triangle that has an area only because of rounding
-/// does not count for the bounds, so it may lie outside.
-fn in_cube(p: &DVec3) -> bool {
-    const MARGIN: f64 = 1e-9;
-    p.cmpge(DVec3::splat(-MARGIN)).all() && p.cmple(DVec3::splat(1.0 + MARGIN)).all()
-}
-
-/// Whether three points are not on a line. The test is exact: an area that rounds to zero can still be an area.
-fn has_area(corners: &[DVec3; 3]) -> bool {
-    let [a, b, c] = *corners;
-    let (ab, ac) = (b - a, c - a);
-    // Far above rounding errors and underflow: no exact test needed.
-    if ab.cross(ac).length_squared() > 1e-24 * ab.length_squared() * ac.length_squared() + 1e-280 {
-        return true;
-    }
-    [(0, 1), (1, 2), (2, 0)].into_iter().any(|(x, y)| {
-        let [a, b, c] = corners.map(|p| robust::Coord { x: p[x], y: p[y] });
-        robust::orient2d(a, b, c) != 0.0
-    })
 }

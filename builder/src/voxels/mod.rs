@@ -10,10 +10,10 @@ mod normal;
 
 pub use build::{build_voxels, build_voxels_file};
 
-use crate::BuildError;
+use crate::{BuildError, cells};
 
 /// Most levels that the octree of a model may have: 2^21 voxels along each edge.
-pub const MAX_LEVELS: u32 = 21;
+pub const MAX_LEVELS: u32 = cells::MAX_LEVELS;
 
 /// A voxel: the unit cube whose lower corner is at `at`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
