@@ -50,7 +50,7 @@ pub(crate) fn errors(report: &PaperReport) -> TextTable {
 
 /// What the checks found.
 pub(crate) fn checks(report: &PaperReport) -> TextTable {
-    let head = ["scene", "caster", "cast", "levels", "pixels", "other voxel", "allowed", ""];
+    let head = ["scene", "caster", "cast", "levels", "pixels", "other voxel", "allowed", "verdict"];
     let mut table = TextTable::new("Answers against the reference caster, checked before timing", 3, &head);
     let decided: Vec<_> = (report.scenes.iter().flat_map(|scene| &scene.checks))
         .filter_map(|check| Some((check.agreement.pixels, check.undecided?)))

@@ -66,7 +66,7 @@ pub(super) fn table1(report: &PaperReport, paper: &Paper) -> TextTable {
 
 /// The deepest octrees that fit the memory of the paper's GPU.
 pub(crate) fn fits(rows: &[SizeRow]) -> TextTable {
-    let head = ["scene", "octree", "", "levels", "MiB", "paper's levels", "paper's MiB"];
+    let head = ["scene", "octree", "size is", "levels", "MiB", "paper's levels", "paper's MiB"];
     let mut table = TextTable::new("The largest octree that fits 4 GB", 3, &head);
     table.notes = vec![format!(
         "The deepest octree of at most {PAPER_MIB:.0} MiB, the memory of the paper's GPU, and no deeper than the paper's deepest. Predicted: it \
@@ -78,7 +78,7 @@ pub(crate) fn fits(rows: &[SizeRow]) -> TextTable {
         table.rows.push(vec![
             row.scene.clone(),
             format!("{}, {}", row.kind(), row.mesh.title()),
-            if fit.predicted { "predicted" } else { "built" }.into(),
+            if fit.predicted { "predicted" } else { "measured" }.into(),
             fit.levels.to_string(),
             short(fit.mib),
             or_dash(paper.map(|(levels, _)| levels.to_string())),
