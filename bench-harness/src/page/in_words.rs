@@ -1,5 +1,6 @@
 //! What records of `esvo bench needs` and `esvo bench stability` say, in sentences with figures that stand above their tables.
 
+use esvo_core::DeviceKind;
 use esvo_core::reference::MAX_SCALE;
 
 use super::html::{PageCell, PageTable};
@@ -18,7 +19,7 @@ pub(super) fn needs(report: &NeedsReport) -> Vec<String> {
     lines
 }
 
-/// Times of an engine with code left out over those with everything in.
+/// Times of an engine with code left out over those with everything in, at each level: deep octrees need more of the code.
 fn time(report: &NeedsReport, engine: usize, name: &str) -> Option<String> {
     let of = |case: &Case, variant| {
         let cell = case.cells.iter().find(|cell| cell.engine == engine && cell.variant == variant)?;
@@ -27,27 +28,40 @@ fn time(report: &NeedsReport, engine: usize, name: &str) -> Option<String> {
     // Packets of the processor have code of their own without contours only.
     let measured = |variant: &Variant| report.cases.iter().any(|case| of(case, *variant).is_some());
     let variant = [Variant::All, Variant::Contours].into_iter().find(measured)?;
-    let pairs: Vec<[Spread; 2]> =
-        report.cases.iter().filter_map(|case| Some([of(case, variant)?, of(case, Variant::Everything)?])).collect();
-    let mut ratios: Vec<f64> = pairs.iter().map(|[left, all]| left.median / all.median).collect();
-    ratios.sort_by(f64::total_cmp);
-    let (least, most, middle) = (*ratios.first()?, *ratios.last()?, Spread::of(&ratios)?.median);
-    let faster = pairs.iter().filter(|[left, all]| left.upper_quartile < all.lower_quartile).count();
-    let slower = pairs.iter().filter(|[left, all]| all.upper_quartile < left.lower_quartile).count();
+    let at_level = |levels: u32| {
+        let cases = report.cases.iter().filter(|case| case.levels == levels);
+        let pairs: Vec<[Spread; 2]> =
+            cases.filter_map(|case| Some([of(case, variant)?, of(case, Variant::Everything)?])).collect();
+        let mut ratios: Vec<f64> = pairs.iter().map(|[left, all]| left.median / all.median).collect();
+        ratios.sort_by(f64::total_cmp);
+        let (least, most, middle) = (*ratios.first()?, *ratios.last()?, Spread::of(&ratios)?.median);
+        let faster = pairs.iter().filter(|[left, all]| left.upper_quartile < all.lower_quartile).count();
+        let slower = pairs.iter().filter(|[left, all]| all.upper_quartile < left.lower_quartile).count();
+        Some(format!(
+            "at {levels} levels {} time in the middle of {} cases ({} to {}), beyond the quartiles {faster} are faster and {slower} slower",
+            change(middle),
+            pairs.len(),
+            change(least),
+            change(most)
+        ))
+    };
+    let each: Vec<String> = levels(report).into_iter().filter_map(at_level).collect();
     let what = match variant {
         Variant::All => "with only what octree and rays need",
         _ => "without clipping by contours, where there are none (it leaves out nothing else)",
     };
     let device = &report.engines[engine].device;
-    Some(format!(
-        "{name} ({}), {what}: {} time in the middle of {} cases ({} to {}), by the medians of the rounds. Beyond the quartiles of their \
-         rounds, {faster} are faster and {slower} slower.",
-        device.name,
-        change(middle),
-        pairs.len(),
-        change(least),
-        change(most)
-    ))
+    let software = if device.kind == DeviceKind::SoftwareGpu { ", software" } else { "" };
+    let end = "Medians and quartiles are those of the rounds.";
+    Some(format!("{name} ({}{software}), {what}: {}. {end}", device.name, each.join("; ")))
+}
+
+/// The levels of a record's octrees, ascending.
+fn levels(report: &NeedsReport) -> Vec<u32> {
+    let mut levels: Vec<u32> = report.cases.iter().map(|case| case.levels).collect();
+    levels.sort_unstable();
+    levels.dedup();
+    levels
 }
 
 /// `19 % less`, for a ratio of 0.81.
@@ -61,11 +75,8 @@ fn change(ratio: f64) -> String {
 
 /// What the stack of a ray takes in a GPU kernel.
 fn stack(report: &NeedsReport) -> Option<String> {
-    let mut levels: Vec<u32> = report.cases.iter().map(|case| case.levels).collect();
-    levels.sort_unstable();
-    levels.dedup();
     let each: Vec<String> =
-        levels.iter().map(|levels| format!("{} bytes for {levels} levels", levels * BYTES_PER_FRAME)).collect();
+        levels(report).iter().map(|levels| format!("{} bytes for {levels} levels", levels * BYTES_PER_FRAME)).collect();
     let each: Vec<&str> = each.iter().map(String::as_str).collect();
     (!each.is_empty()).then(|| {
         format!(
@@ -223,7 +234,7 @@ mod tests {
     use crate::needs_bench::{Cell, EngineRow, Needed, SCHEMA, Unread};
     use crate::paper_bench::check::Agreement;
     use crate::sweep_bench::sample::report;
-    use esvo_core::{Device, DeviceKind};
+    use esvo_core::Device;
 
     fn record(unread: Unread, upload_bytes: u64) -> NeedsReport {
         let cell = |variant, seconds: &[f64]| Cell {
@@ -268,8 +279,9 @@ mod tests {
         let lines = needs(&record(Unread { contour_halves: 20, headers: 1, gaps: 4 }, 100));
         assert_eq!(
             lines[0],
-            "scalar (Example), with only what octree and rays need: 24 % less time in the middle of 2 cases (48 % less to 0 % less), by \
-             the medians of the rounds. Beyond the quartiles of their rounds, 1 are faster and 0 slower."
+            "scalar (Example), with only what octree and rays need: at 7 levels 48 % less time in the middle of 1 cases (48 % less to 48 % \
+             less), beyond the quartiles 1 are faster and 0 slower; at 10 levels 0 % less time in the middle of 1 cases (0 % less to 0 % \
+             less), beyond the quartiles 0 are faster and 0 slower. Medians and quartiles are those of the rounds."
         );
         assert!(
             lines[1].contains("takes 56 bytes for 7 levels and 80 bytes for 10 levels, not the 184 bytes"),
