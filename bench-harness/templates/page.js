@@ -54,13 +54,42 @@
     tip.style.left = `${Math.max(8, left) + scrollX}px`;
     tip.style.top = `${(above < 4 ? at.bottom + 6 : above) + scrollY}px`;
   };
+  // By mouse: point at a mark. By touch: the mark nearest to the finger. By keys: the tabulator key goes to the plot, arrows from mark to mark.
+  const NEAR = 40;
   const preparePlot = (plot) => {
-    plot.querySelectorAll(".point[data-tip]").forEach((point) => {
+    const points = [...plot.querySelectorAll(".point[data-tip]")];
+    points.forEach((point, number) => {
       point.querySelector("title").remove();
       point.addEventListener("pointerenter", () => showTip(point));
       point.addEventListener("pointerleave", hideTip);
-      point.addEventListener("click", () => showTip(point));
+      point.addEventListener("focus", () => showTip(point));
+      point.addEventListener("blur", hideTip);
+      point.addEventListener("keydown", (event) => {
+        const to = { ArrowRight: number + 1, ArrowDown: number + 1, ArrowLeft: number - 1, ArrowUp: number - 1, Home: 0, End: points.length - 1 }[event.key];
+        if (to === undefined || !points[to]) return;
+        event.preventDefault();
+        point.tabIndex = -1;
+        points[to].tabIndex = 0;
+        points[to].focus();
+      });
     });
+    const svg = plot.querySelector(":scope > svg");
+    svg.addEventListener("click", (event) => {
+      const away = (point) => {
+        const box = point.querySelector(".reach").getBoundingClientRect();
+        return Math.hypot(event.clientX - (box.left + box.right) / 2, event.clientY - (box.top + box.bottom) / 2);
+      };
+      const nearest = points.map((point) => [away(point), point]).sort((a, b) => a[0] - b[0])[0];
+      if (nearest && nearest[0] < NEAR) showTip(nearest[1]); else hideTip();
+    });
+  };
+
+  // Tables that are wider than the page scroll in their own box, and say so.
+  const hintAt = (box) => {
+    const cut = box.scrollWidth > box.clientWidth + 1;
+    box.classList.toggle("cut", cut && box.scrollLeft + box.clientWidth < box.scrollWidth - 1);
+    const hint = box.previousElementSibling;
+    if (hint && hint.className === "more") hint.hidden = !cut;
   };
 
   // Pictures: two on each other, with a line between them that can be moved.
@@ -138,6 +167,31 @@
       point.dispatchEvent(new PointerEvent("pointerleave"));
       check(tip.hidden, "a tip stays");
     });
+    document.querySelectorAll(".plot").forEach((plot) => {
+      const marks = [...plot.querySelectorAll(".point[data-tip]")];
+      const stops = () => marks.filter((mark) => mark.tabIndex === 0);
+      check(stops().length === 1, "a plot has not one stop of the tabulator key");
+      const [first, next] = marks;
+      first.dispatchEvent(new FocusEvent("focus"));
+      check(!tip.hidden && first.classList.contains("on"), "a mark with the focus has no tip");
+      first.dispatchEvent(new FocusEvent("blur"));
+      if (next) {
+        first.dispatchEvent(new KeyboardEvent("keydown", { key: "ArrowRight", cancelable: true }));
+        check(stops()[0] === next && document.activeElement === next, "an arrow key does not go to the next mark");
+        next.dispatchEvent(new KeyboardEvent("keydown", { key: "ArrowLeft", cancelable: true }));
+        check(stops()[0] === first, "an arrow key does not go back");
+        first.blur();
+      }
+      const box = marks[marks.length - 1].querySelector(".reach").getBoundingClientRect();
+      const [clientX, clientY] = [(box.left + box.right) / 2, (box.top + box.bottom) / 2];
+      plot.querySelector(":scope > svg").dispatchEvent(new MouseEvent("click", { clientX, clientY }));
+      check(!tip.hidden, "a tap beside a mark shows nothing");
+      hideTip();
+    });
+    document.querySelectorAll(".scroll").forEach((box) => {
+      const hint = box.previousElementSibling;
+      check(hint.hidden === (box.scrollWidth <= box.clientWidth + 1), "a table that is cut does not say so");
+    });
     const sliders = [...document.querySelectorAll(".controls input")];
     sliders.forEach((slider) => {
       const over = slider.closest(".compare").querySelector(".over");
@@ -154,6 +208,12 @@
 
   document.querySelectorAll("table").forEach(prepareTable);
   document.querySelectorAll(".plot").forEach(preparePlot);
+  const boxes = [...document.querySelectorAll(".scroll")];
+  const hints = () => boxes.forEach(hintAt);
+  boxes.forEach((box) => box.addEventListener("scroll", () => hintAt(box), { passive: true }));
+  document.querySelectorAll("details").forEach((details) => details.addEventListener("toggle", hints));
+  addEventListener("resize", hints);
+  hints();
   document.querySelectorAll(".compare").forEach(prepareComparison);
   addEventListener("keydown", (event) => { if (event.key === "Escape") hideTip(); });
   root.dataset.ready = "yes";

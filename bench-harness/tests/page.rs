@@ -1,6 +1,8 @@
 //! The page that is made of records: what it says, what it must not contain, and that its script runs in a browser.
 
 mod common;
+#[path = "page/same_machine.rs"]
+mod same_machine;
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -368,10 +370,11 @@ fn machines_are_kept_apart() {
     let html = &page.html;
     let [here, there] = ["Example Processor, 2 threads", "Big GPU with Fast Processor, 16 threads"];
     let names = |part: &str| [here, there].into_iter().filter(|name| part.contains(name)).collect::<Vec<_>>();
-    // Every question of a sweep is asked of each machine, and nothing below it names the other.
+    // Every question is asked of each machine, and nothing below it names the other.
     let questions: Vec<&str> =
         parts_of(html, "article").into_iter().filter(|part| !part.contains("Which engine is wrong?")).collect();
-    assert_eq!(questions.len(), 8);
+    // Four of the sweep, and whether the GPU is faster. No two records say the same thing.
+    assert_eq!(questions.len(), 10);
     for question in &questions {
         assert_eq!(names(question).len(), 1, "{}", texts(question));
     }

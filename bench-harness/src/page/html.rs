@@ -49,6 +49,8 @@ pub(super) struct Answers {
     pub(super) machine: String,
     /// Part of the ids of its elements; empty on a page of one machine.
     pub(super) id: String,
+    /// What is not answered, and why.
+    pub(super) lead: Vec<String>,
     pub(super) questions: Vec<Question>,
 }
 
@@ -66,9 +68,12 @@ pub(super) struct Question {
 }
 
 /// An answer for one scene or machine.
+#[derive(Default)]
 pub(super) struct Answered {
     /// Scene or machine; empty: the answer is for all.
     pub(super) of: String,
+    /// What the answer holds for: engine, picture, levels. Empty: for all that the question names.
+    pub(super) scope: String,
     pub(super) mark: Mark,
     /// The answer in a few words.
     pub(super) answer: String,
@@ -79,11 +84,12 @@ pub(super) struct Answered {
 }
 
 /// How an answer looks.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub(super) enum Mark {
     Good,
     Bad,
     Mixed,
+    #[default]
     Plain,
 }
 
@@ -105,8 +111,8 @@ pub(super) struct Section {
     pub(super) title: String,
     /// Name of the machine; empty: of all of the page.
     pub(super) machine: String,
-    /// The folder of the record, which the title gets if there is another section of that title.
-    pub(super) of: String,
+    /// When its record was made, which the title gets if there is another section of that title.
+    pub(super) when: String,
     /// Paragraphs below the title.
     pub(super) lead: Vec<String>,
     /// Findings, each in a sentence, below the paragraphs.
@@ -139,6 +145,11 @@ pub(super) struct PageTable {
 }
 
 impl PageTable {
+    /// Whether the cell that names a row is the short name of a scene, which is not broken across lines.
+    pub(super) fn is_name(&self, cell: &PageCell) -> bool {
+        self.head.first().is_some_and(|head| head == "scene") && cell.text.len() <= 16
+    }
+
     /// The same as a list of cards on a narrow screen.
     pub(super) fn in_cards(self) -> Self {
         Self { cards: true, ..self }

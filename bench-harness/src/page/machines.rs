@@ -17,6 +17,24 @@ pub(super) struct OnMachine<'a> {
     pub(super) found: Vec<&'a Found>,
 }
 
+impl OnMachine<'_> {
+    /// A record in words: `esvo bench sweep of 2026-11-26`; with the time, if the same command made another on that day.
+    pub(super) fn name_of(&self, one: &Found) -> String {
+        format!("{} of {}", one.record.command(), self.when(one))
+    }
+
+    /// `2026-11-26`, or `2026-11-26 20:36` if the same command made another record of this machine on that day.
+    pub(super) fn when(&self, one: &Found) -> String {
+        let (own, command) = (one.record.machine(), one.record.command());
+        let same = self
+            .found
+            .iter()
+            .filter(|other| other.record.command() == command && other.record.machine().day() == own.day());
+        let time = own.date.split('T').nth(1).and_then(|time| time.get(..5)).unwrap_or_default();
+        if same.count() > 1 { format!("{} {time}", own.day()).trim_end().to_owned() } else { own.day().to_owned() }
+    }
+}
+
 /// The machines, in the order of their newest record. A machine is known by processor, threads and GPUs; records that name no GPU belong
 /// to the machine of that processor, unless there are several.
 pub(super) fn by_machine(found: &[Found]) -> Vec<OnMachine<'_>> {

@@ -50,6 +50,8 @@ pub(super) struct Point {
     /// Lines of what is shown when it is pointed at.
     pub(super) tip: Vec<String>,
     pub(super) on_front: bool,
+    /// Whether the tabulator key goes to it: to one point of a plot, from which arrow keys go on.
+    pub(super) first: bool,
     /// Of settings on the front, how far to the right the range of their times goes.
     pub(super) range: Option<String>,
 }
@@ -93,6 +95,10 @@ impl Axis {
     }
 }
 
+fn position(point: &Point) -> f64 {
+    point.x.parse().unwrap_or_default()
+}
+
 fn coordinate(x: f64) -> String {
     format!("{x:.1}")
 }
@@ -123,11 +129,11 @@ fn plot(report: &SweepReport, scene: &SceneSweep, measure: ErrorMeasure) -> Opti
     front.sort_by(|a, b| a.2.least.total_cmp(&b.2.least));
     let place = |p: &(usize, &Cell, Span, f64)| format!("{},{}", coordinate(x.at(p.2.least)), coordinate(y.at(p.3)));
     let mut legend: Vec<Legend> = Vec::new();
-    let mut points = Vec::new();
+    let mut points: Vec<Point> = Vec::new();
     for (index, cell, span, error) in &timed {
         let (class, shape) = look(cell);
         if !legend.iter().any(|known| known.class == class && known.shape == shape) {
-            legend.push(Legend { class: class.clone(), shape, text: series(cell) });
+            legend.push(Legend { class: class.clone(), shape, text: series(report, cell) });
         }
         let median = cell.frame_ms().map_or(0.0, |ms| ms.rounds.median);
         points.push(Point {
@@ -137,13 +143,19 @@ fn plot(report: &SweepReport, scene: &SceneSweep, measure: ErrorMeasure) -> Opti
             shape,
             tip: vec![
                 setting(scene, cell),
-                format!("{} by {} (median {} ms)", span.words(), cell.engine, short(median)),
+                format!("{} by {} (median {} ms)", span.words(), engine(report, cell), short(median)),
                 format!("{} {}", measure.title(), measure.show(measure.of(&cell.error))),
                 format!("{} MB", short(cell.memory_bytes as f64 / 1e6)),
             ],
             on_front: on[*index],
+            first: false,
             range: on[*index].then(|| coordinate(x.at(span.quarter) - x.at(span.least))),
         });
+    }
+    // From the left to the right, as arrow keys go through them.
+    points.sort_by(|a, b| position(a).total_cmp(&position(b)));
+    if let Some(first) = points.first_mut() {
+        first.first = true;
     }
     let half = (measure == ErrorMeasure::P90).then(|| y.at(0.5)).filter(|at| (top..=bottom).contains(at));
     let unit = if measure == ErrorMeasure::Flip { "" } else { ", pixels" };
@@ -180,12 +192,19 @@ fn look(cell: &Cell) -> (String, &'static str) {
     (format!("{kind}{}", if cell.beam || cell.octree.is_none() { " beam" } else { "" }), shape)
 }
 
-fn series(cell: &Cell) -> String {
+/// The engine of a setting; `wgpu, software` on a driver that runs on the processor.
+pub(super) fn engine(report: &SweepReport, cell: &Cell) -> String {
+    let software = report.devices.iter().any(|d| d.backend == cell.engine && d.is_software());
+    format!("{}{}", cell.engine, if software { ", software" } else { "" })
+}
+
+fn series(report: &SweepReport, cell: &Cell) -> String {
+    let engine = engine(report, cell);
     let beam = if cell.beam { ", beam" } else { "" };
     match cell.octree {
         None => "triangles (no error)".into(),
-        Some(_) if cell.contours => format!("{}: contours{beam}", cell.engine),
-        Some(_) => format!("{}: cubes{beam}", cell.engine),
+        Some(_) if cell.contours => format!("{engine}: contours{beam}"),
+        Some(_) => format!("{engine}: cubes{beam}"),
     }
 }
 

@@ -1,8 +1,9 @@
 //! The order of the page, and the sections that are made of tables that the benchmarks print anyway.
 
+use super::between::{Between, DISTURBED};
 use super::html::{Answers, Block, Contents, PageTable, Section};
 use super::machines::{OnMachine, by_machine};
-use super::{answers, glossary, in_words, paper_tables, pictures, plot, settings, sources, verdicts};
+use super::{answers, glossary, gpu, in_words, paper_tables, pictures, plot, settings, sources, verdicts};
 use crate::build_bench::BuildReport;
 use crate::paper_bench::figures::{built_sizes, sizes, viewpoints};
 use crate::paper_bench::paper::Paper;
@@ -10,11 +11,7 @@ use crate::paper_bench::report::PaperReport;
 use crate::paper_bench::tables::{bytes_by_kind, checks, errors, fits};
 use crate::records::{Found, Record};
 use crate::sweep_bench::SweepReport;
-use crate::system::machine::slug;
 use crate::text::{TextTable, short};
-
-/// Above this median of a setting's median time over its least, the page says that the machine was disturbed.
-const DISTURBED: f64 = 1.1;
 
 /// Everything on the page, and what is not on it.
 pub(super) fn contents(found: &[Found], picture_bytes: u64) -> (Contents, Vec<String>) {
@@ -27,7 +24,7 @@ pub(super) fn contents(found: &[Found], picture_bytes: u64) -> (Contents, Vec<St
         id: id.into(),
         title: title.into(),
         machine: String::new(),
-        of: String::new(),
+        when: String::new(),
         lead,
         findings: Vec::new(),
         blocks,
@@ -70,22 +67,34 @@ pub(super) fn contents(found: &[Found], picture_bytes: u64) -> (Contents, Vec<St
     (contents, left_out)
 }
 
-/// What the newest sweep of a machine answers.
+/// What the newest sweep of a machine answers, and what its records say together.
 fn answers_of(machine: &OnMachine) -> Answers {
     let sweep =
         machine.found.iter().find_map(|one| if let Record::Sweep(report) = &one.record { Some(report) } else { None });
-    let questions = sweep.map(|report| answers::questions(report, &machine.name)).unwrap_or_default();
-    Answers { machine: machine.name.clone(), id: machine.id.clone(), questions }
+    let mut questions = sweep.map(|report| answers::questions(report, machine)).unwrap_or_default();
+    let lead = if sweep.is_none() {
+        let what = "What settings give an error in the least time, whether contours pay, where triangles win and what the beam saves";
+        vec![format!("{what} is not answered for this machine: it has no record of `esvo bench sweep`.")]
+    } else {
+        Vec::new()
+    };
+    let between = Between::of(machine);
+    questions.extend(gpu::question(machine, between.has_slow_clocks()));
+    questions.extend(between.question());
+    Answers { machine: machine.name.clone(), id: machine.id.clone(), lead, questions }
 }
 
 /// The sections of one machine.
 fn of_machine(machine: &OnMachine) -> Vec<Section> {
     let paper = Paper::figures();
     let found = &machine.found;
+    let between = Between::of(machine);
     let mut sections = Vec::new();
     for one in found {
         if let Record::Sweep(report) = &one.record {
-            sections.push(sweep(report, &one.name));
+            let mut section = sweep(report, machine, &machine.when(one));
+            section.lead.extend(between.beside_times(one));
+            sections.push(section);
         }
     }
     // Whole tables first, then those that have a part of the columns.
@@ -95,16 +104,26 @@ fn of_machine(machine: &OnMachine) -> Vec<Section> {
             if let Record::Paper(report) = &one.record
                 && whole(report) == with_octrees
             {
-                sections.extend(tables(report, &one.name, &paper));
+                sections.extend(tables(report, &machine.when(one), &paper, &between, one));
             }
         }
     }
     for one in found {
         if let Record::Build(report) = &one.record {
-            sections.extend(builds(report, &one.name, &paper));
+            let section = builds(report, &machine.when(one), &paper);
+            sections.extend(section.map(|mut section| {
+                section.lead.extend(between.beside_sizes(one));
+                section
+            }));
         }
     }
-    sections.extend(found.iter().filter_map(|one| others(one)));
+    for one in found {
+        sections.extend(others(one, &machine.when(one)).map(|mut section| {
+            section.lead.extend(between.beside_times(one));
+            section
+        }));
+    }
+    sections.extend(between.section());
     for section in &mut sections {
         section.machine.clone_from(&machine.name);
     }
@@ -134,12 +153,12 @@ fn lead(found: &[Found], machines: &[OnMachine]) -> Vec<String> {
 }
 
 /// A section of a sweep.
-fn sweep(report: &SweepReport, name: &str) -> Section {
+fn sweep(report: &SweepReport, machine: &OnMachine, when: &str) -> Section {
     let [width, height] = report.plan.size;
     let mut lead = vec![format!(
         "Every setting that was measured, as error against time: the nearer to the lower left corner, the better. The line joins the \
          Pareto front: the settings of octrees that no other beats in both; from each of them a line goes from the least time to the lower \
-         quartile of the rounds. {width}x{height} pixels, up to {} views a scene, {} rounds. Point at a mark for its setting.",
+         quartile of the rounds. {width}x{height} pixels, up to {} views a scene, {} rounds. Point at a mark for its setting, touch it, or go to it by arrow keys.",
         report.plan.views, report.plan.rounds
     )];
     if let Some(ratio) = answers::disturbance(report).filter(|ratio| *ratio > DISTURBED) {
@@ -160,42 +179,42 @@ fn sweep(report: &SweepReport, name: &str) -> Section {
     }
     blocks.push(folded("The octrees", [crate::sweep_bench::tables::octrees(report)]));
     let answered = crate::sweep_bench::answers::answers(report);
-    let tables = answered.into_iter().map(|answer| {
+    // The other questions are answered above, with the spread of their times. This one has none.
+    let levels_saved = answered.into_iter().take(1).map(|answer| {
         let mut table = TextTable::new(answer.question, 4, &["scene", "engine", "error", "answer"]);
-        table.notes.push(format!("{} Times are the least of the rounds, without their spread.", answer.rule));
+        table.notes.push(answer.rule.into());
         table.rows = answer.rows.into_iter().map(Vec::from).collect();
-        table
+        PageTable::from(table)
     });
-    blocks.push(folded("Every question that the sweep answers, at every error", tables));
-    Section { lead, ..section("sweep", "Error against time", name, blocks) }
+    let tables = levels_saved.chain([answers::termination(report, machine)]);
+    blocks.push(Block::Folded {
+        title: "Levels that contours save, and coarser termination".into(),
+        tables: tables.filter(|table| !table.rows.is_empty()).collect(),
+    });
+    Section { lead, ..section("sweep", "Error against time", when, blocks) }
 }
 
-/// A section without words, of the record of this name.
-fn section(id: &str, title: &str, name: &str, blocks: Vec<Block>) -> Section {
+/// A section without words, of the record that was made then.
+fn section(id: &str, title: &str, when: &str, blocks: Vec<Block>) -> Section {
     Section {
         id: id.into(),
         title: title.into(),
         machine: String::new(),
-        of: of(name),
+        when: when.into(),
         lead: Vec::new(),
         findings: Vec::new(),
         blocks,
     }
 }
 
-/// The name of a record's folder.
-fn of(name: &str) -> String {
-    name.rsplit('/').nth(1).unwrap_or_default().to_owned()
-}
-
-/// Gives sections of the same title the names of their records, and every section an id of its own.
+/// Gives sections of the same title the dates of their records, and every section an id of its own.
 fn name_apart(sections: &mut [Section]) {
     let titles: Vec<[String; 2]> = sections.iter().map(|s| [s.title.clone(), s.machine.clone()]).collect();
     let mut known: Vec<String> = Vec::new();
     for section in sections {
         let own = [section.title.clone(), section.machine.clone()];
-        if titles.iter().filter(|title| **title == own).count() > 1 && !section.of.is_empty() {
-            section.title = format!("{} ({})", section.title, section.of);
+        if titles.iter().filter(|title| **title == own).count() > 1 && !section.when.is_empty() {
+            section.title = format!("{} ({})", section.title, section.when);
         }
         let same = known.iter().filter(|id| **id == section.id).count();
         known.push(section.id.clone());
@@ -211,7 +230,7 @@ fn folded(title: impl Into<String>, tables: impl IntoIterator<Item = TextTable>)
 }
 
 /// The paper's tables.
-fn tables(report: &PaperReport, name: &str, paper: &Paper) -> Vec<Section> {
+fn tables(report: &PaperReport, when: &str, paper: &Paper, between: &Between, one: &Found) -> Vec<Section> {
     let mut sections = Vec::new();
     let rows = sizes(report, paper);
     if !rows.is_empty() {
@@ -220,7 +239,10 @@ fn tables(report: &PaperReport, name: &str, paper: &Paper) -> Vec<Section> {
             Block::Table(fits(&rows).into()),
             folded("Bytes per voxel by kind", [bytes_by_kind(report)]),
         ];
-        sections.push(section("table-1", "Table 1: size and time of building", name, blocks));
+        sections.push(Section {
+            lead: between.beside_sizes(one),
+            ..section("table-1", "Table 1: size and time of building", when, blocks)
+        });
     }
     let mut blocks: Vec<Block> = Vec::new();
     for device in &report.devices {
@@ -232,36 +254,32 @@ fn tables(report: &PaperReport, name: &str, paper: &Paper) -> Vec<Section> {
     blocks.extend(paper_tables::columns(report, paper).map(Block::Table));
     blocks.push(folded("Error against the triangles", [errors(report)]));
     blocks.push(folded("Answers of every engine, compared before timing", [checks(report)]));
-    sections.push(Section {
-        lead: vec![format!(
-            "Rays end at voxels of one pixel, as in the paper. A cell that says WRONG was not timed: its answers are wrong. {}",
-            viewpoints(report)
-        )],
-        ..section("table-2", "Table 2: rays per second", name, blocks)
-    });
+    let mut lead = vec![format!(
+        "Rays end at voxels of one pixel, as in the paper. A cell that says WRONG was not timed: its answers are wrong. {}",
+        viewpoints(report)
+    )];
+    lead.extend(between.beside_times(one));
+    sections.push(Section { lead, ..section("table-2", "Table 2: rays per second", when, blocks) });
     sections
 }
 
 /// Table 1 of `esvo bench build`.
-fn builds(report: &BuildReport, name: &str, paper: &Paper) -> Option<Section> {
+fn builds(report: &BuildReport, when: &str, paper: &Paper) -> Option<Section> {
     let rows = built_sizes(report, paper);
-    let record = name.split('/').next_back().unwrap_or(name).trim_end_matches(".json");
     (!rows.is_empty()).then(|| Section {
-        of: record.to_owned(),
         lead: vec!["Each octree was built in a process of its own; seconds end with the complete file.".into()],
         ..section(
-            &format!("built-{}", slug(record)),
+            "built",
             "Table 1 by esvo bench build",
-            name,
+            when,
             vec![Block::Table(paper_tables::table1(&rows, paper)), Block::Table(fits(&rows).into())],
         )
     })
 }
 
 /// Sections of sentences and of the tables that a benchmark prints.
-fn others(one: &Found) -> Option<Section> {
+fn others(one: &Found, when: &str) -> Option<Section> {
     let shown = |tables: Vec<TextTable>| tables.into_iter().filter(|table| !table.rows.is_empty()).collect::<Vec<_>>();
-    let name = &one.name;
     let whole = |tables: Vec<TextTable>| shown(tables).into_iter().map(|table| Block::Table(table.into())).collect();
     Some(match &one.record {
         Record::Rays(report) => Section {
@@ -270,7 +288,7 @@ fn others(one: &Found) -> Option<Section> {
                  the rounds)."
                     .into(),
             ],
-            ..section("rays", "Incoherent rays", name, whole(crate::ray_bench::tables::tables(report)))
+            ..section("rays", "Incoherent rays", when, whole(crate::ray_bench::tables::tables(report)))
         },
         Record::Stability(report) => Section {
             lead: vec![
@@ -281,7 +299,7 @@ fn others(one: &Found) -> Option<Section> {
             ..section(
                 "stability",
                 "Hard rays",
-                name,
+                when,
                 vec![
                     Block::Table(in_words::hard_engines(report)),
                     folded("By octree and by kind of rays, meshes, symmetries, mistakes on purpose", shown(crate::stability_bench::tables::tables(report))),
@@ -298,7 +316,7 @@ fn others(one: &Found) -> Option<Section> {
             ..section(
                 "needs",
                 "What code costs that a scene does not need",
-                name,
+                when,
                 vec![folded("Every octree and engine", shown(crate::needs_bench::tables::tables(report)))],
             )
         },

@@ -112,8 +112,7 @@ fn units(value: f64) -> String {
 
 /// The cell that names the row: octree, beam, where rays end, and engine.
 fn setting(report: &SweepReport, scene: &SceneSweep, cell: &Cell) -> PageCell {
-    let software = report.devices.iter().any(|d| d.backend == cell.engine && d.is_software());
-    let engine = format!("{}{}", cell.engine, if software { ", software" } else { "" });
+    let engine = super::plot::engine(report, cell);
     let Some(levels) = scene.levels(cell) else {
         return PageCell { small: vec![engine], sort: String::new(), ..PageCell::new("triangles") };
     };

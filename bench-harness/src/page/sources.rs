@@ -46,7 +46,7 @@ pub(super) fn section(machines: &[OnMachine<'_>], not_shown: &[String]) -> Secti
         id: "sources".into(),
         title: "Records, what is missing, and credits".into(),
         machine: String::new(),
-        of: String::new(),
+        when: String::new(),
         lead: vec!["The paper: Samuli Laine and Tero Karras, “Efficient Sparse Voxel Octrees”, I3D 2010.".into()],
         findings: Vec::new(),
         blocks: tables.map(|table| Block::Table(PageTable::from(table).in_cards())).collect(),

@@ -57,15 +57,11 @@ impl Rule {
             (true, _) => Self::EqualTriangles,
             (false, true) => Self::Equal,
             (false, false) if allowed.share == 0.0 => {
-                Self::Counted(format!("none may end elsewhere, distances within {:.5}", allowed.t))
+                Self::Counted(format!("none may end elsewhere, {}", distances(allowed.t)))
             }
             (false, false) => {
                 let one_in = (1.0 / allowed.share).round();
-                let t = if allowed.t == 0.0 {
-                    "distances in every bit".into()
-                } else {
-                    format!("distances within {:.5}", allowed.t)
-                };
+                let t = if allowed.t == 0.0 { "distances in every bit".into() } else { distances(allowed.t) };
                 Self::Counted(format!("at most 1 ray in {one_in} may end elsewhere, {t}"))
             }
         }
@@ -80,6 +76,11 @@ impl Rule {
             Self::OracleOfDifferences => "hard rays that differ: the oracle".into(),
         }
     }
+}
+
+/// How far distances may be off, with its unit.
+fn distances(t: f64) -> String {
+    format!("distances within {:.3} % of the ray's length", 100.0 * t)
 }
 
 #[derive(Default)]
@@ -144,7 +145,10 @@ fn failure(agreement: &Agreement) -> String {
         let most = (allowed.share * pixels as f64).floor();
         return format!("{different_voxel} of {pixels} rays end elsewhere, and {most:.0} are allowed");
     }
-    format!("distances along rays differ by up to {largest_t_difference:.1e}, and {:.1e} is allowed", allowed.t)
+    format!(
+        "distances along rays differ by up to {largest_t_difference:.1e} of the ray's length, and {:.1e} of it is allowed",
+        allowed.t
+    )
 }
 
 /// The name of an engine's row: instruction sets are those of `cpu`.
@@ -302,7 +306,7 @@ fn answers_of(found: &[&Found], verdicts: &[Verdict]) -> Vec<Answered> {
     let rays: u64 = verdicts.iter().map(|v| v.rays).sum();
     let mut answers = Vec::new();
     let mut say = |mark, answer: String, details| {
-        answers.push(Answered { of: String::new(), mark, answer, details, choices: Vec::new() });
+        answers.push(Answered { mark, answer, details, ..Answered::default() });
     };
     let names = |wrong: bool| {
         let mut names: Vec<&str> = Vec::new();
@@ -400,7 +404,7 @@ fn engines(machines: &[(OnMachine<'_>, Vec<Verdict>)]) -> PageTable {
         caption: "Engines".into(),
         notes: vec![
             "Other hits: rays that end at another voxel, or at another distance, than the reference's. Where the rule counts differences, \
-             a few are allowed."
+             a few are allowed. A ray of a picture is as long as it is to the far plane."
                 .into(),
         ],
         left: head.len() - 2,

@@ -181,7 +181,7 @@ pub(super) fn answer(subject: &Subject) -> Answered {
         [a, b] if a.mark() == b.mark() => a.mark(),
         _ => Mark::Mixed,
     };
-    Answered { of: subject.name.clone(), mark, answer, details, choices: Vec::new() }
+    Answered { of: subject.name.clone(), mark, answer, details, ..Answered::default() }
 }
 
 fn at_one(subject: &Subject, measure: ErrorMeasure, row: &AtTarget) -> String {
@@ -215,8 +215,13 @@ fn at_one(subject: &Subject, measure: ErrorMeasure, row: &AtTarget) -> String {
     }
 }
 
-/// Time and error of contours over those of cubes with as many levels, the same beam and the same end of rays.
-fn equal_levels(subject: &Subject) -> Option<String> {
+/// Time of contours over that of cubes at equal levels: the median of the pairs.
+pub(super) fn time_at_equal_levels(subject: &Subject) -> Option<f64> {
+    Some(Spread::of(&pairs(subject).0)?.median)
+}
+
+/// Times and errors of contours over those of cubes with as many levels, the same beam and the same end of rays.
+fn pairs(subject: &Subject) -> (Vec<f64>, Vec<f64>) {
     let (mut times, mut errors) = (Vec::new(), Vec::new());
     let levels = |t: &Timed| subject.scene.levels(t.cell);
     for with in subject.timed().filter(|t| t.cell.contours) {
@@ -230,6 +235,11 @@ fn equal_levels(subject: &Subject) -> Option<String> {
         times.push(with.span.least / without.span.least);
         errors.push(with.cell.error.pixels.p90 / without.cell.error.pixels.p90);
     }
+    (times, errors)
+}
+
+fn equal_levels(subject: &Subject) -> Option<String> {
+    let (times, errors) = pairs(subject);
     let (time, error) = (Spread::of(&times)?.median, Spread::of(&errors)?.median);
     Some(format!(
         "At equal levels: {} times the least time and {} times the depth error of cubes (median of {} pairs).",

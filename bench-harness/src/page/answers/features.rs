@@ -1,7 +1,7 @@
 //! Where triangles win, and what the beam saves.
 
 use super::{Subject, Timed, most_exact};
-use crate::page::html::{Answered, Mark};
+use crate::page::html::Answered;
 use crate::page::span::Span;
 use crate::sweep_bench::errors::ErrorMeasure;
 use crate::timing::Spread;
@@ -9,7 +9,7 @@ use crate::timing::Spread;
 const MEASURE: ErrorMeasure = ErrorMeasure::P90;
 
 fn plain(subject: &Subject, answer: impl Into<String>, details: Vec<String>) -> Answered {
-    Answered { of: subject.name.clone(), mark: Mark::Plain, answer: answer.into(), details, choices: Vec::new() }
+    Answered { of: subject.name.clone(), answer: answer.into(), details, ..Answered::default() }
 }
 
 pub(super) fn triangles_win(subject: &Subject) -> Answered {
@@ -33,7 +33,14 @@ pub(super) fn triangles_win(subject: &Subject) -> Answered {
     plain(subject, answer, details)
 }
 
-pub(super) fn beam(subject: &Subject) -> Answered {
+/// Times with the beam over those without: the median of the pairs.
+pub(super) fn beam_ratio(subject: &Subject) -> Option<f64> {
+    let ratios: Vec<f64> = beam_pairs(subject).iter().map(|[with, without]| with.least / without.least).collect();
+    Some(Spread::of(&ratios)?.median)
+}
+
+/// Settings that differ in the beam alone.
+fn beam_pairs(subject: &Subject) -> Vec<[Span; 2]> {
     let mut pairs: Vec<[Span; 2]> = Vec::new();
     for with in subject.timed().filter(|t| t.cell.beam) {
         let twin = |t: &Timed| {
@@ -44,6 +51,11 @@ pub(super) fn beam(subject: &Subject) -> Answered {
         };
         pairs.extend(subject.timed().find(twin).map(|without| [with.span, without.span]));
     }
+    pairs
+}
+
+pub(super) fn beam(subject: &Subject) -> Answered {
+    let pairs = beam_pairs(subject);
     let mut ratios: Vec<f64> = pairs.iter().map(|[with, without]| with.least / without.least).collect();
     ratios.sort_by(f64::total_cmp);
     let (Some(spread), Some(least), Some(most)) = (Spread::of(&ratios), ratios.first(), ratios.last()) else {

@@ -54,7 +54,7 @@ fn reached(subject: &Subject, best: Timed) -> Answered {
     if !subject.timed().any(|t| !t.cell.contours && error(t) <= HALF) {
         details.extend(subject.deepest(false).map(|levels| format!("{}.", out_of_levels("Cubes", levels))));
     }
-    Answered { of: subject.name.clone(), mark: Mark::Good, answer, details, choices }
+    Answered { of: subject.name.clone(), mark: Mark::Good, answer, details, choices, ..Answered::default() }
 }
 
 fn not_reached(subject: &Subject) -> Answered {
@@ -65,7 +65,7 @@ fn not_reached(subject: &Subject) -> Answered {
     }
     let levels = subject.deepest(true).max(subject.deepest(false)).unwrap_or_default();
     let answer = format!("None of the sweep's octrees, of at most {levels} levels.");
-    Answered { of: subject.name.clone(), mark: Mark::Bad, answer, details, choices: Vec::new() }
+    Answered { of: subject.name.clone(), mark: Mark::Bad, answer, details, ..Answered::default() }
 }
 
 #[cfg(test)]

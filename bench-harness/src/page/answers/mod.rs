@@ -1,14 +1,17 @@
 //! What a sweep answers, in words for the top of the page. Rules are those of [`crate::sweep_bench::answers`]; times are ranges, and
-//! ties are said: see [`super::span`].
+//! ties are said: see [`super::span`]. Each answer says what it holds for, and `table2.rs` adds what Table 2 says of it at other levels and sizes.
 
 mod contours;
 mod features;
 mod half_pixel;
+mod table2;
+mod termination;
 
 use esvo_engines::EngineId;
 use esvo_scenes::SceneVariant;
 
-use super::html::{Answered, Question};
+use super::html::{Answered, PageTable, Question};
+use super::machines::OnMachine;
 use super::span::{self, Span};
 use crate::sweep_bench::SweepReport;
 use crate::sweep_bench::answers::compared_engines;
@@ -17,12 +20,22 @@ use crate::sweep_bench::record::{Cell, ExactKind, SceneSweep};
 use crate::text::short;
 use crate::timing::Spread;
 
+/// What stands beside the sweep's figures in its answers.
+const BESIDE: &str = "Answers are the sweep's alone, and hold for its engine, size of pictures and levels, which each names. Lines that begin \
+                      with Table 2 are by another record, with octrees of other levels.";
+
 /// A scene of a sweep on one engine.
 struct Subject<'a> {
     scene: &'a SceneSweep,
     engine: EngineId,
     /// Scene, mesh and engine in words.
     name: String,
+    /// Width and height of the pictures.
+    size: [u32; 2],
+    /// What its answers hold for.
+    scope: String,
+    /// The same scene in Table 2, by levels.
+    beside: Vec<table2::Beside<'a>>,
 }
 
 /// A setting that was timed.
@@ -90,8 +103,8 @@ fn by(measure: ErrorMeasure) -> &'static str {
     if measure == ErrorMeasure::Flip { "FLIP" } else { "depth error" }
 }
 
-/// The questions that a sweep answers, about every scene that has triangles to compare with. `machine` is its name.
-pub(super) fn questions(report: &SweepReport, machine: &str) -> Vec<Question> {
+/// The scenes that have triangles to compare with, each on every engine that cast all settings.
+fn subjects<'a>(report: &'a SweepReport, machine: &'a OnMachine<'a>) -> Vec<Subject<'a>> {
     let engines = compared_engines(report);
     let mut subjects = Vec::new();
     for scene in report.scenes.iter().filter(|scene| scene.exact == ExactKind::Triangles) {
@@ -99,9 +112,37 @@ pub(super) fn questions(report: &SweepReport, machine: &str) -> Vec<Question> {
             let mesh =
                 if scene.mesh == SceneVariant::Real { String::new() } else { format!(" ({})", scene.mesh.title()) };
             let on = if engines.len() > 1 { format!(" on {engine}") } else { String::new() };
-            subjects.push(Subject { scene, engine, name: format!("{}{mesh}{on}", scene.name) });
+            let beside = table2::beside(machine, &scene.name, &scene.identity, engine);
+            let (scope, size) = (scope(report, scene, engine), report.plan.size);
+            subjects.push(Subject { scene, engine, name: format!("{}{mesh}{on}", scene.name), size, scope, beside });
         }
     }
+    subjects
+}
+
+/// What the answers about a scene hold for: `cpu (AVX2, 8 lanes, 2 threads), 512x384, octrees of 5 to 8 levels`.
+fn scope(report: &SweepReport, scene: &SceneSweep, engine: EngineId) -> String {
+    let device = report.devices.iter().find(|device| device.backend == engine);
+    let detail = device.map_or_else(String::new, |device| format!(" ({})", device.detail));
+    let [width, height] = report.plan.size;
+    let levels = scene.octrees.iter().map(|octree| octree.levels);
+    let levels = match (levels.clone().min(), levels.max()) {
+        (Some(a), Some(b)) if a != b => format!(", octrees of {a} to {b} levels"),
+        (Some(a), _) => format!(", octrees of {a} levels"),
+        _ => String::new(),
+    };
+    format!("{engine}{detail}, {width}x{height}{levels}")
+}
+
+/// What the page shows of a sweep's answers on demand: times with their spread. No rows: no scene has triangles to compare with.
+pub(super) fn termination(report: &SweepReport, machine: &OnMachine) -> PageTable {
+    termination::table(&subjects(report, machine))
+}
+
+/// The questions that a sweep answers, about every scene that has triangles to compare with.
+pub(super) fn questions(report: &SweepReport, machine: &OnMachine) -> Vec<Question> {
+    let engines = compared_engines(report);
+    let subjects = subjects(report, machine);
     if subjects.is_empty() {
         return Vec::new();
     }
@@ -112,9 +153,15 @@ pub(super) fn questions(report: &SweepReport, machine: &str) -> Vec<Question> {
     let ask = |id, question: &str, rule: String, answer: &dyn Fn(&Subject) -> Answered| Question {
         id,
         question: question.into(),
-        machine: machine.into(),
+        machine: machine.name.clone(),
         rule,
-        answers: subjects.iter().map(answer).collect(),
+        answers: (subjects.iter())
+            .map(|subject| {
+                let mut answered = Answered { scope: subject.scope.clone(), ..answer(subject) };
+                table2::add(id, subject, &mut answered);
+                answered
+            })
+            .collect(),
         table: None,
     };
     let rounds = report.plan.rounds;
@@ -124,34 +171,38 @@ pub(super) fn questions(report: &SweepReport, machine: &str) -> Vec<Question> {
             "What settings give an error of half a pixel in the least time?",
             format!(
                 "Of the sweep's settings, the fastest whose depth error is at most half a pixel for 90 % of the rays that hit. Times are \
-                 for a frame of {width}x{height}{on}, of {rounds} rounds. {} Octrees of more levels than the sweep has may do better: see \
-                 Table 2 and the error beside it.",
-                span::RULE
+                 for a frame of {width}x{height}{on}, of {rounds} rounds. {} {}",
+                span::RULE,
+                BESIDE
             ),
             &half_pixel::answer,
         ),
         ask(
             "contours",
             "Do contours pay?",
-            "At equal error: for a series of errors, the fastest setting with contours against the fastest with cubes that is not less \
-             exact; within the spread of their rounds they are as fast. Errors are taken in two ways: depth error (90th percentile) and \
-             FLIP, the visible difference of the pictures. The last line compares octrees of as many levels."
-                .into(),
+            format!(
+                "At equal error: for a series of errors, the fastest setting with contours against the fastest with cubes that is not less \
+                 exact; within the spread of their rounds they are as fast. Errors are taken in two ways: depth error (90th percentile) and \
+                 FLIP, the visible difference of the pictures. Octrees of as many levels are compared in a line of its own. {BESIDE}"
+            ),
             &contours::answer,
         ),
         ask(
             "triangles",
             "Where do the triangles themselves win?",
-            "Triangles have no error. They win below the error of the most exact octree whose least time is not above theirs.".into(),
+            format!(
+                "Triangles have no error. They win below the error of the most exact octree whose least time is not above theirs. {BESIDE}"
+            ),
             &features::triangles_win,
         ),
         ask(
             "beam",
-            "What does the beam optimization save?",
-            "Pairs of settings that differ in the beam alone: the median of their least times divided. It is told from noise if 1 is \
-             outside of the interval that holds the median with 95 %, by the ranks of the ratios, or if pairs that are no ties go one way (sign \
-             test, 95 %). Hits and errors are the same."
-                .into(),
+            &format!("What does the beam optimization save, in pictures of {width}x{height}?"),
+            format!(
+                "For pictures of {width}x{height} only; Table 2 has other sizes. Pairs of settings that differ in the beam alone: the \
+                 median of their least times divided. It is told from noise if 1 is outside of the interval that holds the median with 95 %, by \
+                 the ranks of the ratios, or if pairs that are no ties go one way (sign test, 95 %). Hits and errors are the same. {BESIDE}"
+            ),
             &features::beam,
         ),
     ]
@@ -191,7 +242,8 @@ mod tests {
     }
 
     pub(super) fn answer(cells: Vec<Cell>, id: &str) -> Answered {
-        let question = questions(&report(cells), "example, 2 threads").into_iter().find(|q| q.id == id).unwrap();
+        let machine = OnMachine { name: "example, 2 threads".into(), id: String::new(), found: Vec::new() };
+        let question = questions(&report(cells), &machine).into_iter().find(|q| q.id == id).unwrap();
         assert_eq!(question.machine, "example, 2 threads");
         question.answers.into_iter().next().unwrap()
     }
