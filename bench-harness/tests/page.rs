@@ -246,6 +246,15 @@ fn the_script_sorts_shows_and_compares_in_a_browser() {
     let unsorted = free.replacen("[...rows].sort(order)", "rows", 1);
     let found = faults(&chromium, &unsorted).join("\n");
     assert!(unsorted != free && found.contains("does not sort up"), "{found}");
+    for (part, fault) in [
+        ("points[to].focus();", "an arrow key does not go to the next mark"),
+        ("point.addEventListener(\"focus\", () => showTip(point));", "a mark with the focus has no tip"),
+        ("if (hint && hint.className === \"more\") hint.hidden = !cut;", "a table that is cut does not say so"),
+    ] {
+        let broken = free.replacen(part, "", 1);
+        let found = faults(&chromium, &broken).join("\n");
+        assert!(broken != free && found.contains(fault), "{part}: {found}");
+    }
     let blocked = html.replacen("\"use strict\";", "\"use strict\"; ", 1);
     assert!(blocked != html && !faults(&chromium, &blocked).is_empty());
 }
@@ -281,6 +290,13 @@ const OVERFLOW: &str = "const root = page.documentElement;\
         for (const cell of table.querySelectorAll('tbody > tr > *'))\
             if (cell.scrollWidth > cell.clientWidth + 1) say(`text leaves its cell: ${cell.textContent}`); }";
 
+/// Names of scenes that take more than one line.
+const BROKEN_NAMES: &str = "let names = 0; for (const cell of page.querySelectorAll('th.name')) {\
+        if (!cell.checkVisibility()) continue; names += 1;\
+        const range = page.createRange(); range.selectNode(cell.firstChild);\
+        if (range.getClientRects().length > 1) say(`broken: ${cell.firstChild.textContent}`); }\
+    if (names === 0) say('no name of a scene');";
+
 /// Where columns of the settings' tables end, as far as they can be seen without scrolling.
 fn seen(columns: &[&str]) -> String {
     format!(
@@ -302,6 +318,7 @@ fn narrow_and_wide_windows_show_what_counts_without_scrolling() {
     let first = ["setting", "time, ms", "depth error 90 %", "hits"];
     for html in [&html, &stored] {
         assert_eq!(laid_out(&chromium, html, 400, &(OVERFLOW.to_owned() + &seen(&first))), [""; 0]);
+        assert_eq!(laid_out(&chromium, html, 400, BROKEN_NAMES), [""; 0]);
         let wide = [&first[..], &["FLIP"]].concat();
         assert_eq!(laid_out(&chromium, html, 1300, &(OVERFLOW.to_owned() + &seen(&wide))), [""; 0]);
     }
@@ -309,6 +326,14 @@ fn narrow_and_wide_windows_show_what_counts_without_scrolling() {
     let wide = html.replacen("<main>", "<main><div style=\"width:500px\">x</div>", 1);
     let found = laid_out(&chromium, &wide, 400, OVERFLOW);
     assert!(found.iter().any(|line| line.starts_with("the page is ")), "{found:?}");
+    let broken = html.replacen(
+        "th.name { white-space: nowrap;",
+        "th.name { width: 1rem; min-width: 0; overflow-wrap: anywhere;",
+        1,
+    );
+    let broken = broken.replacen("max-width: none; overflow-wrap: normal; }", "max-width: 2rem !important; }", 1);
+    let found = laid_out(&chromium, &broken, 400, BROKEN_NAMES);
+    assert!(broken != html && found.iter().any(|line| line.starts_with("broken: ")), "{found:?}");
     let found = laid_out(&chromium, &html, 400, &seen(&["on disk"]));
     assert!(found.iter().any(|line| line.starts_with("on disk is beyond")), "{found:?}");
     let broken =

@@ -384,11 +384,14 @@ impl<'a> Between<'a> {
             let side = |at: usize| {
                 let (record, timing) = &twice.of[at];
                 let rounds = if timing.rounds() == 1 { "round" } else { "rounds" };
-                let small = vec![self.name(*record), format!("{}, {} {rounds}", timing.detail, timing.rounds())];
+                let mut small = vec![self.name(*record), format!("{} {rounds}", timing.rounds())];
+                // Drivers are the same in both, or said above.
+                small.extend((timing.kind == DeviceKind::Cpu).then(|| timing.detail.to_owned()));
                 PageCell::number(short(twice.mrays[at]), twice.mrays[at], small)
             };
             vec![
-                PageCell::new(twice.thing().words()),
+                PageCell::new(twice.thing().scene.clone()),
+                PageCell::new(twice.thing().setting()),
                 PageCell::new(twice.of[0].1.engine.name()),
                 PageCell::number(short(twice.ratio()), twice.ratio(), Vec::new()),
                 side(0),
@@ -400,8 +403,8 @@ impl<'a> Between<'a> {
             notes: vec![format!(
                 "Millions of rays per second, medians of the rounds over the views that both cast; those that differ by more than {WIDE} times."
             )],
-            head: ["what", "engine", "times", "Mrays/s", "Mrays/s in the other"].map(Into::into).into(),
-            left: 2,
+            head: ["scene", "what", "engine", "times", "Mrays/s", "Mrays/s in the other"].map(Into::into).into(),
+            left: 3,
             cards: false,
             rows: wide.iter().map(row).collect(),
         }
@@ -412,7 +415,8 @@ impl<'a> Between<'a> {
             let each: Vec<String> =
                 sizes.sizes.iter().map(|(bytes, records)| self.size_in_words(*bytes, records)).collect();
             vec![
-                PageCell::new(sizes.which.words()),
+                PageCell::new(sizes.which.scene.clone()),
+                PageCell::new(sizes.which.kind()),
                 PageCell::number(short(sizes.ratio()), sizes.ratio(), Vec::new()),
                 PageCell { small: each[1..].to_vec(), ..PageCell::new(each[0].clone()) },
             ]
@@ -420,8 +424,8 @@ impl<'a> Between<'a> {
         PageTable {
             caption: "Octrees of other sizes".into(),
             notes: vec!["Bytes in memory of octrees of the same mesh, levels and kind; largest over smallest.".into()],
-            head: ["octree", "times", "sizes, the newest record first"].map(Into::into).into(),
-            left: 3,
+            head: ["scene", "octree", "times", "sizes, the newest record first"].map(Into::into).into(),
+            left: 4,
             cards: false,
             rows: self.differing().iter().map(row).collect(),
         }

@@ -8,7 +8,7 @@ use crate::records::{Found, Record};
 /// An octree of a mesh.
 #[derive(Clone, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub(in crate::page) struct Which {
-    scene: String,
+    pub(in crate::page) scene: String,
     /// Of its mesh.
     identity: String,
     levels: u32,
@@ -18,8 +18,12 @@ pub(in crate::page) struct Which {
 impl Which {
     /// `SIBENIK, 10 levels, contours`.
     pub(in crate::page) fn words(&self) -> String {
-        let kind = if self.contours { "contours" } else { "cubes" };
-        format!("{}, {} levels, {kind}", self.scene, self.levels)
+        format!("{}, {}", self.scene, self.kind())
+    }
+
+    /// `10 levels, contours`.
+    pub(in crate::page) fn kind(&self) -> String {
+        format!("{} levels, {}", self.levels, if self.contours { "contours" } else { "cubes" })
     }
 }
 

@@ -29,11 +29,16 @@ pub(in crate::page) struct Thing {
 }
 
 impl Thing {
-    /// `SIBENIK, 10 levels, contours with the beam, 512x384`; rays that do not end at one pixel are said.
+    /// `SIBENIK, 10 levels, contours with the beam, 512x384`.
     pub(in crate::page) fn words(&self) -> String {
+        format!("{}, {}", self.scene, self.setting())
+    }
+
+    /// `10 levels, contours with the beam, 512x384`; rays that do not end at one pixel are said.
+    pub(in crate::page) fn setting(&self) -> String {
         let [width, height] = self.size;
         if self.levels == 0 {
-            return format!("{}, triangles, {width}x{height}", self.scene);
+            return format!("triangles, {width}x{height}");
         }
         let beam = if self.beam { " with the beam" } else { "" };
         let end = match self.end {
@@ -41,7 +46,7 @@ impl Thing {
             0 => ", rays end at leaves".into(),
             end => format!(", rays end at {} px", f64::from(end) / 100.0),
         };
-        format!("{}, {} levels, {}{beam}{end}, {width}x{height}", self.scene, self.levels, self.kind)
+        format!("{} levels, {}{beam}{end}, {width}x{height}", self.levels, self.kind)
     }
 }
 
