@@ -39,6 +39,16 @@ fn diff_tells_octrees_apart_by_what_they_hold() {
     assert!(out.starts_with("object 0, /: levels 6 in the first, 4 in the second\n"), "{out}");
     assert!(out.lines().count() == 3 && out.contains(" more"), "{out}");
     assert!(error.contains("differ in"), "{error}");
+    // Other normals in the same voxels.
+    folder.ok(&["build", "box.obj", "-o", "bare.esvo", "--levels", "6", "--no-normals"]);
+    assert_eq!(folder.run(&["diff", "box.esvo", "bare.esvo"]).status.code(), Some(1));
+    let cubes =
+        |normals: &str, file: &str| folder.ok(&["build", "box.obj", "-o", file, "-l", "5", "--no-contours", normals]);
+    cubes("--no-normals", "bare.esvo");
+    cubes("--plain-attributes", "dressed.esvo");
+    assert_eq!(folder.ok(&["diff", "bare.esvo", "dressed.esvo", "--topology"]), "the same voxels\n");
+    assert_eq!(folder.run(&["diff", "bare.esvo", "dressed.esvo"]).status.code(), Some(1));
+    assert_eq!(folder.run(&["diff", "bare.esvo", "coarse.esvo", "--topology"]).status.code(), Some(1));
     let json = folder.run(&["diff", "box.esvo", "coarse.esvo", "--json"]);
     let json: Value = serde_json::from_slice(&json.stdout).unwrap();
     assert!(json["total"].as_u64().unwrap() > 2 && json["list"][0]["what"] == "levels", "{json}");

@@ -18,13 +18,17 @@ compression, metadata and unknown sections. Both files are checked against every
 code 0 if the octrees are the same; 1 if they differ, with a list of the first differences, or if
 a file is damaged.
 
-Example:
-  esvo diff before.esvo after.esvo")]
+Examples:
+  esvo diff before.esvo after.esvo
+  esvo diff --topology exact.esvo voxelized.esvo")]
 pub(crate) struct DiffArguments {
     /// The first file
     pub(crate) first: PathBuf,
     /// The second file
     pub(crate) second: PathBuf,
+    /// Compare objects, transforms and which voxels there are, but not their contours, colours and normals
+    #[arg(long)]
+    pub(crate) topology: bool,
     /// List at most this many differences
     #[arg(long, value_name = "N", default_value_t = 20)]
     pub(crate) limit: usize,
@@ -36,12 +40,13 @@ pub(crate) struct DiffArguments {
 pub(crate) fn run_diff(arguments: &DiffArguments) -> Result<(), Failure> {
     let (first, second) = (open_verified(&arguments.first)?, open_verified(&arguments.second)?);
     let names = format!("{} and {}", arguments.first.display(), arguments.second.display());
+    let compare = if arguments.topology { diff::diff_topology } else { diff::diff };
     let differences =
-        diff::diff(&first, &second, arguments.limit).map_err(|e| format!("{names}: cannot be compared: {e}"))?;
+        compare(&first, &second, arguments.limit).map_err(|e| format!("{names}: cannot be compared: {e}"))?;
     let text = if arguments.json {
         serde_json::to_string_pretty(&differences)? + "\n"
     } else if differences.is_empty() {
-        "the same octree\n".into()
+        if arguments.topology { "the same voxels\n".into() } else { "the same octree\n".into() }
     } else {
         let mut text = String::new();
         for difference in &differences.list {

@@ -56,11 +56,23 @@ impl Differences {
 /// # Errors
 /// An octree of a file that is not [verified](Octree::verified), or one that is not [sound](Octree::sound).
 pub fn diff(a: &Octree, b: &Octree, limit: usize) -> Result<Differences, FormatError> {
+    compare(a, b, limit, false)
+}
+
+/// The same without contours, colours, normals, values at corners and ambient light: which voxels there are, and which of them are leaves.
+///
+/// # Errors
+/// As [`diff`].
+pub fn diff_topology(a: &Octree, b: &Octree, limit: usize) -> Result<Differences, FormatError> {
+    compare(a, b, limit, true)
+}
+
+fn compare(a: &Octree, b: &Octree, limit: usize, topology: bool) -> Result<Differences, FormatError> {
     for octree in [a, b] {
         octree.verified()?;
         octree.sound()?;
     }
-    let mut compare = Compare { a, b, limit, found: Differences::default(), object: 0 };
+    let mut compare = Compare { a, b, limit, topology, found: Differences::default(), object: 0 };
     let counts = (a.objects().len(), b.objects().len());
     compare.equal(&[], "number of objects", counts.0, counts.1);
     for object in 0..counts.0.min(counts.1) {
@@ -122,6 +134,8 @@ struct Compare<'a> {
     a: &'a Octree,
     b: &'a Octree,
     limit: usize,
+    /// Whether what voxels have is left out.
+    topology: bool,
     found: Differences,
     object: usize,
 }
@@ -182,7 +196,7 @@ impl Compare<'_> {
         if kind(first) != kind(second) {
             self.add(path, "is", kind(first).into(), kind(second).into());
         }
-        if (first.1 & second.1) >> child & 1 == 0 {
+        if self.topology || (first.1 & second.1) >> child & 1 == 0 {
             return;
         }
         let contours = (self.a.contour(first.0, child), self.b.contour(second.0, child));
