@@ -1,0 +1,63 @@
+//! What the tests share: an open voxelizer, and the exact answer.
+
+use std::collections::BTreeSet;
+use std::sync::OnceLock;
+
+use esvo_raster::{Method, Options, RasterError, Surface, Voxelizer, Voxels, bounds, codes};
+use glam::DVec3;
+
+/// The voxelizer of the tests; `None`, with a line of output, where there is no device and none is required.
+pub(crate) fn voxelizer() -> Option<&'static Voxelizer> {
+    static OPEN: OnceLock<Option<Voxelizer>> = OnceLock::new();
+    OPEN.get_or_init(|| match Voxelizer::open(None) {
+        Ok(voxelizer) => Some(voxelizer),
+        Err(error) if std::env::var_os("ESVO_REQUIRE_GPU").is_some() => panic!("{error}"),
+        Err(error) => {
+            println!("skipped: {error}");
+            None
+        }
+    })
+    .as_ref()
+}
+
+/// The voxels that a method finds, or `None`, with a line of output, where the device lacks what it needs.
+pub(crate) fn found(voxelizer: &Voxelizer, corners: &[[DVec3; 3]], level: u32, method: Method) -> Option<Voxels> {
+    match voxelizer.voxelize(&Surface { corners, looks: None }, &Options::new(level, method)) {
+        Ok(voxels) => Some(voxels),
+        Err(RasterError::Lacks { method, device, lacks }) => {
+            println!("{method} left out: {device} {lacks}");
+            None
+        }
+        Err(error) => panic!("{method}: {error}"),
+    }
+}
+
+/// The voxels that the closed triangles meet, by double precision.
+pub(crate) fn exact(corners: &[[DVec3; 3]], level: u32) -> BTreeSet<u64> {
+    let edge = 1i64 << level;
+    let mut set = BTreeSet::new();
+    for triangle in corners {
+        let scaled = triangle.map(|corner| corner * edge as f64);
+        let low =
+            scaled[0].min(scaled[1]).min(scaled[2]).to_array().map(|x| ((x.floor() - 1.0) as i64).clamp(0, edge - 1));
+        let high =
+            scaled[0].max(scaled[1]).max(scaled[2]).to_array().map(|x| ((x.floor() + 1.0) as i64).clamp(0, edge - 1));
+        for z in low[2]..=high[2] {
+            for y in low[1]..=high[1] {
+                for x in low[0]..=high[0] {
+                    if bounds::meets(&scaled, [x, y, z]) {
+                        set.insert(codes::code([x as u32, y as u32, z as u32]));
+                    }
+                }
+            }
+        }
+    }
+    set
+}
+
+/// Whether some triangle is so close to meeting this voxel, or to missing it, that single precision cannot say.
+pub(crate) fn is_within_bound(corners: &[[DVec3; 3]], level: u32, code: u64) -> bool {
+    let scale = f64::from(1u32 << level);
+    let cell = codes::cell(code).map(i64::from);
+    corners.iter().any(|triangle| bounds::may_differ(&triangle.map(|corner| corner * scale), cell))
+}
