@@ -78,6 +78,8 @@ step needs 120 "$esvo" bench needs --backends wgpu,ash --scenes sibenik --views 
 step rays 90 "$esvo" bench rays --seconds 20 --out "$folder"
 # Error against run time.
 step sweep 100 "$esvo" bench sweep --scenes sibenik --levels 7,8,9 --views 1 --rounds 3 --cache "$cache" --out "$folder"
+# Which voxels each method finds, and how fast.
+step voxelize 100 "$esvo" bench voxelize --scenes "${SCENES:-sibenik,conference}" --out "$folder"
 # All of it on one page.
 step page 30 "$esvo" bench page "$folder" -o "$folder/page.html"
 

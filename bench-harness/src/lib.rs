@@ -23,6 +23,7 @@
 //! - [`ray_bench`]: `esvo bench rays`, lists of rays on every engine next to a picture.
 //! - [`stability_bench`]: `esvo bench stability`, hard rays through hard octrees on every engine, judged by an oracle.
 //! - [`sweep_bench`]: `esvo bench sweep`, error against run time; `esvo advise` picks settings from its record.
+//! - [`voxel_bench`]: `esvo bench voxelize`, voxelization on a GPU against the builder's voxels.
 //! - [`import_bench`]: `esvo bench import`, what happens to each mesh file of a folder.
 //! - [`full_bench`]: `esvo bench --full`, all of these one after the other.
 //! - [`page`]: `esvo bench page`, one HTML file of the records of the others.
@@ -73,6 +74,7 @@ pub mod system;
 pub mod text;
 pub mod timing;
 mod units;
+pub mod voxel_bench;
 
 pub use bench_error::BenchError;
 pub use paper_bench::matrix::Matrix;

@@ -13,6 +13,7 @@ use crate::ray_bench::RayReport;
 use crate::stability_bench::StabilityReport;
 use crate::sweep_bench::{SweepReport, read_sweep_record};
 use crate::system::machine::Machine;
+use crate::voxel_bench::VoxelReport;
 
 /// Folders below a given one in which records are looked for.
 const DEPTH: usize = 4;
@@ -43,6 +44,8 @@ pub enum Record {
     Rays(Box<RayReport>),
     /// Of `esvo bench needs`.
     Needs(Box<NeedsReport>),
+    /// Of `esvo bench voxelize`.
+    Voxelize(Box<VoxelReport>),
 }
 
 impl Record {
@@ -55,6 +58,7 @@ impl Record {
             Self::Stability(_) => "esvo bench stability",
             Self::Rays(_) => "esvo bench rays",
             Self::Needs(_) => "esvo bench needs",
+            Self::Voxelize(_) => "esvo bench voxelize",
         }
     }
 
@@ -67,6 +71,7 @@ impl Record {
             Self::Stability(report) => &report.machine,
             Self::Rays(report) => &report.machine,
             Self::Needs(report) => &report.machine,
+            Self::Voxelize(report) => &report.machine,
         }
     }
 }
@@ -80,6 +85,7 @@ enum Kind {
     Stability,
     Rays,
     Needs,
+    Voxelize,
     /// A record that pages do not show.
     Format,
 }
@@ -89,7 +95,8 @@ fn kind(value: &Value) -> Option<Kind> {
     if !has(&["schema", "machine"]) {
         return None;
     }
-    let kinds: [(Kind, &[&str]); 7] = [
+    let kinds: [(Kind, &[&str]); 8] = [
+        (Kind::Voxelize, &["curve", "device"]),
         (Kind::Stability, &["controls", "leaks", "meshes"]),
         (Kind::Sweep, &["plan", "devices", "scenes"]),
         (Kind::Rays, &["sets", "engines", "view"]),
@@ -121,7 +128,10 @@ pub fn find_records(inputs: &[PathBuf]) -> Result<Vec<Found>, BenchError> {
     }
     if found.is_empty() {
         let names: Vec<_> = inputs.iter().map(|input| input.display().to_string()).collect();
-        return Err(bad(&names.join(", "), "holds no record of esvo bench, build, sweep, stability, rays or needs"));
+        return Err(bad(
+            &names.join(", "),
+            "holds no record of esvo bench, build, sweep, stability, rays, needs or voxelize",
+        ));
     }
     let mut seen = Vec::new();
     found.retain(|one| {
@@ -178,7 +188,7 @@ fn read(path: &Path, named: bool) -> Result<Option<Found>, BenchError> {
         return match kind {
             _ if !named => Ok(None),
             Some(_) => Err(bad(&file, "is a record of esvo bench format, which pages do not show")),
-            None => Err(bad(&file, "is no record of esvo bench, build, sweep, stability, rays or needs")),
+            None => Err(bad(&file, "is no record of esvo bench, build, sweep, stability, rays, needs or voxelize")),
         };
     };
     let own = path.file_name().unwrap_or_default().to_string_lossy();
@@ -196,6 +206,7 @@ fn parse_record(path: &Path, text: &str, kind: Option<Kind>) -> Result<Option<Re
         Some(Kind::Stability) => Record::Stability(parse(text, &file, crate::stability_bench::SCHEMA)?),
         Some(Kind::Rays) => Record::Rays(parse(text, &file, crate::ray_bench::SCHEMA)?),
         Some(Kind::Needs) => Record::Needs(parse(text, &file, crate::needs_bench::SCHEMA)?),
+        Some(Kind::Voxelize) => Record::Voxelize(parse(text, &file, crate::voxel_bench::SCHEMA)?),
         // Its cells point at octrees, which this function checks.
         Some(Kind::Sweep) => Record::Sweep(Box::new(read_sweep_record(path)?)),
         Some(Kind::Format) | None => return Ok(None),

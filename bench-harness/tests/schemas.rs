@@ -15,13 +15,19 @@ use esvo_bench::paper_bench::{PaperBenchOptions, run_paper_bench};
 use esvo_bench::ray_bench::{RayBenchOptions, run_ray_bench};
 use esvo_bench::stability_bench::{StabilityOptions, run_stability_bench};
 use esvo_bench::sweep_bench::{Cache, SweepBenchOptions, SweepPlan, run_sweep_bench};
+use esvo_bench::system::machine::Machine;
+use esvo_bench::voxel_bench::{
+    CurvePoint, Grid, MethodRow, PictureGroup, SceneVoxels, VoxelBenchOptions, VoxelReport, to_text,
+};
 use esvo_bench::{Matrix, PaperReport, Progress};
+use esvo_core::{Device, DeviceKind};
 use esvo_engines::EngineId;
 use jsonschema::Validator;
 use serde_json::{Value, json};
 
 /// Names of the schemas, and fields by which records are known.
-const RECORDS: [(&str, &[&str]); 7] = [
+const RECORDS: [(&str, &[&str]); 8] = [
+    ("voxelize", &["curve", "device"]),
     ("stability", &["controls", "leaks"]),
     ("sweep", &["plan"]),
     ("rays", &["sets", "view"]),
@@ -293,6 +299,62 @@ fn sweep() {
     let optional =
         ["/all_on_software", "/calibration", "cells/guard", "guard/calibration_cpu_seconds", "guard/cpu_seconds"];
     holds("sweep", &parse(&report.to_json()), &optional);
+}
+
+/// A record that is made up: one that is measured needs a GPU.
+#[test]
+fn voxelize() {
+    let methods = ["a", "g"].map(|letter| MethodRow {
+        letter: letter.into(),
+        name: "a method".into(),
+        tested: letter == "g",
+        voxels: 10,
+        cracks: 1,
+        holes: 2,
+        extra: 3,
+        beyond_bound: 0,
+        undecided: 4,
+        fragments: 20,
+        voxelize_ms: vec![1.5, 1.25],
+        compact_ms: vec![0.5, 0.25],
+        host_ms: vec![0.125, 0.0625],
+        bytes: 1 << 20,
+        tiles: 3,
+        tiles_of_grid: 8,
+    });
+    let grid =
+        Grid { level: 8, voxels: 12, exact_ms: vec![2.5], build_ms: 4.5, mean_edge: 3.5, methods: methods.to_vec() };
+    let text = |text: &str| text.to_owned();
+    let scene = SceneVoxels {
+        name: text("FLOOR"),
+        identity: text("generated"),
+        credit: text("generated"),
+        triangles: 7,
+        grids: vec![grid],
+    };
+    let point = CurvePoint { edge: 2.5, letter: text("b"), voxels: 100, missing: 9, holes: 4 };
+    let options = VoxelBenchOptions {
+        device: Some(text("llvmpipe")),
+        methods: vec![text("a"), text("g")],
+        ..VoxelBenchOptions::default()
+    };
+    let report = VoxelReport {
+        schema: esvo_bench::voxel_bench::SCHEMA,
+        machine: Machine::detect(),
+        options,
+        device: Device { name: text("llvmpipe"), kind: DeviceKind::SoftwareGpu, detail: text("wgpu") },
+        left_out: vec![left_out()],
+        scenes: vec![scene],
+        curve: vec![point],
+        pictures: vec![PictureGroup {
+            what: text("Needles"),
+            credit: text("generated"),
+            files: vec![text("voxels-needles-compute.png")],
+        }],
+        seconds: 1.5,
+    };
+    holds("voxelize", &parse(&report.to_json()), &["options/device"]);
+    insta::assert_snapshot!("voxelize", to_text(&report).lines().skip(3).collect::<Vec<_>>().join("\n"));
 }
 
 #[test]

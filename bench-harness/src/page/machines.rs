@@ -82,6 +82,7 @@ fn gpus(record: &Record) -> BTreeSet<String> {
         Record::Needs(r) => r.engines.iter().for_each(|row| add(&row.device.name, row.device.kind)),
         Record::Rays(r) => r.engines.iter().flat_map(|row| &row.device).for_each(|d| add(&d.name, d.kind)),
         Record::Stability(r) => r.engines.iter().flat_map(|row| &row.device).for_each(|d| add(&d.name, d.kind)),
+        Record::Voxelize(r) => add(&r.device.name, r.device.kind),
         Record::Build(_) => {}
     }
     names

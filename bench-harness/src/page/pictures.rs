@@ -4,7 +4,6 @@ use std::path::Path;
 
 use base64::Engine;
 
-use crate::paper_bench::report::SceneReport;
 use crate::records::{Found, Record};
 use crate::system::machine::slug;
 
@@ -29,13 +28,30 @@ pub(super) struct Shot {
     pub(super) height: u32,
 }
 
-/// The pictures of all records of the paper's tables, and what was left out. Scenes whose pictures may not be published have none.
+/// The pictures of all records of the paper's tables and of voxelization, and what was left out. Scenes whose pictures may not be published have none.
 /// Those that another record has in the same way are shown once.
 pub(super) fn comparisons(found: &[Found], most_bytes: u64) -> (Vec<Comparison>, Vec<String>) {
     let (mut all, mut left_out, mut bytes) = (Vec::<Comparison>::new(), Vec::new(), 0);
     for one in found {
-        let Record::Paper(report) = &one.record else { continue };
         let folder = one.path.parent().unwrap_or(Path::new(""));
+        if let Record::Voxelize(report) = &one.record {
+            for group in &report.pictures {
+                let mut shots = Vec::new();
+                for name in &group.files {
+                    match shot(folder, name, method_label(name), most_bytes.saturating_sub(bytes)) {
+                        Ok((shot, size)) => {
+                            bytes += size;
+                            shots.push(shot);
+                        }
+                        Err(why) => left_out.push(format!("{name} of {}: {why}", one.name)),
+                    }
+                }
+                if !shots.is_empty() {
+                    all.push(Comparison { scene: group.what.clone(), credit: group.credit.clone(), shots });
+                }
+            }
+        }
+        let Record::Paper(report) = &one.record else { continue };
         for scene in &report.scenes {
             if !scene.publish {
                 if !scene.pictures.is_empty() {
@@ -45,7 +61,7 @@ pub(super) fn comparisons(found: &[Found], most_bytes: u64) -> (Vec<Comparison>,
             }
             let mut shots = Vec::new();
             for name in &scene.pictures {
-                match shot(folder, name, scene, most_bytes.saturating_sub(bytes)) {
+                match shot(folder, name, label(name, &scene.name), most_bytes.saturating_sub(bytes)) {
                     Ok((shot, _)) if all.iter().any(|known| known.shots.contains(&shot)) => {}
                     Ok((shot, size)) => {
                         bytes += size;
@@ -64,7 +80,7 @@ pub(super) fn comparisons(found: &[Found], most_bytes: u64) -> (Vec<Comparison>,
 }
 
 /// Reads a picture of at most `room` bytes.
-fn shot(folder: &Path, name: &str, scene: &SceneReport, room: u64) -> Result<(Shot, u64), String> {
+fn shot(folder: &Path, name: &str, label: String, room: u64) -> Result<(Shot, u64), String> {
     // A record names files beside it, and nothing else.
     if name.is_empty() || name.contains(['/', '\\', ':']) || name.starts_with('.') {
         return Err("is no name of a file beside the record".into());
@@ -80,7 +96,7 @@ fn shot(folder: &Path, name: &str, scene: &SceneReport, room: u64) -> Result<(Sh
     let file = std::fs::read(&path).map_err(|e| e.to_string())?;
     let Some([width, height]) = png_size(&file) else { return Err("is no PNG file".into()) };
     let uri = format!("data:image/png;base64,{}", base64::engine::general_purpose::STANDARD.encode(&file));
-    Ok((Shot { label: label(name, &scene.name), uri, width, height }, size))
+    Ok((Shot { label, uri, width, height }, size))
 }
 
 fn png_size(file: &[u8]) -> Option<[u32; 2]> {
@@ -89,6 +105,28 @@ fn png_size(file: &[u8]) -> Option<[u32; 2]> {
     let is_header = header.get(4..8)? == b"IHDR";
     Some([number(8)?, number(12)?]).filter(|size| is_header && size.iter().all(|n| (1..=16384).contains(n)))
 }
+
+/// What a picture of a method of voxelization shows, by the name that its record gives it: `voxels-steep-fixed-axis.png`.
+fn method_label(name: &str) -> String {
+    let stem = name.trim_end_matches(".png");
+    // The longest name: that of one method can be the end of another's.
+    let known = METHODS.iter().filter(|method| stem.ends_with(*method)).max_by_key(|method| method.len());
+    known.map_or(stem, |method| method).replace('-', " ")
+}
+
+/// Names of the methods of voxelization.
+const METHODS: [&str; 10] = [
+    "fixed-axis",
+    "dominant-axis",
+    "expanded",
+    "expanded-clipped",
+    "expanded-tested",
+    "multisampled-4",
+    "multisampled-8",
+    "hardware",
+    "hardware-tested",
+    "compute",
+];
 
 /// What a picture shows, by the name that its record gives it: `sibenik-12-cubical.png`, `sibenik-triangles.png`.
 fn label(name: &str, scene: &str) -> String {
@@ -117,6 +155,13 @@ mod tests {
         assert_eq!(label("sibenik-d-9-contours.png", "SIBENIK-D"), "contours, 9 levels");
         assert_eq!(label("sibenik-triangles.png", "SIBENIK"), "triangles");
         assert_eq!(label("other.png", "SIBENIK"), "other");
+    }
+
+    #[test]
+    fn pictures_of_methods_are_named_by_them() {
+        assert_eq!(method_label("voxels-sibenik-expanded-tested.png"), "expanded tested");
+        assert_eq!(method_label("pixels-multisampled-4.png"), "multisampled 4");
+        assert_eq!(method_label("pixels-unheard-of.png"), "pixels unheard of");
     }
 
     #[test]

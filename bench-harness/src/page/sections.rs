@@ -320,6 +320,18 @@ fn others(one: &Found, when: &str) -> Option<Section> {
                 vec![folded("Every octree and engine", shown(crate::needs_bench::tables::tables(report)))],
             )
         },
+        Record::Voxelize(report) => Section {
+            lead: vec![
+                "Ways to find the voxels of a mesh on a GPU, next to the exact voxels: what each misses, what it adds, and its time."
+                    .into(),
+            ],
+            ..section(
+                "voxelize",
+                "Voxelization on a GPU",
+                when,
+                whole(crate::voxel_bench::tables::tables(report)),
+            )
+        },
         _ => return None,
     })
 }

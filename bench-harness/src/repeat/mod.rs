@@ -20,6 +20,7 @@ use crate::records::{Record, read_record};
 use crate::scene::NamedView;
 use crate::stability_bench::{run_stability_bench, write_stability_record};
 use crate::sweep_bench::{Cache, SweepBenchOptions, resume_sweep_bench, write_sweep_record};
+use crate::voxel_bench::{VoxelBenchOptions, run_voxel_bench, write_voxel_record};
 use crate::{BenchError, Progress};
 
 pub use differences::Difference;
@@ -75,7 +76,7 @@ impl RepeatReport {
 pub fn repeat(path: &Path, options: &RepeatOptions, progress: &Progress) -> Result<RepeatReport, BenchError> {
     let bad = |what: String| BenchError::Matrix { file: path.display().to_string(), what };
     let first = read_record(path)?.ok_or_else(|| {
-        bad("expected report.json of esvo bench, or of esvo bench sweep, stability, rays or needs".into())
+        bad("expected report.json of esvo bench, or of esvo bench sweep, stability, rays, needs or voxelize".into())
     })?;
     let silent = || bad("does not say what was asked for: it is of an older version of this program".into());
     let command = first.command();
@@ -148,10 +149,17 @@ pub fn repeat(path: &Path, options: &RepeatOptions, progress: &Progress) -> Resu
             let right = report.passed();
             (Record::Stability(Box::new(report)), folder, right)
         }
+        Record::Voxelize(report) => {
+            let again = VoxelBenchOptions { scenes_dir: options.scenes_dir.clone(), ..report.options.clone() };
+            let outcome = run_voxel_bench(&again, progress)?;
+            let folder = write_voxel_record(&outcome, results, machine)?;
+            let right = outcome.report.passed();
+            (Record::Voxelize(Box::new(outcome.report)), folder, right)
+        }
         Record::Build(_) => return Err(bad("is of esvo bench build, which --repeat cannot run".into())),
     };
     let times = match &first {
-        Record::Stability(_) => None,
+        Record::Stability(_) | Record::Voxelize(_) => None,
         _ => {
             let again = folder.join("report.json");
             let (before, after) = (read_run(path)?, read_run(&again)?);
@@ -184,5 +192,6 @@ fn json(record: &Record) -> Result<serde_json::Value, BenchError> {
         Record::Stability(report) => value(report),
         Record::Rays(report) => value(report),
         Record::Needs(report) => value(report),
+        Record::Voxelize(report) => value(report),
     }
 }

@@ -1,0 +1,233 @@
+//! The measurement: each method voxelizes each scene in each grid and is compared with the builder's voxels.
+
+use std::time::{Duration, Instant};
+
+use esvo_builder::cells::PreparedMesh;
+use esvo_builder::{BuildSettings, Mesh};
+use esvo_raster::{Method, Options, Pair, RasterError, Surface, Voxelizer, Voxels, bounds, codes};
+use rayon::prelude::*;
+
+use super::pictures::Pictures;
+use super::rate::{beyond_bound, differences, methods};
+use super::sheet::{mean_edge, sheet};
+use super::surface::{decide, failed};
+use super::{CurvePoint, Grid, MethodRow, SCHEMA, SceneVoxels, VoxelBenchOptions, VoxelOutcome, VoxelReport};
+use crate::matrix_parts::LeftOut;
+use crate::scene::{self, Scene};
+use crate::system::machine::Machine;
+use crate::{BenchError, Progress};
+
+/// The level of the grid that sheets are voxelized into.
+const SHEET_LEVEL: u32 = 8;
+/// Edges of the triangles of sheets, in voxels.
+const SHEET_EDGES: [f64; 9] = [0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0];
+
+/// Voxelizes, compares, measures, makes pictures.
+///
+/// # Errors
+/// A scene, a method or a device that cannot be used.
+pub fn run_voxel_bench(options: &VoxelBenchOptions, progress: &Progress) -> Result<VoxelOutcome, BenchError> {
+    let start = Instant::now();
+    let wanted = methods(&options.methods)?;
+    for grid in &options.scenes {
+        if grid.levels.is_empty() || grid.levels.iter().any(|level| !(1..=esvo_raster::MAX_LEVEL).contains(level)) {
+            let what = format!("grids of levels {:?}; there are levels 1 to {}", grid.levels, esvo_raster::MAX_LEVEL);
+            return Err(failed(&grid.name, what));
+        }
+    }
+    let voxelizer = Voxelizer::open(options.device.as_deref()).map_err(|e| failed("device", e))?;
+    let mut left_out = Vec::new();
+    let mut methods = Vec::new();
+    for method in wanted {
+        match voxelizer.check(method) {
+            Ok(()) => methods.push(method),
+            Err(error @ RasterError::Lacks { .. }) => {
+                left_out.push(LeftOut { what: format!("method {}", method.letter()), reason: error.to_string() });
+            }
+            Err(error) => return Err(failed("device", error)),
+        }
+    }
+    let manifest = scene::manifest(None)?;
+    let mut pictures = Pictures::new(&voxelizer, &methods);
+    let mut scenes = Vec::new();
+    for (done, grids) in options.scenes.iter().enumerate() {
+        progress.parts(done, options.scenes.len(), start.elapsed().as_secs_f64());
+        let entry = scene::entry(&manifest, &grids.name)?;
+        if let Some(absent) = scene::left_out(entry, options.scenes_dir.as_deref(), options.scenes.len())? {
+            left_out.push(absent);
+            continue;
+        }
+        progress.say(format!("{}: reading the mesh", grids.name));
+        let scene = Scene::load(entry, options.scenes_dir.as_deref(), 1)?;
+        let deepest = grids.levels.iter().copied().max().unwrap_or(1);
+        let prepared = PreparedMesh::new(&scene.mesh, deepest).map_err(|e| failed(&scene.name, e))?;
+        let mut run =
+            Run { voxelizer: &voxelizer, options, methods: &methods, progress, prepared: &prepared, mesh: &scene.mesh };
+        let grids = grids.levels.iter().map(|&level| run.grid(&scene.name, level)).collect::<Result<Vec<_>, _>>()?;
+        if options.pictures && scene.not_published.is_none() {
+            progress.say(format!("{}: pictures", scene.name));
+            pictures.scene(&scene, &prepared)?;
+        }
+        scenes.push(SceneVoxels {
+            name: scene.name,
+            identity: scene.identity,
+            credit: scene.credit,
+            triangles: prepared.corners().len() as u64,
+            grids,
+        });
+    }
+    progress.say("sheets of triangles of one size");
+    let curve = curve(&voxelizer, &methods)?;
+    if options.pictures {
+        progress.say("pictures of test meshes");
+        pictures.test_meshes()?;
+    }
+    let report = VoxelReport {
+        schema: SCHEMA,
+        machine: Machine::detect(),
+        options: options.clone(),
+        device: voxelizer.gpu().about().clone(),
+        left_out,
+        scenes,
+        curve,
+        pictures: pictures.groups,
+        seconds: start.elapsed().as_secs_f64(),
+    };
+    Ok(VoxelOutcome { report, pictures: pictures.made })
+}
+
+struct Run<'a> {
+    voxelizer: &'a Voxelizer,
+    options: &'a VoxelBenchOptions,
+    methods: &'a [Method],
+    progress: &'a Progress,
+    prepared: &'a PreparedMesh,
+    mesh: &'a Mesh,
+}
+
+fn ms(time: Duration) -> f64 {
+    time.as_secs_f64() * 1e3
+}
+
+impl Run<'_> {
+    /// One grid, with rounds that go through all methods in turn.
+    fn grid(&mut self, name: &str, level: u32) -> Result<Grid, BenchError> {
+        let error = |e: &dyn ToString| failed(name, e.to_string());
+        let what = format!("{name}: {} voxels along the edge", 1u32 << level);
+        self.progress.say(format!("{what}: the builder"));
+        let start = Instant::now();
+        let settings =
+            BuildSettings { levels: level, contours: false, colors: false, normals: false, ..BuildSettings::default() };
+        let built = esvo_builder::build(self.mesh, &settings, &|_| ()).map_err(|e| error(&e))?;
+        let build_ms = ms(start.elapsed());
+        drop(built);
+        let mut exact = Vec::new();
+        let mut exact_ms = Vec::new();
+        let mut rows: Vec<MethodRow> = Vec::new();
+        for round in 0..self.options.rounds.max(1) {
+            let start = Instant::now();
+            exact = self.prepared.cells(level).map_err(|e| error(&e))?;
+            exact_ms.push(ms(start.elapsed()));
+            for (index, &method) in self.methods.iter().enumerate() {
+                self.progress.say(format!("{what}: {method}, round {}", round + 1));
+                let found = self.voxelize(level, method).map_err(|e| error(&e))?;
+                if round == 0 {
+                    rows.push(self.row(level, method, &exact, &found)?);
+                }
+                let (row, stats) = (&mut rows[index], &found.stats);
+                row.voxelize_ms.push(ms(stats.voxelize));
+                row.compact_ms.push(ms(stats.compact));
+                row.host_ms.push(ms(stats.preparation + stats.decisions));
+            }
+        }
+        let mean_edge = mean_edge(self.prepared.corners()) * f64::from(1u32 << level);
+        Ok(Grid { level, voxels: exact.len() as u64, exact_ms, build_ms, mean_edge, methods: rows })
+    }
+
+    fn surface(&self) -> Surface<'_> {
+        Surface { corners: self.prepared.corners(), looks: None }
+    }
+
+    fn voxelize(&self, level: u32, method: Method) -> Result<Voxels, RasterError> {
+        let decide = |pairs: &[Pair]| decide(self.prepared, level, pairs);
+        self.voxelizer.voxelize(&self.surface(), &Options { decide: Some(&decide), ..Options::new(level, method) })
+    }
+
+    /// What a method finds, compared with the exact voxels.
+    fn row(&self, level: u32, method: Method, exact: &[u64], found: &Voxels) -> Result<MethodRow, BenchError> {
+        let (surface, options) = (self.surface(), Options::new(level, method));
+        let (missing, extra) = differences(exact, &found.codes);
+        let error = |e: RasterError| failed(method.name(), e);
+        let cracks = self.voxelizer.cracks(&surface, &options, &missing).map_err(error)?.len() as u64;
+        let fragments = self.voxelizer.pixels(&surface, &options).map_err(error)?.shaded;
+        let mut beyond = 0;
+        if method.is_tested() {
+            beyond = beyond_bound(self.prepared, level, &missing)? + beyond_bound(self.prepared, level, &extra)?;
+        }
+        Ok(MethodRow {
+            letter: method.letter().into(),
+            name: method.name().into(),
+            tested: method.is_tested(),
+            voxels: found.codes.len() as u64,
+            cracks,
+            holes: missing.len() as u64 - cracks,
+            extra: extra.len() as u64,
+            beyond_bound: beyond,
+            undecided: found.stats.undecided,
+            fragments,
+            voxelize_ms: Vec::new(),
+            compact_ms: Vec::new(),
+            host_ms: Vec::new(),
+            bytes: found.stats.bytes,
+            tiles: found.stats.tiles,
+            tiles_of_grid: found.stats.tiles_of_grid,
+        })
+    }
+}
+
+/// Missing voxels by the size of triangles.
+fn curve(voxelizer: &Voxelizer, methods: &[Method]) -> Result<Vec<CurvePoint>, BenchError> {
+    let voxels = f64::from(1u32 << SHEET_LEVEL);
+    let mut points = Vec::new();
+    for edge in SHEET_EDGES {
+        let corners = sheet(edge / voxels);
+        let exact = exact_in_double_precision(&corners, SHEET_LEVEL);
+        for &method in methods.iter().filter(|method| !method.is_tested()) {
+            let (surface, options) = (Surface { corners: &corners, looks: None }, Options::new(SHEET_LEVEL, method));
+            let found = voxelizer.voxelize(&surface, &options).map_err(|e| failed("sheet", e))?;
+            let missing = differences(&exact, &found.codes).0;
+            let cracks = voxelizer.cracks(&surface, &options, &missing).map_err(|e| failed("sheet", e))?;
+            points.push(CurvePoint {
+                edge: mean_edge(&corners) * voxels,
+                letter: method.letter().into(),
+                voxels: exact.len() as u64,
+                missing: missing.len() as u64,
+                holes: (missing.len() - cracks.len()) as u64,
+            });
+        }
+    }
+    Ok(points)
+}
+
+/// The voxels that triangles in the unit cube meet, in double precision, ascending.
+pub(super) fn exact_in_double_precision(corners: &[[glam::DVec3; 3]], level: u32) -> Vec<u64> {
+    let edge = 1i64 << level;
+    let mut all: Vec<u64> = corners
+        .par_iter()
+        .flat_map_iter(|triangle| {
+            let scaled = triangle.map(|corner| corner * edge as f64);
+            let end = |x: f64, step: i64| (x.floor() as i64 + step).clamp(0, edge - 1);
+            let low = scaled[0].min(scaled[1]).min(scaled[2]).to_array().map(|x| end(x, -1));
+            let high = scaled[0].max(scaled[1]).max(scaled[2]).to_array().map(|x| end(x, 1));
+            let mut found = Vec::new();
+            for (z, y) in (low[2]..=high[2]).flat_map(|z| (low[1]..=high[1]).map(move |y| (z, y))) {
+                let met = (low[0]..=high[0]).filter(|&x| bounds::meets(&scaled, [x, y, z]));
+                found.extend(met.map(|x| codes::code([x, y, z].map(|c| c as u32))));
+            }
+            found
+        })
+        .collect();
+    all.par_sort_unstable();
+    all.dedup();
+    all
+}
