@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 use common::Folder;
 
 /// All commands, by the names of their pages.
-const PAGES: [&str; 28] = [
+const PAGES: [&str; 29] = [
     "esvo",
     "esvo-advise",
     "esvo-ambient",
@@ -23,6 +23,7 @@ const PAGES: [&str; 28] = [
     "esvo-bench-rays",
     "esvo-bench-stability",
     "esvo-bench-sweep",
+    "esvo-bench-voxelize",
     "esvo-build",
     "esvo-completions",
     "esvo-convert",

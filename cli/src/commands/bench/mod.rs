@@ -17,6 +17,7 @@ pub(crate) mod selection;
 pub(crate) mod stability;
 pub(crate) mod sweep;
 pub(crate) mod tables;
+pub(crate) mod voxelize;
 
 use clap::{Args, Subcommand};
 
@@ -32,6 +33,7 @@ use rays::BenchRaysArguments;
 use stability::BenchStabilityArguments;
 use sweep::BenchSweepArguments;
 use tables::TablesArguments;
+use voxelize::BenchVoxelizeArguments;
 
 /// Measure the paper's two tables on this machine.
 #[derive(Debug, Args)]
@@ -68,6 +70,7 @@ pub(crate) enum BenchCommand {
     Needs(BenchNeedsArguments),
     Stability(BenchStabilityArguments),
     Sweep(BenchSweepArguments),
+    Voxelize(BenchVoxelizeArguments),
     Compare(BenchCompareArguments),
     Bless(BenchBlessArguments),
 }
@@ -84,6 +87,7 @@ pub(crate) fn run_bench(arguments: &BenchArguments) -> Result<(), Failure> {
         Some(BenchCommand::Needs(arguments)) => needs::run_bench_needs(arguments),
         Some(BenchCommand::Stability(arguments)) => stability::run_bench_stability(arguments),
         Some(BenchCommand::Sweep(arguments)) => sweep::run_bench_sweep(arguments),
+        Some(BenchCommand::Voxelize(arguments)) => voxelize::run_bench_voxelize(arguments),
         Some(BenchCommand::Compare(arguments)) => compare::run_bench_compare(arguments),
         Some(BenchCommand::Bless(arguments)) => compare::run_bench_bless(arguments),
     }

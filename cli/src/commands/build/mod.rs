@@ -2,6 +2,7 @@
 
 pub(crate) mod displacement;
 mod input;
+mod voxelizer;
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -17,6 +18,7 @@ use esvo_scenes::{SceneEntry, SceneManifest};
 
 use crate::commands::build::displacement::Displacement;
 use crate::commands::build::input::{Input, is_standard_input, read_input};
+use crate::commands::build::voxelizer::VoxelizerName;
 use crate::fail::{Failure, complain, print};
 use crate::files::{check_extension, check_not_input, check_output, extension, name_file};
 use crate::values::parse_gigabytes;
@@ -38,6 +40,7 @@ Examples:
   esvo build scan.ply -o scan.esvo --levels 10 --no-contours
   esvo build sibenik.obj -o sibenik-d.esvo --levels 11 --displace 0.05
   esvo build castle.vox -o castle.esvo
+  esvo build conference.obj -o c10.esvo --levels 10 --no-contours --voxelizer compute
   zcat bunny.obj.gz | esvo build - --format obj -o bunny.esvo
   esvo build --scene hairball -o hairball.esvo --levels 10 --json")]
 pub(crate) struct BuildArguments {
@@ -54,6 +57,10 @@ pub(crate) struct BuildArguments {
     /// of its voxels]
     #[arg(short, long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=23))]
     pub(crate) levels: Option<u32>,
+    /// Who finds the voxels. A GPU finds those of the deepest level, with --no-contours, up to level 12; their colours and normals are
+    /// means over the triangles that meet a voxel
+    #[arg(long, value_name = "NAME", default_value = "exact")]
+    pub(crate) voxelizer: VoxelizerName,
     /// Build without contours: divide all geometry down to the deepest level
     #[arg(long)]
     pub(crate) no_contours: bool,
@@ -198,6 +205,7 @@ pub(crate) fn run_build(arguments: &BuildArguments) -> Result<(), Failure> {
         arguments.scene.as_ref().map(|name| scene::buildable(own.as_ref().unwrap_or(&manifest), name)).transpose()?;
     let mut settings = settings(arguments, &manifest, scene)?;
     settings.check()?;
+    voxelizer::check(arguments)?;
     check_output(&arguments.output)?;
     match extension(&arguments.output).as_str() {
         "oct" => check_extension(
@@ -247,23 +255,32 @@ pub(crate) fn run_build(arguments: &BuildArguments) -> Result<(), Failure> {
         memory_limit: arguments.memory_limit.map(|gigabytes| (gigabytes * 1e9) as u64),
     };
     let built = match &input {
-        Input::Mesh(mesh) => esvo_builder::build_file(mesh, &settings, &arguments.output, &options, &|p| {
-            if p.resumed > 0 {
-                let parts =
-                    format!("{}.part, which holds {}", arguments.output.display(), count(p.resumed, "finished voxel"));
-                complain("note", &format!("going on from {parts}"));
-            }
-            progress.fraction(&what, p.done, &format!("{:.1} M voxels", p.voxels as f64 / 1e6));
-        }),
-        Input::Voxels(model) => build_voxels_file(model, &settings, &arguments.output, &options),
-    }
-    .map_err(|e| match e {
-        BuildError::Format(e) => name_file(&arguments.output, e),
-        BuildError::Io { .. } | BuildError::Busy(_) | BuildError::OtherWork(_) | BuildError::Part { .. } => {
-            e.to_string()
+        Input::Mesh(mesh) if arguments.voxelizer != VoxelizerName::Exact => {
+            progress.say(format!("{what}, on a GPU"));
+            voxelizer::build(arguments, mesh, &source, &settings, &options)?
         }
-        _ => format!("{source}: {e}"),
-    })?;
+        _ => match &input {
+            Input::Mesh(mesh) => esvo_builder::build_file(mesh, &settings, &arguments.output, &options, &|p| {
+                if p.resumed > 0 {
+                    let parts = format!(
+                        "{}.part, which holds {}",
+                        arguments.output.display(),
+                        count(p.resumed, "finished voxel")
+                    );
+                    complain("note", &format!("going on from {parts}"));
+                }
+                progress.fraction(&what, p.done, &format!("{:.1} M voxels", p.voxels as f64 / 1e6));
+            }),
+            Input::Voxels(model) => build_voxels_file(model, &settings, &arguments.output, &options),
+        }
+        .map_err(|e| match e {
+            BuildError::Format(e) => name_file(&arguments.output, e),
+            BuildError::Io { .. } | BuildError::Busy(_) | BuildError::OtherWork(_) | BuildError::Part { .. } => {
+                e.to_string()
+            }
+            _ => format!("{source}: {e}"),
+        })?,
+    };
     let build = start.elapsed().as_secs_f64();
     let peaks = (import_peak_bytes, peak_bytes());
     progress.finish();
@@ -349,6 +366,7 @@ fn check_for_voxels(arguments: &BuildArguments) -> Result<(), Failure> {
     let given = [
         ("--levels", arguments.levels.is_some()),
         ("--no-contours", arguments.no_contours),
+        ("--voxelizer", arguments.voxelizer != VoxelizerName::Exact),
         ("--contour-error", arguments.contour_error.is_some()),
         ("--color-error", arguments.color_error.is_some()),
         ("--normal-error", arguments.normal_error.is_some()),
