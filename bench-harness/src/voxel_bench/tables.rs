@@ -126,7 +126,7 @@ fn times(report: &VoxelReport) -> TextTable {
     ];
     let mut table = TextTable::new("Time", 3, &head);
     table.notes = vec![
-        "Device: to find voxels, by the device's clock; median of the rounds, ± half the distance between the quartiles. List: to compact the \
+        "Device: to find voxels, by the device's clock, or on a driver that runs on the processor by the processor's around the submission; median of the rounds, ± half the distance between the quartiles. List: to compact the \
          bits to a list, on the device. Processor: to move triangles to the coordinates of tiles, and to decide what the device left undecided. \
          Fragments: calls of the fragment shader, and how many for each exact voxel. MiB: grid, triangles and target on the device. Tiles: worked \
          on, of all."
