@@ -9,7 +9,7 @@
 //! * **Box**: the extent of the triangle along an axis is off by `u m`, its difference to a voxel's middle by `u k`, the sum with 1/2
 //!   by `u k`. Bound: `3 u k`.
 //! * **Plane**: the slopes are computed in double precision and rounded, off by `u`, where double precision knows them: see
-//!   [`records`](crate::records). `slope * (x - a)` is off by `u k` for the slope, `u m + u k` for the difference, `u k` for
+//!   `records`. `slope * (x - a)` is off by `u k` for the slope, `u m + u k` for the difference, `u k` for
 //!   the product: `4 u k`. Two of them, the corner's own `u m`, and four sums of at most `3 k + 2` add up to `21 u k`.
 //! * **Edge**: a component of an edge is off by `2 u m` for its ends and `u m` for the difference; a coordinate relative to the
 //!   voxel by `u m + u k`. A product is then off by `m * 2 u k + k * 3 u m + u m k = 6 u m k`; two of them and the difference by
