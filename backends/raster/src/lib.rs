@@ -45,7 +45,7 @@
 //!
 //! # Exactness
 //! Single precision decides within bounds that [`bounds`] derives. [`Method::ExpandedTested`] and [`Method::HardwareTested`] keep
-//! voxels within them: none is missing, and extra ones are within the bound. [`Method::Compute`] has such pairs of triangle and voxel decided on
+//! voxels within them: none is missing, and extra ones are within twice the bound. [`Method::Compute`] has such pairs of triangle and voxel decided on
 //! the processor ([`Options::decide`]): its result is exact.
 //!
 //! # What is where

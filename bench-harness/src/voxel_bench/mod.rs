@@ -173,7 +173,7 @@ pub struct MethodRow {
     pub holes: u64,
     /// Voxels that no triangle meets.
     pub extra: u64,
-    /// Missing and extra voxels of a method that tests which are further from a triangle's border than the bound of single precision.
+    /// Missing and extra voxels of a method that tests which no test of a triangle puts within twice the bound of single precision.
     /// Must be 0.
     pub beyond_bound: u64,
     /// Pairs of triangle and voxel that the device left to the processor.
