@@ -82,6 +82,7 @@
 //! | make an octree | [`Tree`], [`assemble`]; block by block, with little memory: [`pack`](pack()), [`BlockStore`] |
 //! | encode and decode values | [`Contour`], [`ColorBlock`], [`NormalBlock`], [`RawNormal`], [`AmbientBlock`] |
 //! | join several octrees into one | [`join`] |
+//! | number the cubes of a level | [`morton`](morton()), [`morton_place`] |
 //! | convert between sRGB and linear light | [`srgb`] |
 //! | read the fields of a descriptor | [`ChildDescriptor`] |
 //! | upload to a device | [`Octree::slots`], unchanged; [`Octree::needs`] |
@@ -96,6 +97,7 @@
 //! | `values/` | encodings of the values of voxels: contours, colours, normals, ambient occlusion, plain values, sRGB |
 //! | `file/` | records of headers and tables; opening, writing, compression |
 //! | `octree.rs`, `block.rs`, `descriptor.rs`, `needs.rs` | an octree in memory, and access to its voxels |
+//! | `morton.rs` | cubes of one level as numbers |
 //! | `check/` | the rules of the specification: tables, topology (the walk along all pointers), validation and its report |
 //! | `layout/` | from a tree to blocks: planning, placing, encoding, packing; adding an attachment |
 //! | `stream/` | reading parts of a file |
@@ -128,6 +130,7 @@ mod error;
 pub mod file;
 mod inspect;
 mod layout;
+mod morton;
 mod needs;
 pub mod oct;
 mod octree;
@@ -151,6 +154,7 @@ pub use layout::join::join;
 pub use layout::pack::{BlockStore, BlockSummary, PackedBlock, pack};
 pub use layout::plan::AssembleOptions;
 pub use layout::tree::{Tree, TreeNode, Voxel};
+pub use morton::{morton, morton_place};
 pub use needs::Needs;
 pub use octree::{Octree, UnknownSection};
 pub use stream::block::{Block, Region};

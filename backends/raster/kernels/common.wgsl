@@ -24,31 +24,6 @@ struct Record {
     last_w: i32,
 }
 
-// esvo_raster::passes::Params
-struct Params {
-    // Edge of the tile in voxels, a power of two of at most 1024.
-    tile: u32,
-    // Number of items in a list: of work, or of pairs.
-    count: u32,
-    // The first item of a list.
-    first: u32,
-    // Places in a list that is written.
-    capacity: u32,
-    // Words of the grid.
-    words: u32,
-    // Workgroups along x, where a dispatch has rows of them.
-    groups_x: u32,
-    // Kinds of attributes that are summed: bit 0 colours, bit 1 normals.
-    wanted: u32,
-    // The first voxel that has sums, and how many have.
-    sum_first: u32,
-    // Where the grid ends, from the corner of the tile.
-    end_x: i32,
-    end_y: i32,
-    end_z: i32,
-    sum_count: u32,
-}
-
 @group(0) @binding(0) var<uniform> params: Params;
 @group(0) @binding(1) var<storage, read> records: array<Record>;
 @group(0) @binding(2) var<storage, read_write> grid: array<atomic<u32>>;
@@ -113,7 +88,8 @@ fn triangle_of(r: Record) -> Triangle {
     t.high = max(max(t.a, t.b), t.c);
     let reach = r.extent + 2.0;
     t.edge_error = EDGE_ERROR * reach * reach;
-    t.plane_error = PLANE_ERROR * reach;
+    // One fixed projection has slopes above 1.
+    t.plane_error = PLANE_ERROR * reach * max(1.0, max(abs(r.slope_u), abs(r.slope_v)));
     t.box_error = BOX_ERROR * reach;
     return t;
 }

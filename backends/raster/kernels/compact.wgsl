@@ -4,21 +4,6 @@
 // 2. `scan_blocks`: where in the list each block starts. One workgroup.
 // 3. `list_voxels`: the codes of the voxels, in ascending order; and, where attributes are wanted, each word's place.
 
-struct Params {
-    tile: u32,
-    count: u32,
-    first: u32,
-    capacity: u32,
-    words: u32,
-    groups_x: u32,
-    wanted: u32,
-    sum_first: u32,
-    end_x: i32,
-    end_y: i32,
-    end_z: i32,
-    sum_count: u32,
-}
-
 @group(0) @binding(0) var<uniform> params: Params;
 @group(0) @binding(1) var<storage, read> grid: array<u32>;
 // The start of each block, then the number of voxels. Before scan_blocks: the bits of each block.

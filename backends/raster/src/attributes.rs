@@ -2,6 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 use esvo_device::{Gpu, Usage};
+use esvo_format::srgb;
 use glam::{DVec3, Vec3};
 
 use crate::RasterError;
@@ -152,8 +153,7 @@ impl Attributes {
 
 /// The sRGB byte of a linear value.
 fn encoded(linear: f32) -> u8 {
-    let encoded = if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 };
-    (encoded * 255.0).round().clamp(0.0, 255.0) as u8
+    (srgb::encode(linear) * 255.0).round().clamp(0.0, 255.0) as u8
 }
 
 #[cfg(test)]

@@ -19,7 +19,7 @@
 //! let found = voxelizer.voxelize(&surface, &Options::new(5, Method::Compute))?;
 //! let scale = 32.0;
 //! for code in &found.codes {
-//!     let cell = esvo_raster::codes::cell(*code).map(i64::from);
+//!     let cell = esvo_raster::morton_place(*code).map(i64::from);
 //!     assert!(esvo_raster::bounds::meets(&triangle.map(|corner| corner * scale), cell));
 //! }
 //! # Ok(()) }
@@ -52,14 +52,13 @@
 //! - `method`: [`Method`]. `surface`: [`Surface`], [`Looks`] and what they consist of. `error`: [`RasterError`].
 //! - `voxelizer`: [`Voxelizer`], from a surface to voxels; also which missing voxels are cracks, and which pixels are shaded.
 //! - `tiles`, `records`: tiles; triangles as shaders read them. `work`: one method over one tile. `passes`: pipelines.
-//! - `grid`: bits and the list of them. `attributes`: colours and normals. `codes`: Morton codes. `clock`: time of a pass.
+//! - `grid`: bits and the list of them. `attributes`: colours and normals. `clock`: time of a pass.
 //! - [`bounds`]: what single precision may do.
 //! - `kernels/`: the shaders.
 
 mod attributes;
 pub mod bounds;
 mod clock;
-pub mod codes;
 mod error;
 mod grid;
 mod method;
@@ -72,6 +71,7 @@ mod work;
 
 pub use attributes::{Attributes, Wanted};
 pub use error::RasterError;
+pub use esvo_format::{morton, morton_place};
 pub use method::Method;
 pub use surface::{Looks, Material, Surface, Texture, TriangleLook, Wrap};
 pub use voxelizer::{Decide, Options, Pair, Pixels, Stats, Voxelizer, Voxels};

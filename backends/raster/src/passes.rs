@@ -9,7 +9,7 @@ use esvo_device::{Gpu, storage, uniform};
 
 use crate::{Method, RasterError, bounds};
 
-/// Numbers that kernels read; `kernels/common.wgsl` has the same struct.
+/// Numbers that kernels read; `kernels/params.wgsl` has the same struct.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct Params {
@@ -59,16 +59,12 @@ impl Emit {
     }
 }
 
-/// The kernels that rasterize, with one kind of `emit`.
-fn raster_source(emit: Emit) -> String {
-    [&bounds::source(), include_str!("../kernels/common.wgsl"), include_str!("../kernels/raster.wgsl"), emit.source()]
-        .concat()
-}
+/// The struct of parameters, which every kernel begins with.
+const PARAMS: &str = include_str!("../kernels/params.wgsl");
 
-/// The kernels that compute, with one kind of `emit`.
-fn compute_source(emit: Emit) -> String {
-    [&bounds::source(), include_str!("../kernels/common.wgsl"), include_str!("../kernels/compute.wgsl"), emit.source()]
-        .concat()
+/// The kernels of a file that tests triangles, with one kind of `emit`.
+fn source(kernels: &str, emit: Emit) -> String {
+    [&bounds::source(), PARAMS, include_str!("../kernels/common.wgsl"), kernels, emit.source()].concat()
 }
 
 fn all_stages(entry: wgpu::BindGroupLayoutEntry) -> wgpu::BindGroupLayoutEntry {
@@ -123,7 +119,7 @@ impl Passes {
         let layout = gpu.bind_group_layout("voxelize", &entries)?;
         let entries = [uniform(0), storage(1, true), storage(2, false), storage(3, false), storage(4, false)];
         let lists = gpu.bind_group_layout("compact", &entries)?;
-        let module = gpu.shader("compact.wgsl", include_str!("../kernels/compact.wgsl"))?;
+        let module = gpu.shader("compact.wgsl", &[PARAMS, include_str!("../kernels/compact.wgsl")].concat())?;
         let pipeline = |entry| gpu.compute_pipeline(&module, entry, &[&lists]);
         let compact = Compact {
             sum_blocks: pipeline("sum_blocks")?,
@@ -150,7 +146,7 @@ impl Passes {
         }
         let emit_layout = Self::emit_layout(gpu, emit)?;
         let work_layout = gpu.bind_group_layout("work", &[storage(0, true), storage(1, false)])?;
-        let module = gpu.shader("compute.wgsl", &compute_source(emit))?;
+        let module = gpu.shader("compute.wgsl", &source(include_str!("../kernels/compute.wgsl"), emit))?;
         let layouts = [&self.layout, &emit_layout, &work_layout];
         let voxelize = gpu.compute_pipeline(&module, "voxelize", &layouts)?;
         let apply = gpu.compute_pipeline(&module, "apply", &layouts)?;
@@ -166,7 +162,7 @@ impl Passes {
             return Ok(found.clone());
         }
         let emit_layout = Self::emit_layout(gpu, emit)?;
-        let module = gpu.shader("raster.wgsl", &raster_source(emit))?;
+        let module = gpu.shader("raster.wgsl", &source(include_str!("../kernels/raster.wgsl"), emit))?;
         let expanded = matches!(method, Method::Expanded | Method::ExpandedClipped | Method::ExpandedTested);
         let hardware = matches!(method, Method::Hardware | Method::HardwareTested);
         let flag = f64::from;

@@ -32,7 +32,7 @@ pub(crate) fn tiles(corners: &[[DVec3; 3]], voxels: u32, edge: u32) -> Vec<Tile>
     let mut corners_of_tiles: Vec<[u32; 3]> = (0..across.pow(3))
         .map(|i| [i % across * edge, i / across % across * edge, i / (across * across) * edge])
         .collect();
-    corners_of_tiles.sort_by_key(|&corner| crate::codes::code(corner));
+    corners_of_tiles.sort_by_key(|&corner| esvo_format::morton(corner));
     corners_of_tiles
         .into_par_iter()
         .filter_map(|corner| {

@@ -4,6 +4,7 @@ use std::time::{Duration, Instant};
 
 use esvo_device::wgpu::{Buffer, Features};
 use esvo_device::{DeviceError, Gpu, Usage};
+use esvo_format::morton;
 use rayon::prelude::*;
 
 use crate::attributes::{Attributes, Palette, SUM_WORDS, Wanted};
@@ -11,7 +12,7 @@ use crate::grid::Grid;
 use crate::passes::{Emit, Params, Passes};
 use crate::tiles::{Tile, edge, tiles};
 use crate::work::Work;
-use crate::{MAX_LEVEL, Method, RasterError, Surface, bounds, codes, records};
+use crate::{MAX_LEVEL, Method, RasterError, Surface, bounds, records};
 
 /// A triangle and a voxel of the grid.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -50,7 +51,7 @@ impl Options<'_> {
 /// The voxels of a surface.
 #[derive(Clone, Debug, Default)]
 pub struct Voxels {
-    /// Morton codes, ascending: see [`codes`].
+    /// [Morton codes](morton()), ascending.
     pub codes: Vec<u64>,
     /// One for each voxel, if attributes were wanted.
     pub attributes: Vec<Attributes>,
@@ -228,7 +229,7 @@ impl Voxelizer {
         if let Some(palette) = palette {
             stats.attributes += self.sum(options, &work, palette, &accepted, list.len(), &mut found.attributes)?;
         }
-        let first = codes::code(tile.corner);
+        let first = morton(tile.corner);
         found.codes.extend(list.into_iter().map(|code| first + u64::from(code)));
         Ok(())
     }
@@ -300,7 +301,7 @@ impl Voxelizer {
         let grid = Grid::new(&self.gpu, edge, false)?;
         let mut found = Vec::new();
         for tile in &tiles {
-            let first = codes::code(tile.corner);
+            let first = morton(tile.corner);
             let end = first + u64::from(edge).pow(3);
             let here = &missing[missing.partition_point(|&code| code < first)..];
             let here = &here[..here.partition_point(|&code| code < end)];
@@ -325,7 +326,7 @@ impl Voxelizer {
     /// How often a method shades each pixel.
     ///
     /// # Errors
-    /// As [`voxelize`](Self::voxelize); [`RasterError::Level`] for a grid of more than one tile, with `visit` not called.
+    /// As [`voxelize`](Self::voxelize).
     pub fn pixels(&self, surface: &Surface<'_>, options: &Options<'_>) -> Result<Pixels, RasterError> {
         let (voxels, tiles) = self.begin(surface, options)?;
         let edge = self.tile_edge(options.level);

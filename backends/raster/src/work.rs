@@ -263,7 +263,7 @@ impl<'a> Work<'a> {
 
     /// The triangle and the voxel that a pair stands for.
     pub(crate) fn pair(&self, index: usize, [record, code]: [u32; 2]) -> Pair {
-        let at = crate::codes::cell(u64::from(code));
+        let at = esvo_format::morton_place(u64::from(code));
         let cell = std::array::from_fn(|k| self.tile.corner[k] + at[k]);
         Pair { triangle: self.tile.triangles[self.batches[index].first + record as usize], cell }
     }

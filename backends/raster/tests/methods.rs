@@ -5,7 +5,7 @@ mod common;
 use std::collections::BTreeSet;
 
 use common::{exact, found, is_within_bound, voxelizer};
-use esvo_raster::{Method, Options, Surface, Voxelizer, codes};
+use esvo_raster::{Method, Options, Surface, Voxelizer, morton_place};
 use glam::DVec3;
 use proptest::prelude::*;
 
@@ -59,11 +59,11 @@ fn compute_is_exact_and_tested_methods_differ_within_their_bound() {
         prop_assert_eq!(&set(voxelizer, &corners, 5, Method::Compute).unwrap(), &exact);
         for method in [Method::ExpandedTested, Method::HardwareTested] {
             let Some(found) = set(voxelizer, &corners, 5, method) else { continue };
-            let missing: Vec<_> = exact.difference(&found).map(|&code| codes::cell(code)).collect();
+            let missing: Vec<_> = exact.difference(&found).map(|&code| morton_place(code)).collect();
             prop_assert!(missing.is_empty(), "{} misses {:?}", method, missing);
             for &code in found.difference(&exact) {
                 extra.set(extra.get() + 1);
-                prop_assert!(is_within_bound(&corners, 5, code), "{} has {:?}", method, codes::cell(code));
+                prop_assert!(is_within_bound(&corners, 5, code), "{} has {:?}", method, morton_place(code));
             }
         }
     });
@@ -115,16 +115,16 @@ fn a_steep_plane_has_cracks_if_it_is_seen_from_above() {
     // Seen from its own side, only what touches the border of a pixel is missing: no row of the plane is without voxels.
     let found = set(voxelizer, &corners, 5, Method::DominantAxis).unwrap();
     let rows: BTreeSet<u32> =
-        found.iter().map(|&code| codes::cell(code)).filter(|cell| cell[1] == 10).map(|cell| cell[2]).collect();
+        found.iter().map(|&code| morton_place(code)).filter(|cell| cell[1] == 10).map(|cell| cell[2]).collect();
     let all: BTreeSet<u32> = exact(&corners, 5)
         .iter()
-        .map(|&code| codes::cell(code))
+        .map(|&code| morton_place(code))
         .filter(|cell| cell[1] == 10)
         .map(|cell| cell[2])
         .collect();
     assert!(all.len() - rows.len() <= 2, "{rows:?} of {all:?}");
     let fixed = set(voxelizer, &corners, 5, Method::FixedAxis).unwrap();
-    let rows = fixed.iter().map(|&code| codes::cell(code)).filter(|cell| cell[1] == 10).count();
+    let rows = fixed.iter().map(|&code| morton_place(code)).filter(|cell| cell[1] == 10).count();
     assert!(rows * 2 < all.len(), "{rows} of {} rows", all.len());
 }
 

@@ -6,7 +6,8 @@ use std::collections::BTreeSet;
 
 use common::{exact, found, voxelizer};
 use esvo_raster::{
-    Looks, Material, Method, Options, RasterError, Surface, Texture, TriangleLook, Voxelizer, Wanted, Wrap, codes,
+    Looks, Material, Method, Options, RasterError, Surface, Texture, TriangleLook, Voxelizer, Wanted, Wrap, morton,
+    morton_place,
 };
 use glam::DVec3;
 
@@ -28,7 +29,7 @@ fn sheets_between_voxels_belong_to_both_sides() {
                 corners.swap(0, 1);
             }
             let exact = exact(&[corners], 4);
-            let layers: BTreeSet<u32> = exact.iter().map(|&code| codes::cell(code)[axis]).collect();
+            let layers: BTreeSet<u32> = exact.iter().map(|&code| morton_place(code)[axis]).collect();
             assert_eq!(layers, BTreeSet::from([7, 8]));
             for method in [Method::ExpandedTested, Method::Compute] {
                 let codes = found(voxelizer, &[corners], 4, method).unwrap().codes;
@@ -151,7 +152,7 @@ fn colours_and_normals_are_those_of_the_triangles() {
         assert_eq!(first.attributes, second.attributes, "two runs of {method} differ");
         assert_eq!(first.codes.len(), first.attributes.len());
         let at = |x: u32, y: u32, z: u32| {
-            let index = first.codes.binary_search(&codes::code([x, y, z])).unwrap();
+            let index = first.codes.binary_search(&morton([x, y, z])).unwrap();
             first.attributes[index]
         };
         assert_eq!(at(3, 5, 3).color, [255, 0, 0]);

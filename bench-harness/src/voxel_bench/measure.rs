@@ -4,8 +4,7 @@ use std::time::{Duration, Instant};
 
 use esvo_builder::cells::PreparedMesh;
 use esvo_builder::{BuildSettings, Mesh};
-use esvo_raster::{Method, Options, Pair, RasterError, Surface, Voxelizer, Voxels, bounds, codes};
-use rayon::prelude::*;
+use esvo_raster::{Method, Options, Pair, RasterError, Surface, Voxelizer, Voxels, bounds};
 
 use super::pictures::Pictures;
 use super::rate::{beyond_bound, differences, methods};
@@ -191,7 +190,7 @@ fn curve(voxelizer: &Voxelizer, methods: &[Method]) -> Result<Vec<CurvePoint>, B
     let mut points = Vec::new();
     for edge in SHEET_EDGES {
         let corners = sheet(edge / voxels);
-        let exact = exact_in_double_precision(&corners, SHEET_LEVEL);
+        let exact = bounds::voxels(&corners, SHEET_LEVEL);
         for &method in methods.iter().filter(|method| !method.is_tested()) {
             let (surface, options) = (Surface { corners: &corners, looks: None }, Options::new(SHEET_LEVEL, method));
             let found = voxelizer.voxelize(&surface, &options).map_err(|e| failed("sheet", e))?;
@@ -207,27 +206,4 @@ fn curve(voxelizer: &Voxelizer, methods: &[Method]) -> Result<Vec<CurvePoint>, B
         }
     }
     Ok(points)
-}
-
-/// The voxels that triangles in the unit cube meet, in double precision, ascending.
-pub(super) fn exact_in_double_precision(corners: &[[glam::DVec3; 3]], level: u32) -> Vec<u64> {
-    let edge = 1i64 << level;
-    let mut all: Vec<u64> = corners
-        .par_iter()
-        .flat_map_iter(|triangle| {
-            let scaled = triangle.map(|corner| corner * edge as f64);
-            let end = |x: f64, step: i64| (x.floor() as i64 + step).clamp(0, edge - 1);
-            let low = scaled[0].min(scaled[1]).min(scaled[2]).to_array().map(|x| end(x, -1));
-            let high = scaled[0].max(scaled[1]).max(scaled[2]).to_array().map(|x| end(x, 1));
-            let mut found = Vec::new();
-            for (z, y) in (low[2]..=high[2]).flat_map(|z| (low[1]..=high[1]).map(move |y| (z, y))) {
-                let met = (low[0]..=high[0]).filter(|&x| bounds::meets(&scaled, [x, y, z]));
-                found.extend(met.map(|x| codes::code([x, y, z].map(|c| c as u32))));
-            }
-            found
-        })
-        .collect();
-    all.par_sort_unstable();
-    all.dedup();
-    all
 }

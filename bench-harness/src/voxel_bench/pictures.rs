@@ -6,11 +6,10 @@ use esvo_builder::BuildSettings;
 use esvo_builder::cells::{Cells, PreparedMesh, build_cells};
 use esvo_core::{Camera, CastOptions, Caster, Picture, View};
 use esvo_cpu::CpuCaster;
-use esvo_raster::{Method, Options, Surface, Voxelizer, codes};
+use esvo_raster::{Method, Options, Surface, Voxelizer, bounds, morton, morton_place};
 use glam::{DMat4, DVec3, Vec3};
 
 use super::PictureGroup;
-use super::measure::exact_in_double_precision;
 use super::rate::differences;
 use super::surface::failed;
 use crate::BenchError;
@@ -74,7 +73,7 @@ impl<'a> Pictures<'a> {
             ("profile", "Strips that face different axes", 4, profile(), DVec3::new(0.2, -1.5, 1.1)),
             ("needles", "Needles", TEST_LEVEL, needles(), DVec3::new(0.6, -0.4, 2.0)),
         ] {
-            let exact = exact_in_double_precision(&corners, level);
+            let exact = bounds::voxels(&corners, level);
             self.group(format!("{title}, voxels of a grid of {}^3", 1u32 << level), "generated");
             for &method in self.methods {
                 let found = self.found(&corners, level, method, &exact)?;
@@ -132,8 +131,8 @@ impl<'a> Pictures<'a> {
         };
         let (shaded, covered) = (counts(method)?, counts(Method::DominantAxis)?);
         let mut touched = vec![false; (shaded.edge as usize).pow(2)];
-        for code in exact_in_double_precision(corners, TEST_LEVEL) {
-            let [x, y, _] = codes::cell(code);
+        for code in bounds::voxels(corners, TEST_LEVEL) {
+            let [x, y, _] = morton_place(code);
             touched[(y * shaded.edge + x) as usize] = true;
         }
         let edge = shaded.edge;
@@ -198,7 +197,7 @@ fn voxels(found: &Found, octree_to_mesh: DMat4, camera: &Camera) -> Result<Pictu
         let at = (ray.origin + ray.direction * t - 1.0) * scale;
         let inside = at + ray.direction.normalize() * 1e-2;
         let cell = inside.floor().clamp(Vec3::ZERO, Vec3::splat(scale - 1.0));
-        let code = codes::code(cell.to_array().map(|x| x as u32));
+        let code = morton(cell.to_array().map(|x| x as u32));
         let base = if found.missing.binary_search(&code).is_ok() {
             MISSING
         } else if found.extra.binary_search(&code).is_ok() {

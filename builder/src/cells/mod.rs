@@ -31,15 +31,14 @@
 mod build;
 mod list;
 mod mesh;
-mod morton;
 mod walk;
 
 pub use self::build::{build_cells, build_cells_file};
 pub(crate) use self::build::{cells_in_file, cells_in_memory};
 pub use self::list::Cells;
 pub use self::mesh::CellTriangles;
-pub use self::morton::{morton, morton_place};
 pub use crate::surface::prepared::PreparedMesh;
+pub use esvo_format::{morton, morton_place};
 
 /// Most levels that cells may have: their Morton codes have 3 bits for each level, in 64.
 pub const MAX_LEVELS: u32 = 21;

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::sync::OnceLock;
 
-use esvo_raster::{Method, Options, RasterError, Surface, Voxelizer, Voxels, bounds, codes};
+use esvo_raster::{Method, Options, RasterError, Surface, Voxelizer, Voxels, bounds, morton_place};
 use glam::DVec3;
 
 /// The voxelizer of the tests; `None`, with a line of output, where there is no device and none is required.
@@ -34,30 +34,12 @@ pub(crate) fn found(voxelizer: &Voxelizer, corners: &[[DVec3; 3]], level: u32, m
 
 /// The voxels that the closed triangles meet, by double precision.
 pub(crate) fn exact(corners: &[[DVec3; 3]], level: u32) -> BTreeSet<u64> {
-    let edge = 1i64 << level;
-    let mut set = BTreeSet::new();
-    for triangle in corners {
-        let scaled = triangle.map(|corner| corner * edge as f64);
-        let low =
-            scaled[0].min(scaled[1]).min(scaled[2]).to_array().map(|x| ((x.floor() - 1.0) as i64).clamp(0, edge - 1));
-        let high =
-            scaled[0].max(scaled[1]).max(scaled[2]).to_array().map(|x| ((x.floor() + 1.0) as i64).clamp(0, edge - 1));
-        for z in low[2]..=high[2] {
-            for y in low[1]..=high[1] {
-                for x in low[0]..=high[0] {
-                    if bounds::meets(&scaled, [x, y, z]) {
-                        set.insert(codes::code([x as u32, y as u32, z as u32]));
-                    }
-                }
-            }
-        }
-    }
-    set
+    bounds::voxels(corners, level).into_iter().collect()
 }
 
 /// Whether some triangle is so close to meeting this voxel, or to missing it, that single precision cannot say.
 pub(crate) fn is_within_bound(corners: &[[DVec3; 3]], level: u32, code: u64) -> bool {
     let scale = f64::from(1u32 << level);
-    let cell = codes::cell(code).map(i64::from);
+    let cell = morton_place(code).map(i64::from);
     corners.iter().any(|triangle| bounds::may_differ(&triangle.map(|corner| corner * scale), cell))
 }
