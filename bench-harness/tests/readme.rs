@@ -5,7 +5,9 @@ use std::path::Path;
 use esvo_bench::PaperReport;
 use esvo_bench::paper_bench::matrix::Variant;
 use esvo_bench::paper_bench::report::SceneReport;
+use esvo_bench::records::{Record, read_record};
 use esvo_bench::stability_bench::StabilityReport;
+use esvo_bench::voxel_bench::{Grid, MethodRow};
 use esvo_engines::EngineId;
 
 const FOLDER: &str = "results/amd-epyc-2-threads/2026-11-27";
@@ -42,6 +44,37 @@ fn row(scene: &SceneReport) -> Vec<String> {
     let rates = [Variant::Triangles, Variant::Cubical, Variant::Contours].map(rate);
     let errors = [Variant::Cubical, Variant::Contours].map(error);
     [&[name.into(), levels.to_string()][..], &rates, &errors, &[mib(false), mib(true)]].concat()
+}
+
+#[test]
+fn the_sentence_on_voxelization_is_the_records() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../{FOLDER}-voxelize/report.json"));
+    let Some(Record::Voxelize(report)) = read_record(&path).unwrap() else {
+        panic!("{} is another record", path.display())
+    };
+    let grids = || report.scenes.iter().flat_map(|scene| &scene.grids);
+    let rows = |letter: &'static str| {
+        grids().flat_map(move |grid| {
+            grid.methods.iter().filter(move |row| row.letter == letter).map(move |row| (grid, row))
+        })
+    };
+    let percent = |(grid, row): (&Grid, &MethodRow)| 100.0 * row.missing() as f64 / grid.voxels as f64;
+    let (least, most) =
+        rows("b").map(percent).fold((100.0, 0f64), |(low, high): (f64, f64), x| (low.min(x), high.max(x)));
+    let extra = rows("d").map(|(grid, row)| 1e6 * row.extra as f64 / grid.voxels as f64).fold(0.0, f64::max);
+    assert!(rows("d").all(|(_, row)| row.missing() == 0) && rows("g").all(|(_, row)| row.missing() + row.extra == 0));
+    let words = read("README.md").split_whitespace().collect::<Vec<_>>().join(" ");
+    for expected in [
+        format!(
+            "{} of ten on llvmpipe",
+            ["no", "one", "two", "three", "four", "five", "six", "seven"][grids().next().unwrap().methods.len()]
+        ),
+        format!("misses {least:.0} to {most:.0} % of the voxels"),
+        format!("miss none and add at most {extra:.0} in a million"),
+        "the compute shader has no difference at all".into(),
+    ] {
+        assert!(words.contains(&expected), "{expected}");
+    }
 }
 
 #[test]

@@ -353,6 +353,14 @@ fn voxelize() {
         }],
         seconds: 1.5,
     };
+    // Method g of this record misses voxels, and the exact one would not.
+    assert!(!report.passed());
+    let mut good = report.clone();
+    let row = &mut good.scenes[0].grids[0].methods[1];
+    (row.cracks, row.holes, row.extra) = (0, 0, 0);
+    assert!(good.passed());
+    good.scenes[0].grids[0].methods[1].beyond_bound = 1;
+    assert!(!good.passed());
     holds("voxelize", &parse(&report.to_json()), &["options/device"]);
     insta::assert_snapshot!("voxelize", to_text(&report).lines().skip(3).collect::<Vec<_>>().join("\n"));
 }

@@ -81,6 +81,34 @@ fn the_benchmark_writes_a_record_and_pictures() {
     {
         assert!(made.join(file).exists(), "{file}");
     }
+    let again = folder.ok(&[
+        "bench",
+        "--repeat",
+        made.join("report.json").to_str().unwrap(),
+        "--out",
+        "again",
+        "--machine",
+        "m",
+    ]);
+    assert!(again.contains("esvo bench voxelize"), "{again}");
+    let page = folder.path("page.html");
+    folder.ok(&["bench", "page", made.to_str().unwrap(), "-o", page.to_str().unwrap()]);
+    let page = std::fs::read_to_string(page).unwrap();
+    for shown in [
+        "Voxelization on a GPU",
+        "A steep plane, voxels of a grid of 32^3",
+        ">expanded clipped<",
+        "Holes by the size of triangles",
+    ] {
+        assert!(page.contains(shown), "{shown}");
+    }
+    assert_eq!(
+        page.matches("data:image/png").count(),
+        std::fs::read_dir(&made)
+            .unwrap()
+            .filter(|file| file.as_ref().unwrap().path().extension().is_some_and(|e| e == "png"))
+            .count()
+    );
     let failed = folder.run(&["bench", "voxelize", "--scenes", "fairy", "--methods", "z", "--out", "out"]);
     assert!(String::from_utf8_lossy(&failed.stderr).contains("there is no method z"));
 }

@@ -9,7 +9,7 @@ use esvo_device::{Gpu, Timestamps};
 use crate::RasterError;
 
 /// Runs what `record` records, with one pass that writes timestamps, and waits. The time is that of the device's clock; without one, and
-/// on drivers that run on the processor, that of the submission: llvmpipe writes the timestamps of a compute pass together, some other time.
+/// on drivers that run on the processor, that of the submission: llvmpipe's two timestamps of a compute pass are next to each other, however long it takes.
 pub(crate) fn timed(
     gpu: &Gpu,
     record: impl FnOnce(&mut CommandEncoder, Option<&Timestamps>),

@@ -51,8 +51,8 @@ impl Grid {
         Ok(gpu.run(|commands| commands.clear_buffer(&self.bits, 0, None))?)
     }
 
-    /// The codes of the voxels whose bits are set, ascending, and how long the device took.
-    pub(crate) fn list(&self, gpu: &Gpu, compact: &Compact) -> Result<(Vec<u32>, Duration), RasterError> {
+    /// The codes of the voxels whose bits are set, ascending, and how long the device took. At most `most` are listed at once.
+    pub(crate) fn list(&self, gpu: &Gpu, compact: &Compact, most: u32) -> Result<(Vec<u32>, Duration), RasterError> {
         let params = Params { tile: self.edge, count: self.block_count, words: self.words, ..Params::default() };
         // The kernels that do not write the list have to bind one.
         let empty = gpu.buffer("no list", 4, Usage::STORAGE | Usage::COPY_SRC)?;
@@ -60,8 +60,7 @@ impl Grid {
         let mut time = self.run(gpu, compact, params, &empty, &first)?;
         let voxels = self.total(gpu)?;
         let mut codes = Vec::with_capacity(voxels as usize);
-        // As many as a binding holds at once.
-        let capacity = u32::try_from((gpu.max_storage_bytes() / 4).min(1 << 25)).unwrap_or(1 << 25).min(voxels.max(1));
+        let capacity = most.min(voxels.max(1));
         let list = gpu.buffer("voxels", u64::from(capacity) * 4, Usage::STORAGE | Usage::COPY_SRC)?;
         let mut start = 0;
         while start < voxels {

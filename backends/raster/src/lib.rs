@@ -46,7 +46,8 @@
 //! # Exactness
 //! Single precision decides within bounds that [`bounds`] derives. [`Method::ExpandedTested`] and [`Method::HardwareTested`] keep
 //! voxels within them: none is missing, and extra ones are within twice the bound. [`Method::Compute`] has such pairs of triangle and voxel decided on
-//! the processor ([`Options::decide`]): its result is exact.
+//! the processor ([`Options::decide`]): its result is exact, but that a surface within 2^-48 of the grid's edge of a border of voxels counts as in
+//! that border, whoever decides. The builder of esvo counts it so as well.
 //!
 //! # What is where
 //! - `method`: [`Method`]. `surface`: [`Surface`], [`Looks`] and what they consist of. `error`: [`RasterError`].

@@ -2,6 +2,7 @@
 
 use std::time::{Duration, Instant};
 
+use esvo_core::{Device, DeviceKind};
 use esvo_device::wgpu::{Buffer, Features};
 use esvo_device::{DeviceError, Gpu, Usage};
 use esvo_format::morton;
@@ -11,7 +12,7 @@ use crate::attributes::{Attributes, Palette, SUM_WORDS, Wanted};
 use crate::grid::Grid;
 use crate::passes::{Emit, Params, Passes};
 use crate::tiles::{Tile, edge, tiles};
-use crate::work::Work;
+use crate::work::{Rooms, Work};
 use crate::{MAX_LEVEL, Method, RasterError, Surface, bounds, records};
 
 /// A triangle and a voxel of the grid.
@@ -89,6 +90,7 @@ pub struct Voxelizer {
     gpu: Gpu,
     passes: Passes,
     largest_tile: u32,
+    rooms: Rooms,
 }
 
 impl Voxelizer {
@@ -107,7 +109,8 @@ impl Voxelizer {
     /// A shader that the device refuses.
     pub fn new(gpu: Gpu) -> Result<Self, RasterError> {
         let passes = Passes::new(&gpu)?;
-        Ok(Self { gpu, passes, largest_tile: u32::MAX })
+        let rooms = Rooms::of(gpu.max_storage_bytes());
+        Ok(Self { gpu, passes, largest_tile: u32::MAX, rooms })
     }
 
     /// The same with tiles of at most this many voxels along the edge, a power of two, instead of the largest that the device allows.
@@ -119,6 +122,17 @@ impl Voxelizer {
     /// The device.
     pub fn gpu(&self) -> &Gpu {
         &self.gpu
+    }
+
+    /// Name, kind and driver of the device, and which clock its times are of: not that of [`Gpu::about`] on drivers that run on the processor.
+    pub fn device(&self) -> Device {
+        let mut device = self.gpu.about().clone();
+        if device.kind == DeviceKind::SoftwareGpu
+            && let Some((driver, _)) = device.detail.rsplit_once(", ")
+        {
+            device.detail = format!("{driver}, timed by wall clock around submission");
+        }
+        device
     }
 
     /// Whether the device has what a method needs.
@@ -224,7 +238,7 @@ impl Voxelizer {
         } else {
             stats.voxelize += work.draw(Emit::Write, |_| (), &[])?;
         }
-        let (list, time) = grid.list(&self.gpu, &self.passes.compact)?;
+        let (list, time) = grid.list(&self.gpu, &self.passes.compact, self.rooms.voxels)?;
         stats.compact += time;
         if let Some(palette) = palette {
             stats.attributes += self.sum(options, &work, palette, &accepted, list.len(), &mut found.attributes)?;
@@ -239,10 +253,10 @@ impl Voxelizer {
         surface: &Surface<'_>,
         method: Method,
         grid: &'a Grid,
-        tile: (&'a Tile, u32),
+        (tile, voxels): (&'a Tile, u32),
         with_looks: bool,
     ) -> Result<Work<'a>, RasterError> {
-        Work::new(&self.gpu, &self.passes, method, grid, tile, surface, with_looks)
+        Work::new(&self.gpu, &self.passes, method, grid, (tile, voxels, self.rooms), surface, with_looks)
     }
 
     /// Appends the attributes of a tile's voxels.
@@ -257,7 +271,8 @@ impl Voxelizer {
     ) -> Result<Duration, RasterError> {
         let bytes = SUM_WORDS as u64 * 4;
         // As many as a binding holds at once, within 512 MiB.
-        let window = (self.gpu.max_storage_bytes().min(512 << 20) / bytes).min(voxels.max(1) as u64) as usize;
+        let fit = self.gpu.max_storage_bytes().min(512 << 20) / bytes;
+        let window = fit.min(self.rooms.voxels.into()).min(voxels.max(1) as u64) as usize;
         let usage = Usage::STORAGE | Usage::COPY_SRC | Usage::COPY_DST;
         let sums = self.gpu.buffer("sums", window as u64 * bytes, usage)?;
         let buffers: [&Buffer; 4] = [&work.grid.ranks, &palette.materials, &palette.texels, &sums];
@@ -317,7 +332,7 @@ impl Voxelizer {
             let missing = self.gpu.upload("missing", &bits, Usage::STORAGE)?;
             let work = self.work(surface, options.method, &grid, (tile, voxels), false)?;
             work.draw(Emit::Crack, |_| (), &[&missing])?;
-            let (list, _) = grid.list(&self.gpu, &self.passes.compact)?;
+            let (list, _) = grid.list(&self.gpu, &self.passes.compact, self.rooms.voxels)?;
             found.extend(list.into_iter().map(|code| first + u64::from(code)));
         }
         Ok(found)
@@ -390,4 +405,80 @@ fn decided(
         accepted[index].push(pair);
     }
     accepted
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+    use crate::{Looks, Material, TriangleLook};
+
+    /// Walls in borders, whose touches single precision leaves undecided, and triangles in all directions, with looks.
+    fn scene() -> (Vec<[DVec3; 3]>, Looks) {
+        let corner = |i: u32| {
+            let x = f64::from(i.wrapping_mul(2_654_435_761) >> 8) / f64::from(1 << 24);
+            let y = f64::from(i.wrapping_mul(2_246_822_519) >> 8) / f64::from(1 << 24);
+            DVec3::new(x, y, f64::from(i % 33) / 32.0)
+        };
+        let corners: Vec<_> = (0..60).map(|i| [corner(3 * i), corner(3 * i + 1), corner(3 * i + 2)]).collect();
+        let look = |i: usize| TriangleLook {
+            normals: [[0.6, 0.0, if i.is_multiple_of(2) { 0.8 } else { -0.8 }]; 3],
+            uvs: [[0.0; 2]; 3],
+            colors: [[i as f32 / 60.0, 0.5, 1.0]; 3],
+            material: 0,
+        };
+        let materials = vec![Material { color: [1.0, 0.5, 0.25], texture: None }];
+        let looks = Looks { triangles: (0..corners.len()).map(look).collect(), materials, textures: Vec::new() };
+        (corners, looks)
+    }
+
+    #[test]
+    fn results_do_not_depend_on_how_much_is_done_at_once() {
+        let open = || match Voxelizer::open(None) {
+            Err(error) if std::env::var_os("ESVO_REQUIRE_GPU").is_none() => {
+                println!("skipped: {error}");
+                None
+            }
+            opened => Some(opened.unwrap()),
+        };
+        let Some(whole) = open() else { return };
+        // An item has 256 columns of 32 voxels at most.
+        let rooms = Rooms { triangles: 7, items: 11, undecided: 8192, voxels: 1000 };
+        let parts = Voxelizer { rooms, ..open().unwrap() };
+        let crowded = Voxelizer {
+            rooms: Rooms { undecided: 40, items: 1 << 20, triangles: 1 << 20, ..rooms },
+            ..open().unwrap()
+        };
+        let (corners, looks) = scene();
+        let surface = Surface { corners: &corners, looks: Some(&looks) };
+        for method in [Method::DominantAxis, Method::ExpandedTested, Method::Compute] {
+            let wanted = Wanted { colors: true, normals: true };
+            let run = |voxelizer: &Voxelizer| {
+                voxelizer.voxelize(&surface, &Options { wanted, ..Options::new(5, method) }).unwrap()
+            };
+            let first = run(&whole);
+            assert!(first.codes.len() > 3000 && first.attributes.len() == first.codes.len());
+            for voxelizer in [&parts, &crowded] {
+                let second = run(voxelizer);
+                assert!(first.codes == second.codes && first.attributes == second.attributes, "{method}");
+                assert_eq!(first.stats.undecided, second.stats.undecided);
+            }
+            // So many that the crowded one had to divide its work.
+            assert!(method != Method::Compute || first.stats.undecided > 3 * 40, "{}", first.stats.undecided);
+        }
+    }
+
+    #[test]
+    fn the_clock_is_named() {
+        if let Ok(voxelizer) = Voxelizer::open(None) {
+            let (own, about) = (voxelizer.device(), voxelizer.gpu().about().clone());
+            let software = about.kind == DeviceKind::SoftwareGpu;
+            assert_eq!(
+                own.detail.ends_with("timed by wall clock around submission"),
+                software || !voxelizer.gpu().has_clock()
+            );
+            assert_eq!(own.name, about.name);
+        }
+    }
 }

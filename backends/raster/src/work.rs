@@ -14,12 +14,27 @@ use crate::records::{Item, Record};
 use crate::tiles::Tile;
 use crate::{Method, Pair, RasterError, Surface};
 
-/// Most triangles in one draw or dispatch: their looks, of 104 bytes each, fit into a binding of 128 MiB.
-const BATCH: usize = 1 << 20;
-/// Most items of work in one dispatch.
-const ITEMS: usize = 1 << 22;
-/// Most pairs that one dispatch may leave undecided.
-const UNDECIDED: u32 = 1 << 20;
+/// How much is done at once. Results do not depend on it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Rooms {
+    /// Most triangles in one draw or dispatch.
+    pub(crate) triangles: usize,
+    /// Most items of work in one dispatch.
+    pub(crate) items: usize,
+    /// Most pairs that one dispatch may leave undecided; at least as many as an item can have, which is 16 x 16 columns of a tile.
+    pub(crate) undecided: u32,
+    /// Most voxels in one list, and most that have sums at once.
+    pub(crate) voxels: u32,
+}
+
+impl Rooms {
+    /// What fits into bindings of so many bytes.
+    pub(crate) fn of(bytes: u64) -> Self {
+        // A look has 104 bytes, the largest of the structs of which there is one for each triangle.
+        Self { triangles: 1 << 20, items: 1 << 22, undecided: 1 << 20, voxels: (bytes / 4).min(1 << 25) as u32 }
+    }
+}
+
 /// Invocations of a workgroup in `kernels/compute.wgsl`.
 const GROUP: u32 = 64;
 
@@ -46,6 +61,7 @@ pub(crate) struct Work<'a> {
     pub(crate) grid: &'a Grid,
     pub(crate) tile: &'a Tile,
     pub(crate) voxels: u32,
+    pub(crate) rooms: Rooms,
     /// Bytes of buffers that were made.
     pub(crate) bytes: u64,
     /// Time to prepare triangles on the processor.
@@ -60,7 +76,7 @@ impl<'a> Work<'a> {
         passes: &'a Passes,
         method: Method,
         grid: &'a Grid,
-        (tile, voxels): (&'a Tile, u32),
+        (tile, voxels, rooms): (&'a Tile, u32, Rooms),
         surface: &Surface<'_>,
         with_looks: bool,
     ) -> Result<Self, RasterError> {
@@ -71,11 +87,12 @@ impl<'a> Work<'a> {
             grid,
             tile,
             voxels,
+            rooms,
             bytes: 0,
             preparation: Duration::ZERO,
             batches: Vec::new(),
         };
-        for (index, triangles) in tile.triangles.chunks(BATCH).enumerate() {
+        for (index, triangles) in tile.triangles.chunks(rooms.triangles).enumerate() {
             let start = Instant::now();
             let scale = f64::from(voxels);
             let records: Vec<Record> = (triangles.par_iter())
@@ -102,7 +119,7 @@ impl<'a> Work<'a> {
             let looks = looks.transpose()?;
             let uploaded = gpu.upload("triangles", &records, Usage::STORAGE)?;
             work.bytes += uploaded.size() + looks.as_ref().map_or(0, Buffer::size) + (items.len() * 12) as u64;
-            let (count, first) = (records.len() as u32, index * BATCH);
+            let (count, first) = (records.len() as u32, index * rooms.triangles);
             work.batches.push(Batch { records: uploaded, count, first, items, looks });
         }
         Ok(work)
@@ -182,13 +199,13 @@ impl<'a> Work<'a> {
         mut undecided: Option<TakePairs<'_>>,
     ) -> Result<Duration, RasterError> {
         let compute = self.passes.compute(self.gpu, emit)?;
-        let capacity = if undecided.is_some() { UNDECIDED } else { 0 };
+        let capacity = if undecided.is_some() { self.rooms.undecided } else { 0 };
         let usage = Usage::STORAGE | Usage::COPY_SRC | Usage::COPY_DST;
         let left = self.gpu.buffer("undecided", u64::from(capacity) * 8 + 8, usage)?;
         let mut time = Duration::ZERO;
         for (index, batch) in self.batches.iter().enumerate() {
             let found = self.gpu.bind_group(&compute.emit_layout, &with_looks(batch, buffers))?;
-            for items in batch.items.chunks(ITEMS) {
+            for items in batch.items.chunks(self.rooms.items) {
                 let list = self.gpu.upload("work", items, Usage::STORAGE)?;
                 let work = self.gpu.bind_group(&compute.work_layout, &[&list, &left])?;
                 // Ranges of items; a range that leaves too much undecided is done again in halves.

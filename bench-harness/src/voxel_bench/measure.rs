@@ -85,7 +85,7 @@ pub fn run_voxel_bench(options: &VoxelBenchOptions, progress: &Progress) -> Resu
         schema: SCHEMA,
         machine: Machine::detect(),
         options: options.clone(),
-        device: voxelizer.gpu().about().clone(),
+        device: voxelizer.device(),
         left_out,
         scenes,
         curve,

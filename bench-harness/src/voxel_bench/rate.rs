@@ -88,6 +88,27 @@ mod tests {
     use super::*;
 
     #[test]
+    fn voxels_away_from_triangles_are_beyond_the_bound() {
+        let positions = vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.3, 1.0, 0.7]];
+        let mesh = esvo_builder::Mesh::from_triangles(positions, vec![[0, 1, 2]]).unwrap();
+        let prepared = PreparedMesh::new(&mesh, 5).unwrap();
+        let exact = prepared.cells(5).unwrap();
+        let sure: Vec<u64> = (0..1 << 15)
+            .filter(|code| {
+                let corners = prepared.corners()[0].map(|corner| corner * 32.0);
+                !bounds::may_differ(&corners, morton_place(*code).map(i64::from))
+            })
+            .collect();
+        assert!(sure.len() > 30_000);
+        // Those that the triangle clearly meets count as well: missing ones would be wrong.
+        assert_eq!(beyond_bound(&prepared, 5, &sure).unwrap(), sure.len() as u64);
+        // Corners in borders of the grid are too close to say.
+        let close: Vec<u64> = exact.iter().copied().filter(|code| sure.binary_search(code).is_err()).collect();
+        assert!(!close.is_empty());
+        assert_eq!(beyond_bound(&prepared, 5, &close).unwrap(), 0);
+    }
+
+    #[test]
     fn differences_of_lists() {
         assert_eq!(differences(&[1, 3, 4, 9], &[2, 3, 9, 10]), (vec![1, 4], vec![2, 10]));
         assert_eq!(differences(&[], &[5]), (vec![], vec![5]));

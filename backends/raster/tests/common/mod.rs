@@ -25,7 +25,8 @@ pub(crate) fn found(voxelizer: &Voxelizer, corners: &[[DVec3; 3]], level: u32, m
     match voxelizer.voxelize(&Surface { corners, looks: None }, &Options::new(level, method)) {
         Ok(voxels) => Some(voxels),
         Err(RasterError::Lacks { method, device, lacks }) => {
-            println!("{method} left out: {device} {lacks}");
+            static SAID: OnceLock<()> = OnceLock::new();
+            SAID.get_or_init(|| println!("{method} left out: {device} {lacks}"));
             None
         }
         Err(error) => panic!("{method}: {error}"),
@@ -42,4 +43,15 @@ pub(crate) fn is_within_bound(corners: &[[DVec3; 3]], level: u32, code: u64) -> 
     let scale = f64::from(1u32 << level);
     let cell = morton_place(code).map(i64::from);
     corners.iter().any(|triangle| bounds::may_differ(&triangle.map(|corner| corner * scale), cell))
+}
+
+/// Whether some triangle is so close to touching this voxel, or touches it, that the border counts as in the triangle: nearer than a
+/// millionth of single precision's bound.
+#[allow(dead_code, reason = "not every test needs it")]
+pub(crate) fn is_in_border(corners: &[[DVec3; 3]], level: u32, code: u64) -> bool {
+    let scale = f64::from(1u32 << level);
+    let cell = morton_place(code).map(i64::from);
+    let over_bound =
+        |triangle: &[DVec3; 3]| bounds::separation(&triangle.map(|corner| corner * scale), cell).over_bound;
+    corners.iter().any(|triangle| over_bound(triangle).abs() < 1e-6)
 }
