@@ -16,7 +16,7 @@ pub struct Difference {
 }
 
 /// Fields that depend on time or on the day, and what was asked for.
-const PASSED_OVER: [&str; 10] = [
+const PASSED_OVER: [&str; 15] = [
     "machine",
     "calibration",
     "guard",
@@ -24,6 +24,11 @@ const PASSED_OVER: [&str; 10] = [
     "seconds",
     "mesh_seconds",
     "build_seconds",
+    "build_ms",
+    "exact_ms",
+    "voxelize_ms",
+    "compact_ms",
+    "host_ms",
     "mrays",
     "options",
     "all_on_software",
@@ -144,6 +149,15 @@ mod tests {
                 "scenes[SIBENIK].views[1] 1 entries 2 entries",
             ]
         );
+    }
+
+    #[test]
+    fn times_of_voxelization_are_passed_over_and_its_counts_are_not() {
+        let row = |ms: f64, holes: u64| json!({"name": "compute", "voxelize_ms": [ms], "compact_ms": [ms], "host_ms": [ms], "holes": holes});
+        let grid =
+            |ms: f64, holes: u64| json!({"grids": [{"exact_ms": [ms], "build_ms": ms, "methods": [row(ms, holes)]}]});
+        assert_eq!(results(&grid(1.0, 0), &grid(2.5, 0)), []);
+        assert_eq!(results(&grid(1.0, 0), &grid(2.5, 3))[0].place, "grids[0].methods[compute].holes");
     }
 
     #[test]
