@@ -140,6 +140,8 @@ impl Voxelizer {
     /// # Errors
     /// [`RasterError::Lacks`]; a lost device.
     pub fn check(&self, method: Method) -> Result<(), RasterError> {
+        // Pipelines that are made already know nothing of a loss.
+        self.gpu.check()?;
         let device = self.gpu.about().name.clone();
         if !self.gpu.features().contains(method.features()) {
             return Err(RasterError::Lacks { method, device, lacks: "has no conservative rasterization" });
