@@ -33,6 +33,14 @@ pub enum BenchError {
         /// What is wrong.
         what: String,
     },
+    /// An option that cannot be used as it is given.
+    #[error("{option}: {what}")]
+    Option {
+        /// Its name, with its value where that helps.
+        option: String,
+        /// What is wrong.
+        what: String,
+    },
     /// An octree or a setting that cannot be used.
     #[error(transparent)]
     Format(FormatError),
@@ -70,6 +78,11 @@ impl BenchError {
             FormatError::Io { path, source } => Self::Io { path, source },
             source => Self::File { path: path.to_owned(), source },
         }
+    }
+
+    /// An [`Option`](Self::Option) error.
+    pub fn option(option: impl Into<String>, what: impl ToString) -> Self {
+        Self::Option { option: option.into(), what: what.to_string() }
     }
 
     /// A [`Scene`](Self::Scene) error.

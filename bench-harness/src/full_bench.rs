@@ -16,6 +16,7 @@ use crate::stability_bench::{StabilityOptions, run_stability_bench, write_stabil
 use crate::sweep_bench::{SweepBenchOptions, resume_sweep_bench, write_sweep_record};
 use crate::system::machine::Machine;
 use crate::text::{TextTable, short};
+use crate::voxel_bench::{VoxelBenchOptions, resume_voxel_bench, unavailable, write_voxel_record};
 use crate::{BenchError, Progress};
 
 /// The reports of a full run, and where they go.
@@ -31,6 +32,8 @@ pub struct FullOptions {
     pub needs: Option<NeedsBenchOptions>,
     /// Lists of rays, a record for each.
     pub rays: Vec<RayBenchOptions>,
+    /// Voxelization on a GPU; left out where there is none.
+    pub voxelize: Option<VoxelBenchOptions>,
     /// The folder of records.
     pub results: PathBuf,
     /// Name of the machine's folder; `None`: made from the processor's.
@@ -59,6 +62,8 @@ pub struct FullReport {
     pub parts: Vec<FullPart>,
     /// Reports that could not be made, and why.
     pub failed: Vec<(String, String)>,
+    /// Reports that need what this machine or program lacks, and what that is.
+    pub left_out: Vec<(String, String)>,
     /// The folder with the page, `page.html`, and this list, `run.md`.
     pub folder: PathBuf,
     /// Parts that were found in the journal of the run that was stopped.
@@ -81,6 +86,9 @@ impl FullReport {
         }
         for (command, why) in &self.failed {
             table.rows.push(vec![command.clone(), "-".into(), "-".into(), why.clone()]);
+        }
+        for (command, why) in &self.left_out {
+            table.rows.push(vec![command.clone(), "-".into(), "-".into(), format!("left out: {why}")]);
         }
         if !self.parts.is_empty() {
             let all: f64 = self.parts.iter().map(|part| part.seconds).sum();
@@ -140,8 +148,19 @@ pub fn run_full_bench(options: &FullOptions, progress: &Progress) -> Result<Full
             Ok((write_ray_record(&report, results, machine)?, report.passed()))
         })?;
     }
+    let mut left_out = Vec::new();
+    if let Some(voxelize) = &options.voxelize {
+        let command = "esvo bench voxelize";
+        match unavailable(voxelize) {
+            Some(why) => left_out.push((command.into(), why)),
+            None => run.part(command, || {
+                let outcome = resume_voxel_bench(voxelize, &journal, progress)?;
+                Ok((write_voxel_record(&outcome, results, machine)?, outcome.report.passed()))
+            })?,
+        }
+    }
     let Run { parts, failed, found, .. } = run;
-    let mut report = FullReport { parts, failed, folder: PathBuf::new(), found };
+    let mut report = FullReport { parts, failed, left_out, folder: PathBuf::new(), found };
     progress.say("the page");
     report.folder = write_folder(results, &Machine::detect(), machine, "-full", |folder| {
         write_text(&folder.join("run.md"), &report.table().to_markdown())?;
@@ -161,7 +180,8 @@ fn check_scenes(options: &FullOptions) -> Result<(), BenchError> {
     let sweep = options.sweep.iter().flat_map(|sweep| &sweep.plan.scenes).map(|scene| &scene.name);
     let needs = options.needs.iter().flat_map(|needs| &needs.scenes);
     let rays = options.rays.iter().map(|rays| &rays.scene);
-    for name in sweep.chain(needs).chain(rays) {
+    let voxelize = options.voxelize.iter().flat_map(|voxelize| &voxelize.scenes).map(|scene| &scene.name);
+    for name in sweep.chain(needs).chain(rays).chain(voxelize) {
         scene::entry(&manifest, name)?;
     }
     Ok(())
@@ -175,10 +195,10 @@ fn page(report: &FullReport, path: &Path) -> Result<(), BenchError> {
 
 /// What the results depend on.
 fn settings(options: &FullOptions) -> impl Serialize + use<> {
-    let FullOptions { stability, tables, sweep, needs, rays, .. } = options.clone();
+    let FullOptions { stability, tables, sweep, needs, rays, voxelize, .. } = options.clone();
     let tables = tables.map(|tables| (tables.matrix, tables.threads));
     let sweep = sweep.map(|sweep| (sweep.plan, sweep.threads, sweep.all_on_software));
-    (stability, tables, sweep, needs, rays)
+    (stability, tables, sweep, needs, rays, voxelize)
 }
 
 impl Run<'_> {

@@ -25,6 +25,10 @@ pub struct NamedPicture {
 pub fn check_writable(results: &Path) -> Result<(), BenchError> {
     let above = results.ancestors().map(|p| if p.as_os_str().is_empty() { Path::new(".") } else { p });
     let existing = above.into_iter().find(|p| p.exists()).unwrap_or(Path::new("."));
+    if !existing.is_dir() {
+        let what = "is a file where a folder is needed; choose another path";
+        return Err(BenchError::io(existing, std::io::Error::other(what)));
+    }
     tempfile::tempfile_in(existing).map(drop).map_err(|e| BenchError::io(existing, e))
 }
 
@@ -135,5 +139,10 @@ mod tests {
         assert!(failed.is_err());
         assert_eq!(std::fs::read_dir(results.path().join("m")).unwrap().count(), 0);
         check_writable(&results.path().join("not/there/yet")).unwrap();
+        write_text(&results.path().join("file"), "text").unwrap();
+        for path in ["file", "file/below"] {
+            let error = check_writable(&results.path().join(path)).unwrap_err().to_string();
+            assert!(error.contains("file: is a file where a folder is needed"), "{error}");
+        }
     }
 }

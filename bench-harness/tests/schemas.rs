@@ -336,6 +336,8 @@ fn voxelize() {
     let options = VoxelBenchOptions {
         device: Some(text("llvmpipe")),
         methods: vec![text("a"), text("g")],
+        time_limit_seconds: Some(60.0),
+        left_out: vec![left_out()],
         ..VoxelBenchOptions::default()
     };
     let report = VoxelReport {
@@ -361,7 +363,7 @@ fn voxelize() {
     assert!(good.passed());
     good.scenes[0].grids[0].methods[1].beyond_bound = 1;
     assert!(!good.passed());
-    holds("voxelize", &parse(&report.to_json()), &["options/device"]);
+    holds("voxelize", &parse(&report.to_json()), &["options/device", "options/left_out", "options/time_limit_seconds"]);
     insta::assert_snapshot!("voxelize", to_text(&report).lines().skip(3).collect::<Vec<_>>().join("\n"));
 }
 

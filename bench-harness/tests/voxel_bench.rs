@@ -2,8 +2,11 @@
 #![cfg(feature = "wgpu")]
 
 use esvo_bench::Progress;
+use esvo_bench::journal::Journal;
 use esvo_bench::records::{Record, read_record};
-use esvo_bench::voxel_bench::{MethodRow, SceneGrids, VoxelBenchOptions, run_voxel_bench, write_voxel_record};
+use esvo_bench::voxel_bench::{
+    MethodRow, SceneGrids, VoxelBenchOptions, VoxelReport, resume_voxel_bench, run_voxel_bench, write_voxel_record,
+};
 
 #[test]
 fn methods_miss_and_add_what_they_are_known_for() {
@@ -52,4 +55,42 @@ fn methods_miss_and_add_what_they_are_known_for() {
         Some(Record::Voxelize(read)) => assert_eq!(*read, *report),
         other => panic!("{other:?}"),
     }
+}
+
+/// What is in the journal is not measured again, a time limit leaves out grids by name, and a record says what a run that repeats it does.
+#[test]
+fn runs_go_on_and_keep_to_their_time() {
+    let options = VoxelBenchOptions {
+        scenes: vec![SceneGrids { name: "fairy".into(), levels: vec![3, 4, 5] }],
+        // Without sheets, which are for methods that have holes.
+        methods: vec!["g".into()],
+        rounds: 1,
+        pictures: false,
+        time_limit_seconds: Some(1e-3),
+        ..VoxelBenchOptions::default()
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let run = |resume: bool, options: &VoxelBenchOptions| {
+        let journal = Journal::open(folder.path(), Some("m"), "-x", options, resume).unwrap();
+        resume_voxel_bench(options, &journal, &Progress::hidden())
+    };
+    let first = match run(false, &options) {
+        Err(error) if std::env::var_os("ESVO_REQUIRE_GPU").is_none() => return println!("skipped: {error}"),
+        outcome => outcome.unwrap().report,
+    };
+    let levels = |report: &VoxelReport| report.scenes[0].grids.iter().map(|grid| grid.level).collect::<Vec<_>>();
+    assert_eq!(levels(&first), [3]);
+    let what: Vec<&str> = first.left_out.iter().map(|left| &left.what[..]).collect();
+    assert_eq!(what, ["FAIRY in a grid of 16^3", "FAIRY in a grid of 32^3"]);
+    let again = run(true, &options).unwrap().report;
+    // Times as well: nothing was measured.
+    assert!(again.scenes == first.scenes && again.left_out == first.left_out);
+    let fresh = run(false, &options).unwrap().report;
+    assert!(fresh.scenes != first.scenes && levels(&fresh) == [3]);
+
+    let repeated = VoxelBenchOptions::of_record(&first);
+    assert_eq!((repeated.scenes[0].levels.clone(), repeated.time_limit_seconds), (vec![3], None));
+    let twice = run(false, &repeated).unwrap().report;
+    assert!(levels(&twice) == [3] && twice.left_out == first.left_out);
+    assert_eq!(VoxelBenchOptions::of_record(&twice), repeated);
 }

@@ -93,6 +93,66 @@ fn read(path: &Path) -> Value {
     serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
 }
 
+/// Where no GPU is, the other reports are made, and the list says what voxelization needs.
+#[test]
+fn voxelization_is_made_or_left_out_by_name() {
+    let folder = Folder::new();
+    let arguments = [
+        "bench",
+        "--full",
+        "--reports",
+        "rays,voxelize",
+        "--scenes",
+        "fairy",
+        "--levels",
+        "4,5",
+        "--rounds",
+        "1",
+        "--resolutions",
+        "48x36",
+        "--backends",
+        "cpu",
+        "--machine",
+        "m",
+        "--time-limit",
+        "0.001",
+    ];
+    let run = |lists: &str, levels: &str, without: bool| {
+        let mut arguments = arguments.to_vec();
+        (arguments[3], arguments[7]) = (lists, levels);
+        let mut command = folder.command(&arguments);
+        if without {
+            command.env("VK_DRIVER_FILES", "/nonexistent").env("VK_ICD_FILENAMES", "/nonexistent");
+        }
+        let done = command.output().unwrap();
+        (done.status.code(), String::from_utf8_lossy(&[done.stdout, done.stderr].concat()).into_owned())
+    };
+    let why = if cfg!(feature = "wgpu") { "install" } else { "without the feature wgpu" };
+    let (code, text) = run("rays,voxelize", "4,5", true);
+    let line = text.lines().find(|line| line.contains("esvo bench voxelize")).unwrap_or_default();
+    assert!(code == Some(0) && line.contains("left out: ") && line.contains(why), "{text}");
+    // Nothing else was asked for: that is an error.
+    let (code, text) = run("voxelize", "4,5", true);
+    let last = text.lines().last().unwrap_or_default();
+    assert!(code == Some(1) && last.starts_with("error: esvo bench voxelize: ") && last.contains(why), "{text}");
+    if !cfg!(feature = "wgpu") || std::env::var_os("ESVO_REQUIRE_GPU").is_none() {
+        return;
+    }
+    let (code, text) = run("voxelize", "4,5,20", false);
+    let line = text.lines().find(|line| line.contains("esvo bench voxelize")).unwrap_or_default();
+    assert!(code == Some(0) && line.contains("right") && line.contains("-voxelize"), "{text}");
+    let found = std::fs::read_dir(folder.path("results/m")).unwrap().map(|entry| entry.unwrap().path());
+    let found: Vec<PathBuf> = found.filter(|path| path.to_string_lossy().ends_with("-voxelize")).collect();
+    assert_eq!(found.len(), 1);
+    let record = read(&found[0].join("report.json"));
+    // The finer grid was left out for the time limit; octrees of 20 levels have no grid.
+    assert_eq!(record["options"]["scenes"][0]["levels"], serde_json::json!([4, 5]));
+    assert_eq!(record["scenes"][0]["grids"].as_array().unwrap().len(), 1);
+    let left_out: Vec<&str> =
+        record["left_out"].as_array().unwrap().iter().map(|left| left["what"].as_str().unwrap()).collect();
+    assert!(left_out.contains(&"FAIRY in a grid of 32^3"), "{left_out:?}");
+}
+
 #[test]
 fn a_record_is_run_again_and_what_differs_is_told() {
     let folder = Folder::new();

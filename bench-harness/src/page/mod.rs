@@ -1,7 +1,7 @@
 //! `esvo bench page`: one HTML file made of stored records alone, to be read without any other file and without a network.
 //!
 //! - `machines.rs`: records by machine. `verdicts.rs`: which engine is wrong, by all records. `between/`: what records of one machine say of
-//!   the same thing. `gpu.rs`: GPU against processor. `answers/`: the questions that a sweep answers, in words. `span.rs`: times with their spread, and ties. `settings.rs`: the settings of a sweep. `plot.rs`: error against time.
+//!   the same thing. `gpu.rs`: GPU against processor. `answers/`: the questions that a sweep answers, in words. `span.rs`: times with their spread, and ties. `settings.rs`: the settings of a sweep. `plot.rs`: plots, and error against time. `voxel_plots.rs`: plots of voxelization.
 //! - `paper_tables.rs`: Table 1 and Table 2 with the paper's figures. `in_words.rs`: sentences above tables of figures. `pictures.rs`:
 //!   pictures to compare. `sources.rs`: the records. `sections.rs`: the order.
 //! - `glossary.rs`: the terms. `html.rs`: what the template is given. `templates/`: the template, its style and its script.
@@ -21,6 +21,7 @@ mod settings;
 mod sources;
 mod span;
 mod verdicts;
+mod voxel_plots;
 
 use std::path::{Path, PathBuf};
 

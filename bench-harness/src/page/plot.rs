@@ -1,4 +1,4 @@
-//! Error against time of the settings of a scene: where everything is drawn. The template draws it.
+//! A plot, which the template draws, and that of error against time of the settings of a scene.
 
 use esvo_engines::EngineId;
 
@@ -11,8 +11,8 @@ use crate::sweep_bench::tables::{Among, fronts};
 use crate::text::short;
 
 /// Size of a plot, and the room for axes: left, top, right, bottom.
-const SIZE: [f64; 2] = [620.0, 400.0];
-const ROOM: [f64; 4] = [58.0, 14.0, 14.0, 46.0];
+pub(super) const SIZE: [f64; 2] = [620.0, 400.0];
+pub(super) const ROOM: [f64; 4] = [58.0, 14.0, 14.0, 46.0];
 /// Errors below that of the most exact octree by this factor are drawn there: an axis with a logarithm has no 0.
 const BELOW: f64 = 0.25;
 
@@ -27,12 +27,20 @@ pub(super) struct Plot {
     pub(super) y_title: String,
     pub(super) x_ticks: Vec<Tick>,
     pub(super) y_ticks: Vec<Tick>,
-    /// Points of the Pareto front of octrees, as SVG has them.
-    pub(super) front: String,
+    /// Lines behind the points.
+    pub(super) lines: Vec<Line>,
     /// Where half a pixel is.
     pub(super) half: Option<String>,
     pub(super) points: Vec<Point>,
     pub(super) legend: Vec<Legend>,
+}
+
+/// A line.
+pub(super) struct Line {
+    /// `front`: a Pareto front. `series`: points of one kind, with the class of those that have not the ink's color.
+    pub(super) class: &'static str,
+    /// Points, as SVG has them.
+    pub(super) points: String,
 }
 
 /// A tick of an axis.
@@ -47,6 +55,8 @@ pub(super) struct Point {
     pub(super) y: String,
     pub(super) class: String,
     pub(super) shape: &'static str,
+    /// What is written beside it; empty: nothing.
+    pub(super) name: String,
     /// Lines of what is shown when it is pointed at.
     pub(super) tip: Vec<String>,
     pub(super) on_front: bool,
@@ -64,7 +74,7 @@ pub(super) struct Legend {
 }
 
 /// An axis with a logarithm.
-struct Axis {
+pub(super) struct Axis {
     low: f64,
     high: f64,
     from: f64,
@@ -72,40 +82,50 @@ struct Axis {
 }
 
 impl Axis {
-    fn new(values: impl Iterator<Item = f64>, from: f64, to: f64) -> Option<Self> {
+    /// An axis from a coordinate of the picture to another, with room for these values; `None` if none is above 0.
+    pub(super) fn new(values: impl Iterator<Item = f64>, from: f64, to: f64) -> Option<Self> {
         let values = values.filter(|v| *v > 0.0 && v.is_finite());
         let (low, high) = values.fold((f64::INFINITY, 0f64), |(low, high), v| (low.min(v), high.max(v)));
         // Room for the points at the edges, and a range that is not empty.
         (low <= high).then(|| Self { low: (low / 1.25).ln(), high: (high * 1.25).ln(), from, to })
     }
 
-    fn at(&self, value: f64) -> f64 {
+    /// The coordinate of a value.
+    pub(super) fn at(&self, value: f64) -> f64 {
         self.from + (value.ln() - self.low) / (self.high - self.low) * (self.to - self.from)
     }
 
     /// 1, 2 and 5 times powers of ten; of ranges of many decades the powers alone.
-    fn ticks(&self) -> Vec<Tick> {
+    pub(super) fn ticks(&self) -> Vec<Tick> {
         let decades = (self.high - self.low) / std::f64::consts::LN_10;
         let steps: &[f64] = if decades > 3.5 { &[1.0] } else { &[1.0, 2.0, 5.0] };
         let first = (self.low / std::f64::consts::LN_10).floor() as i32;
         let last = (self.high / std::f64::consts::LN_10).ceil() as i32;
         let values = (first..=last).flat_map(|power| steps.iter().map(move |step| step * 10f64.powi(power)));
         let inside = values.filter(|value| (self.low..=self.high).contains(&value.ln()));
-        inside.map(|value| Tick { at: coordinate(self.at(value)), text: plain(value) }).collect()
+        // Long numbers would reach the title of the axis.
+        let text = |value: f64| if value >= 1e5 { format!("{value:e}") } else { plain(value) };
+        inside.map(|value| Tick { at: coordinate(self.at(value)), text: text(value) }).collect()
     }
 }
 
-fn position(point: &Point) -> f64 {
-    point.x.parse().unwrap_or_default()
+/// Puts points from the left to the right, as arrow keys go through them.
+pub(super) fn order(points: &mut [Point]) {
+    let position = |point: &Point| point.x.parse::<f64>().unwrap_or_default();
+    points.sort_by(|a, b| position(a).total_cmp(&position(b)));
+    if let Some(first) = points.first_mut() {
+        first.first = true;
+    }
 }
 
-fn coordinate(x: f64) -> String {
+/// A coordinate as SVG has it.
+pub(super) fn coordinate(x: f64) -> String {
     format!("{x:.1}")
 }
 
 /// A number without trailing zeros.
-fn plain(value: f64) -> String {
-    if value < 1e-3 { format!("{value:.0e}") } else { format!("{}", (value * 1e6).round() / 1e6) }
+pub(super) fn plain(value: f64) -> String {
+    if value < 1e-3 && value != 0.0 { format!("{value:.0e}") } else { format!("{}", (value * 1e6).round() / 1e6) }
 }
 
 /// The plots of a scene, by depth error and by FLIP; none if nothing was timed.
@@ -141,6 +161,7 @@ fn plot(report: &SweepReport, scene: &SceneSweep, measure: ErrorMeasure) -> Opti
             y: coordinate(y.at(*error)),
             class,
             shape,
+            name: String::new(),
             tip: vec![
                 setting(scene, cell),
                 format!("{} by {} (median {} ms)", span.words(), engine(report, cell), short(median)),
@@ -152,11 +173,7 @@ fn plot(report: &SweepReport, scene: &SceneSweep, measure: ErrorMeasure) -> Opti
             range: on[*index].then(|| coordinate(x.at(span.quarter) - x.at(span.least))),
         });
     }
-    // From the left to the right, as arrow keys go through them.
-    points.sort_by(|a, b| position(a).total_cmp(&position(b)));
-    if let Some(first) = points.first_mut() {
-        first.first = true;
-    }
+    order(&mut points);
     let half = (measure == ErrorMeasure::P90).then(|| y.at(0.5)).filter(|at| (top..=bottom).contains(at));
     let unit = if measure == ErrorMeasure::Flip { "" } else { ", pixels" };
     Some(Plot {
@@ -168,7 +185,7 @@ fn plot(report: &SweepReport, scene: &SceneSweep, measure: ErrorMeasure) -> Opti
         y_title: format!("{}{unit}", measure.title()),
         x_ticks: x.ticks(),
         y_ticks: y.ticks(),
-        front: front.into_iter().map(place).collect::<Vec<_>>().join(" "),
+        lines: vec![Line { class: "front", points: front.into_iter().map(place).collect::<Vec<_>>().join(" ") }],
         half: half.map(coordinate),
         points,
         legend,
@@ -232,7 +249,7 @@ mod tests {
             let at: [f64; 2] = [point.x.parse().unwrap(), point.y.parse().unwrap()];
             assert!((left..=right).contains(&at[0]) && (top..=bottom).contains(&at[1]), "{at:?}");
         }
-        assert_eq!(plot.front.split(' ').count(), 2);
+        assert_eq!(plot.lines[0].points.split(' ').count(), 2);
         assert_eq!(plot.points.iter().filter(|point| point.range.is_some()).count(), 2);
         assert!(plot.half.is_some() && plots[1].half.is_none());
         assert_eq!(plot.legend.len(), 4);
@@ -250,6 +267,9 @@ mod tests {
         assert_eq!(texts, ["1", "2", "5", "10", "20", "50"]);
         let wide = Axis::new([0.001, 1000.0].into_iter(), 0.0, 100.0).unwrap();
         assert!(wide.ticks().iter().all(|tick| tick.text.trim_matches(['0', '.']) == "1"));
+        let large = Axis::new([1e2, 1e7].into_iter(), 0.0, 100.0).unwrap();
+        let texts: Vec<_> = large.ticks().into_iter().map(|tick| tick.text).collect();
+        assert_eq!(texts, ["100", "1000", "10000", "1e5", "1e6", "1e7"]);
         assert!(Axis::new(std::iter::empty(), 0.0, 1.0).is_none());
     }
 }

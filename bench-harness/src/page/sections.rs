@@ -3,7 +3,7 @@
 use super::between::{Between, DISTURBED};
 use super::html::{Answers, Block, Contents, PageTable, Section};
 use super::machines::{OnMachine, by_machine};
-use super::{answers, glossary, gpu, in_words, paper_tables, pictures, plot, settings, sources, verdicts};
+use super::{answers, glossary, gpu, in_words, paper_tables, pictures, plot, settings, sources, verdicts, voxel_plots};
 use crate::build_bench::BuildReport;
 use crate::paper_bench::figures::{built_sizes, sizes, viewpoints};
 use crate::paper_bench::paper::Paper;
@@ -280,7 +280,8 @@ fn builds(report: &BuildReport, when: &str, paper: &Paper) -> Option<Section> {
 /// Sections of sentences and of the tables that a benchmark prints.
 fn others(one: &Found, when: &str) -> Option<Section> {
     let shown = |tables: Vec<TextTable>| tables.into_iter().filter(|table| !table.rows.is_empty()).collect::<Vec<_>>();
-    let whole = |tables: Vec<TextTable>| shown(tables).into_iter().map(|table| Block::Table(table.into())).collect();
+    let whole =
+        |tables: Vec<TextTable>| shown(tables).into_iter().map(|table| Block::Table(table.into())).collect::<Vec<_>>();
     Some(match &one.record {
         Record::Rays(report) => Section {
             lead: vec![
@@ -324,13 +325,15 @@ fn others(one: &Found, when: &str) -> Option<Section> {
             lead: vec![
                 "Ways to find the voxels of a mesh on a GPU, next to the exact voxels: what each misses, what it adds, and its time."
                     .into(),
+                "Dark marks: methods that shade the pixels whose middle, or one of a few samples, is in a triangle. Blue: those that shade \
+                 all pixels that it touches. Filled: those that also test each voxel. The line joins methods that no other beats in both."
+                    .into(),
             ],
-            ..section(
-                "voxelize",
-                "Voxelization on a GPU",
-                when,
-                whole(crate::voxel_bench::tables::tables(report)),
-            )
+            ..section("voxelize", "Voxelization on a GPU", when, {
+                let plots = voxel_plots::plots(report);
+                let plots = (!plots.is_empty()).then_some(Block::Plots(plots));
+                plots.into_iter().chain(whole(crate::voxel_bench::tables::tables(report))).collect()
+            })
         },
         _ => return None,
     })

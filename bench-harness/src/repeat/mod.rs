@@ -2,7 +2,7 @@
 //!
 //! - `mod.rs`: from a record to a second one. `differences.rs`: comparing what does not depend on time. `tables.rs`: what is printed.
 //!
-//! A record of `esvo bench`, `esvo bench sweep`, `stability`, `rays` or `needs` says what was asked for: scenes, viewpoints, levels,
+//! A record of `esvo bench`, `esvo bench sweep`, `stability`, `rays`, `needs` or `voxelize` says what was asked for: scenes, viewpoints, levels,
 //! engines, seeds, rounds. A second run on the same sources finds the same octrees, hits and errors in every digit; times it does not, and
 //! [`compare`](crate::compare) judges them.
 
@@ -20,7 +20,7 @@ use crate::records::{Record, read_record};
 use crate::scene::NamedView;
 use crate::stability_bench::{run_stability_bench, write_stability_record};
 use crate::sweep_bench::{Cache, SweepBenchOptions, resume_sweep_bench, write_sweep_record};
-use crate::voxel_bench::{VoxelBenchOptions, run_voxel_bench, write_voxel_record};
+use crate::voxel_bench::{VoxelBenchOptions, resume_voxel_bench, write_voxel_record};
 use crate::{BenchError, Progress};
 
 pub use differences::Difference;
@@ -150,9 +150,12 @@ pub fn repeat(path: &Path, options: &RepeatOptions, progress: &Progress) -> Resu
             (Record::Stability(Box::new(report)), folder, right)
         }
         Record::Voxelize(report) => {
-            let again = VoxelBenchOptions { scenes_dir: options.scenes_dir.clone(), ..report.options.clone() };
-            let outcome = run_voxel_bench(&again, progress)?;
+            let again =
+                VoxelBenchOptions { scenes_dir: options.scenes_dir.clone(), ..VoxelBenchOptions::of_record(report) };
+            let journal = journal("-voxelize", &value(&again)?)?;
+            let outcome = resume_voxel_bench(&again, &journal, progress)?;
             let folder = write_voxel_record(&outcome, results, machine)?;
+            journal.remove()?;
             let right = outcome.report.passed();
             (Record::Voxelize(Box::new(outcome.report)), folder, right)
         }

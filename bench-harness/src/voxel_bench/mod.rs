@@ -6,7 +6,7 @@ mod measure;
 mod output;
 #[cfg(feature = "wgpu")]
 mod pictures;
-mod plot;
+pub(crate) mod plot;
 #[cfg(feature = "wgpu")]
 mod rate;
 #[cfg(feature = "wgpu")]
@@ -25,24 +25,52 @@ use crate::output::{NamedPicture, to_json};
 use crate::system::machine::Machine;
 
 #[cfg(feature = "wgpu")]
-pub use measure::run_voxel_bench;
+pub use measure::{resume_voxel_bench, run_voxel_bench, unavailable};
 pub use output::write_voxel_record;
 pub use plot::{curve_to_svg, to_svg};
 #[cfg(feature = "wgpu")]
 pub use surface::{GpuVoxels, voxelize_mesh};
 pub use tables::{to_markdown, to_text};
 
+/// What a program without the feature `wgpu` says.
+#[cfg(not(feature = "wgpu"))]
+const NOT_BUILT_IN: &str = "this program was built without the feature wgpu, which voxelizes on a GPU";
+
 /// Says that this program has no voxelizer.
 ///
 /// # Errors
 /// Always: the feature `wgpu` is off.
 #[cfg(not(feature = "wgpu"))]
-pub fn run_voxel_bench(_: &VoxelBenchOptions, _: &crate::Progress) -> Result<VoxelOutcome, crate::BenchError> {
-    Err(crate::BenchError::scene(
-        "voxelize",
-        "this program was built without the feature wgpu, which voxelizes on a GPU",
-    ))
+pub fn run_voxel_bench(
+    options: &VoxelBenchOptions,
+    progress: &crate::Progress,
+) -> Result<VoxelOutcome, crate::BenchError> {
+    resume_voxel_bench(options, &crate::journal::Journal::none(), progress)
 }
+
+/// Says that this program has no voxelizer.
+///
+/// # Errors
+/// Always: the feature `wgpu` is off.
+#[cfg(not(feature = "wgpu"))]
+pub fn resume_voxel_bench(
+    _: &VoxelBenchOptions,
+    _: &crate::journal::Journal,
+    _: &crate::Progress,
+) -> Result<VoxelOutcome, crate::BenchError> {
+    Err(crate::BenchError::option("voxelization", NOT_BUILT_IN))
+}
+
+/// Why nothing can be voxelized here: the feature `wgpu` is off.
+#[cfg(not(feature = "wgpu"))]
+pub fn unavailable(_: &VoxelBenchOptions) -> Option<String> {
+    Some(NOT_BUILT_IN.into())
+}
+
+/// The deepest level of a grid: 4096 voxels along its edge.
+pub const MAX_LEVEL: u32 = 12;
+#[cfg(feature = "wgpu")]
+const _: () = assert!(MAX_LEVEL == esvo_raster::MAX_LEVEL);
 
 /// Version of the record.
 pub const SCHEMA: u32 = 1;
@@ -70,6 +98,13 @@ pub struct VoxelBenchOptions {
     pub device: Option<String>,
     /// Whether pictures are made.
     pub pictures: bool,
+    /// Seconds of the whole run, about: finer grids of a scene are left out that would not end in time, by the time that the grid before
+    /// them took. The first grid of a scene is always measured. `None`: no limit.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub time_limit_seconds: Option<f64>,
+    /// Grids that were left out of the plan, which the record names as well.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub left_out: Vec<LeftOut>,
     /// The folder that is searched first for real meshes. Not in records.
     #[serde(skip)]
     pub scenes_dir: Option<PathBuf>,
@@ -85,9 +120,51 @@ impl Default for VoxelBenchOptions {
             rounds: 3,
             device: None,
             pictures: true,
+            time_limit_seconds: None,
+            left_out: Vec::new(),
             scenes_dir: None,
         }
     }
+}
+
+impl VoxelBenchOptions {
+    /// Takes these scenes, with the grids that they have so far, or else those of the first scene.
+    pub fn select_scenes(&mut self, names: &[String]) {
+        let levels = self.scenes.first().map(|scene| scene.levels.clone()).unwrap_or_default();
+        let of = |name: &String| {
+            let known = self.scenes.iter().find(|scene| scene.name.eq_ignore_ascii_case(name));
+            known.cloned().unwrap_or_else(|| SceneGrids { name: name.clone(), levels: levels.clone() })
+        };
+        self.scenes = names.iter().map(of).collect();
+    }
+
+    /// Voxelizes every scene into grids of these levels.
+    pub fn set_levels(&mut self, levels: &[u32]) {
+        let mut levels = levels.to_vec();
+        levels.sort_unstable();
+        levels.dedup();
+        self.scenes.iter_mut().for_each(|scene| scene.levels.clone_from(&levels));
+    }
+
+    /// The options of a run that does what a record's did: without the grids that its time limit left out, which are named.
+    pub fn of_record(report: &VoxelReport) -> Self {
+        let mut again = Self { time_limit_seconds: None, ..report.options.clone() };
+        for scene in &mut again.scenes {
+            let late = |level: u32| {
+                let what = grid_name(&scene.name.to_ascii_uppercase(), level);
+                report.left_out.iter().find(|left| left.what == what)
+            };
+            let named: Vec<_> = scene.levels.iter().filter_map(|level| late(*level)).cloned().collect();
+            scene.levels.retain(|level| late(*level).is_none());
+            again.left_out.extend(named.into_iter().filter(|left| !report.options.left_out.contains(left)));
+        }
+        again
+    }
+}
+
+/// What a grid that is left out is called; the scene's name in capitals.
+fn grid_name(scene: &str, level: u32) -> String {
+    format!("{scene} in a grid of {}^3", 1u64 << level)
 }
 
 /// The record of a run.
@@ -113,14 +190,14 @@ pub struct VoxelReport {
     pub seconds: f64,
 }
 
-/// Pictures of one thing by several methods.
+/// Pictures of one thing, by several methods or in several ways.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 pub struct PictureGroup {
     /// What they show.
     pub what: String,
     /// Credit of the mesh.
     pub credit: String,
-    /// Files beside the record, each named after its method at the end.
+    /// Files beside the record, each named after its method at the end, or after what it shows.
     pub files: Vec<String>,
 }
 

@@ -32,12 +32,18 @@ fn color(number: usize) -> RGBColor {
 }
 
 /// Wrong voxels of a method, in parts per million of the exact ones.
-pub(super) fn wrong_ppm(grid: &Grid, row: &MethodRow) -> f64 {
+pub(crate) fn wrong_ppm(grid: &Grid, row: &MethodRow) -> f64 {
     (row.missing() + row.extra) as f64 * 1e6 / grid.voxels.max(1) as f64
 }
 
-pub(super) fn least(values: &[f64]) -> f64 {
+/// The least of values; infinity of none.
+pub(crate) fn least(values: &[f64]) -> f64 {
     values.iter().copied().fold(f64::INFINITY, f64::min)
+}
+
+/// Whether a method has a time that an axis with a logarithm can show.
+fn is_timed(row: &MethodRow) -> bool {
+    (f64::MIN_POSITIVE..f64::INFINITY).contains(&least(&row.voxelize_ms))
 }
 
 /// Missing and extra voxels of each method against its time on the device, in the finest grid of each scene.
@@ -45,14 +51,17 @@ pub(super) fn least(values: &[f64]) -> f64 {
 /// # Errors
 /// A record without scenes.
 pub fn to_svg(report: &VoxelReport) -> Result<String, String> {
-    let shown: Vec<_> = report.scenes.iter().filter_map(|scene| Some((scene, scene.grids.last()?))).collect();
+    let last = report.scenes.iter().filter_map(|scene| Some((scene, scene.grids.last()?)));
+    // An axis needs values: a scene without any has no panel.
+    let shown: Vec<_> = last.filter(|(_, grid)| grid.methods.iter().any(is_timed)).collect();
     if shown.is_empty() {
         return Err("no scene was voxelized".into());
     }
     drawn((PANEL.0 * shown.len() as u32, PANEL.1), |root| {
         for (panel, (scene, grid)) in root.split_evenly((1, shown.len())).iter().zip(&shown) {
+            let rows: Vec<&MethodRow> = grid.methods.iter().filter(|row| is_timed(row)).collect();
             let points: Vec<(f64, f64)> =
-                grid.methods.iter().map(|row| (least(&row.voxelize_ms), wrong_ppm(grid, row).max(NONE))).collect();
+                rows.iter().map(|row| (least(&row.voxelize_ms), wrong_ppm(grid, row).max(NONE))).collect();
             let far = points.iter().fold((f64::INFINITY, 0f64), |(low, high), p| (low.min(p.0), high.max(p.0)));
             let high = points.iter().fold(1.0, |high: f64, p| high.max(p.1));
             let edge = 1u32 << grid.level;
@@ -67,7 +76,7 @@ pub fn to_svg(report: &VoxelReport) -> Result<String, String> {
                 "milliseconds on the device (least)",
                 "wrong voxels, parts per million (0 at the bottom)",
             )?;
-            for (number, (row, point)) in grid.methods.iter().zip(&points).enumerate() {
+            for (number, (row, point)) in rows.iter().zip(&points).enumerate() {
                 let style = color(number).filled();
                 chart.draw_series([Circle::new(*point, 5, style)])?;
                 let label = EmptyElement::at(*point) + Text::new(row.letter.clone(), (7, -12), ("sans-serif", 14));

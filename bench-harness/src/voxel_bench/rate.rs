@@ -80,7 +80,7 @@ pub(crate) fn methods(names: &[String]) -> Result<Vec<Method>, BenchError> {
     if names.is_empty() {
         return Ok(Method::ALL.to_vec());
     }
-    names.iter().map(|name| name.parse().map_err(|e: String| failed("methods", e))).collect()
+    names.iter().map(|name| name.parse().map_err(|e: String| BenchError::option("--methods", e))).collect()
 }
 
 #[cfg(test)]

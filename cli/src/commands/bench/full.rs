@@ -9,6 +9,7 @@ use esvo_bench::ray_bench::RayBenchOptions;
 use esvo_bench::scene::manifest;
 use esvo_bench::stability_bench::StabilityOptions;
 use esvo_bench::sweep_bench::{Cache, SweepBenchOptions, SweepPlan};
+use esvo_bench::voxel_bench::{MAX_LEVEL, VoxelBenchOptions};
 use esvo_engines::{EngineId, OpenOptions};
 
 use crate::commands::bench::tables::TablesArguments;
@@ -27,6 +28,8 @@ pub(crate) enum FullKind {
     Needs,
     /// Lists of rays at three scenes
     Rays,
+    /// Voxelization on a GPU by each method; left out where there is none
+    Voxelize,
 }
 
 /// Scenes whose lists of rays are measured.
@@ -53,8 +56,9 @@ pub(crate) fn run_bench_full(tables: PaperBenchOptions, arguments: &TablesArgume
     let displaced = |name: &String| manifest.scene(name).is_some_and(|scene| scene.displaced);
     let scenes: Vec<String> = selection.scenes.iter().filter(|name| !displaced(name)).cloned().collect();
     let only_displaced = scenes.is_empty() && !selection.scenes.is_empty();
-    let wanted =
-        |kind| wanted(kind) && !(only_displaced && matches!(kind, FullKind::Sweep | FullKind::Needs | FullKind::Rays));
+    // Those that have no scenes of their own, or take any.
+    let of_all = |kind| matches!(kind, FullKind::Stability | FullKind::Tables);
+    let wanted = |kind| wanted(kind) && (!only_displaced || of_all(kind));
 
     let mut plan = SweepPlan::full_run();
     if !scenes.is_empty() {
@@ -100,6 +104,25 @@ pub(crate) fn run_bench_full(tables: PaperBenchOptions, arguments: &TablesArgume
             ..all
         }
     };
+    let mut voxelize = VoxelBenchOptions {
+        rounds: arguments.rounds.map_or(3, |rounds| u32::try_from(rounds).unwrap_or(u32::MAX)),
+        time_limit_seconds: selection.time_limit(),
+        scenes_dir: scenes_dir.clone(),
+        ..VoxelBenchOptions::default()
+    };
+    if !scenes.is_empty() {
+        voxelize.select_scenes(&scenes);
+    }
+    if !selection.levels.is_empty() {
+        // A grid has as many voxels along its edge as an octree of this level.
+        let levels: Vec<u32> = selection.levels.iter().copied().filter(|level| *level <= MAX_LEVEL).collect();
+        if levels.is_empty() && arguments.reports.contains(&FullKind::Voxelize) {
+            let what = format!("--levels: grids of voxelize have levels 1 to {MAX_LEVEL}; expected one of these");
+            return Err(what.into());
+        }
+        voxelize.set_levels(&levels);
+    }
+    let voxelizes = wanted(FullKind::Voxelize) && voxelize.scenes.iter().any(|scene| !scene.levels.is_empty());
     let ray_scenes = if scenes.is_empty() { RAY_SCENES.map(String::from).to_vec() } else { scenes };
 
     let options = FullOptions {
@@ -115,6 +138,7 @@ pub(crate) fn run_bench_full(tables: PaperBenchOptions, arguments: &TablesArgume
         }),
         needs: wanted(FullKind::Needs).then_some(needs),
         rays: if wanted(FullKind::Rays) { ray_scenes.iter().map(ray_options).collect() } else { Vec::new() },
+        voxelize: voxelizes.then_some(voxelize),
         tables: wanted(FullKind::Tables).then_some(tables),
         results: arguments.out.clone(),
         machine: arguments.machine.clone(),
@@ -128,7 +152,7 @@ pub(crate) fn run_bench_full(tables: PaperBenchOptions, arguments: &TablesArgume
     if report.passed() {
         return printed;
     }
-    let what = match report.failed.first() {
+    let what = match report.failed.first().or(report.left_out.first().filter(|_| report.parts.is_empty())) {
         Some((command, why)) => format!("{command}: {why}"),
         None => "answers of an engine are wrong".into(),
     };

@@ -46,7 +46,7 @@ results/<machine>/<date>/. Exit code 1 if the answers of an engine are wrong.
 
 Examples:
   esvo bench                                    about five minutes on two cores
-  esvo bench --full --memory 16                 every report, in two hours on two cores
+  esvo bench --full --memory 16                 every report, in over two hours on two cores
   esvo bench --full --memory 16 --resume        the same, after it was stopped
   esvo bench --repeat results/machine/2026-11-26/report.json
   esvo bench --scenes sibenik --levels 9,10,11 --backends cpu")]

@@ -51,6 +51,11 @@ impl Selection {
         check_scenes_dir(self.scenes_dir.as_deref())
     }
 
+    /// The planned length of the run in seconds; `None`: no limit.
+    pub(crate) fn time_limit(&self) -> Option<f64> {
+        self.time_limit.filter(|seconds| *seconds > 0.0)
+    }
+
     /// Names of the scenes to measure; empty: those of the matrix, which has these scenes.
     ///
     /// # Errors

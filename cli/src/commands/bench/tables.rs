@@ -19,7 +19,7 @@ use crate::values::{engine, parse_size, parse_slowed};
 #[derive(Debug, Args)]
 pub(crate) struct TablesArguments {
     /// Make every report: hard cases, the paper's whole matrix (all scenes, resolutions and viewpoints, levels as deep as memory
-    /// allows), error against run time, what code costs that a scene does not need, lists of rays; and a page of them all
+    /// allows), error against run time, what code costs that a scene does not need, lists of rays, voxelization; and a page of them all
     #[arg(long, conflicts_with = "matrix")]
     pub(crate) full: bool,
     /// With --full: make only these reports

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use esvo_bench::Progress;
 use esvo_bench::output::check_writable;
-use esvo_bench::voxel_bench::{SceneGrids, VoxelBenchOptions, run_voxel_bench, to_text, write_voxel_record};
+use esvo_bench::voxel_bench::{VoxelBenchOptions, run_voxel_bench, to_text, write_voxel_record};
 
 use crate::commands::bench::record::RecordArguments;
 use crate::commands::bench::selection::check_scenes_dir;
@@ -42,6 +42,9 @@ pub(crate) struct BenchVoxelizeArguments {
     /// Part of the name of the device [default: the best]
     #[arg(long, value_name = "NAME")]
     device: Option<String>,
+    /// Planned length of the run in seconds; finer grids are left out to stay within it; 0: no limit
+    #[arg(long, value_name = "SECONDS", value_parser = parse_seconds)]
+    time_limit: Option<f64>,
     /// Make no pictures
     #[arg(long)]
     no_pictures: bool,
@@ -60,33 +63,29 @@ fn parse_grid(text: &str) -> Result<u32, String> {
     }
 }
 
+fn parse_seconds(text: &str) -> Result<f64, String> {
+    let seconds = text.parse().ok().filter(|seconds: &f64| *seconds >= 0.0 && seconds.is_finite());
+    seconds.ok_or_else(|| "expected seconds, at least 0".into())
+}
+
 pub(crate) fn run_bench_voxelize(arguments: &BenchVoxelizeArguments) -> Result<(), Failure> {
     check_scenes_dir(arguments.scenes_dir.as_deref())?;
     check_writable(&arguments.record.out)?;
-    let default = VoxelBenchOptions::default();
-    let mut scenes = default.scenes;
-    if !arguments.scenes.is_empty() {
-        let levels = scenes.first().map(|scene| scene.levels.clone()).unwrap_or_default();
-        let of = |name: &String| {
-            let known = scenes.iter().find(|scene| scene.name.eq_ignore_ascii_case(name));
-            known.cloned().unwrap_or_else(|| SceneGrids { name: name.clone(), levels: levels.clone() })
-        };
-        scenes = arguments.scenes.iter().map(of).collect();
-    }
-    if !arguments.grids.is_empty() {
-        let mut levels = arguments.grids.clone();
-        levels.sort_unstable();
-        levels.dedup();
-        scenes.iter_mut().for_each(|scene| scene.levels.clone_from(&levels));
-    }
-    let options = VoxelBenchOptions {
-        scenes,
+    let mut options = VoxelBenchOptions {
         methods: arguments.methods.clone(),
         rounds: arguments.rounds,
         device: arguments.device.clone(),
         pictures: !arguments.no_pictures,
+        time_limit_seconds: arguments.time_limit.filter(|seconds| *seconds > 0.0),
         scenes_dir: arguments.scenes_dir.clone(),
+        ..VoxelBenchOptions::default()
     };
+    if !arguments.scenes.is_empty() {
+        options.select_scenes(&arguments.scenes);
+    }
+    if !arguments.grids.is_empty() {
+        options.set_levels(&arguments.grids);
+    }
     let progress = Progress::terminal();
     let outcome = run_voxel_bench(&options, &progress);
     progress.finish();
