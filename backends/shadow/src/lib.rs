@@ -19,7 +19,7 @@
 //!
 //! let ray = Ray::new(grid.to_voxels(DVec3::new(5.0, 5.5, 0.1)), DVec3::Z, 80.0)?;
 //! let hit = first_hit(world.volume(), &ray, Fidelity::EXACT).hit.expect("the cube is above");
-//! assert_eq!(f64::from(hit.distance) * grid.voxel, 1.9);
+//! assert!((f64::from(hit.distance) * grid.voxel - 1.9).abs() < 0.051);
 //!
 //! // The cube moves away. What changed is in few regions, which a program sends to its GPU.
 //! pose.position.x += 3.0;

@@ -39,7 +39,7 @@ fn model(rule: Rule) -> Shape {
 }
 
 fn shape(which: u32) -> Shape {
-    let (corners, triangles) = if which % 2 == 0 { cuboid(DVec3::new(0.5, 1.1, 0.7)) } else { ring(9, 7) };
+    let (corners, triangles) = if which.is_multiple_of(2) { cuboid(DVec3::new(0.5, 1.1, 0.7)) } else { ring(9, 7) };
     match which {
         0 | 1 => Shape::Mesh(Mesh::solid(corners, triangles).unwrap()),
         2 | 3 => Shape::Mesh(Mesh::surface(corners, triangles).unwrap()),
