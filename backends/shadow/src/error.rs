@@ -26,4 +26,8 @@ pub enum ShadowError {
     /// An object that is not in the world.
     #[error("object {0} is not in the world: it was removed, or is of another world")]
     NoObject(u32),
+    /// The device.
+    #[cfg(feature = "gpu")]
+    #[error(transparent)]
+    Device(#[from] esvo_device::DeviceError),
 }

@@ -98,6 +98,19 @@ impl Ray {
         let reach = f64::from(self.end - self.origin[major]) / ONE;
         reach.abs() * self.direction().length() / f64::from(self.direction[major]).abs()
     }
+
+    /// Voxels from the origin to where the ray has gone `numerator / denominator` of its direction, in 1/256 of a voxel.
+    pub(crate) fn distance_of_crossing(&self, numerator: i32, denominator: i32) -> f32 {
+        let length = self.direction().length() / ONE;
+        (f64::from(numerator) / f64::from(denominator) * length) as f32
+    }
+
+    /// Voxels from the origin to a sample that is so far along the major axis, in 2^-16 of a voxel.
+    pub(crate) fn distance_of_sample(&self, along: i64) -> f32 {
+        let largest = f64::from(self.direction[self.major as usize].abs());
+        let length = self.direction().length() / (largest * f64::from(1 << super::steps::SAMPLE_BITS));
+        (along.abs() as f64 * length) as f32
+    }
 }
 
 fn place(voxels: DVec3) -> Result<[i32; 3], ShadowError> {

@@ -1,12 +1,14 @@
 //! Samples in fixed steps: cheaper than every voxel, and not watertight.
 
+use bytemuck::{Pod, Zeroable};
+
 use super::{Fidelity, Hit, MAX_LEVEL, Ray, Traced};
 use crate::error::ShadowError;
 use crate::trace::FRACTION_BITS;
 use crate::volume::Occupancy;
 
 /// Samples are multiples of 2^-16 of a voxel.
-const SAMPLE_BITS: u32 = 16;
+pub(super) const SAMPLE_BITS: u32 = 16;
 /// Longest step, in voxels.
 const LONGEST: f64 = 64.0;
 /// Samples are counted from a place that is a multiple of this many voxels: a cell of the coarsest level.
@@ -16,7 +18,8 @@ const BASE: i32 = 1 << MAX_LEVEL;
 /// an edge between two voxels, may lie between them.
 ///
 /// With mips a sample in a large empty cell is followed by the first sample behind that cell. The result is the same as without mips.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Pod, Zeroable)]
+#[repr(C)]
 pub struct Steps {
     /// From sample to sample, in 2^-16 of a voxel.
     pub(crate) step: [i32; 3],
@@ -63,12 +66,7 @@ impl Steps {
             let part = Part { volume, base, at, step, samples, finest, coarsest };
             if let Some((cell, level, sample)) = part.first_hit(&mut steps) {
                 let along = i64::from(at[major] - from[major]) + i64::from(step[major]) * i64::from(sample);
-                let direction = ray.direction();
-                let length = direction.length() / (direction[major].abs() * f64::from(1 << SAMPLE_BITS));
-                return Traced {
-                    hit: Some(Hit { cell, level, distance: (along.abs() as f64 * length) as f32 }),
-                    steps,
-                };
+                return Traced { hit: Some(Hit { cell, level, distance: ray.distance_of_sample(along) }), steps };
             }
             if samples == left {
                 return Traced { hit: None, steps };

@@ -26,7 +26,7 @@ pub fn first_hit<O: Occupancy + ?Sized>(volume: &O, ray: &Ray, fidelity: Fidelit
     let mut steps = 0;
     let hit = walk.run(&mut steps).map(|(cell, level, time)| {
         let cell = walk.mirrored(cell);
-        Hit { cell, level, distance: time.distance(ray) }
+        Hit { cell, level, distance: ray.distance_of_crossing(time.numerator, time.denominator) }
     });
     Traced { hit, steps }
 }
@@ -44,13 +44,6 @@ pub fn is_blocked<O: Occupancy + ?Sized>(volume: &O, ray: &Ray, fidelity: Fideli
 struct Time {
     numerator: i32,
     denominator: i32,
-}
-
-impl Time {
-    fn distance(self, ray: &Ray) -> f32 {
-        let length = ray.direction().length() / f64::from(1 << FRACTION_BITS);
-        (f64::from(self.numerator) / f64::from(self.denominator) * length) as f32
-    }
 }
 
 /// A ray that goes up on all axes.

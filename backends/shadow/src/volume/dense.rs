@@ -72,7 +72,7 @@ impl Volume {
             bytes.resize(count, 0);
             Ok(Level { size, bytes })
         };
-        Ok(Self { voxels, levels: (0..=mips).map(level).collect::<Result<_, _>>()? })
+        Ok(Self { voxels, levels: (0..=mips).map(level).collect::<Result<_, ShadowError>>()? })
     }
 
     /// Voxels along each axis.

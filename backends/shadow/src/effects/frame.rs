@@ -1,0 +1,90 @@
+//! The first surfaces of a picture.
+
+use glam::{Vec2, Vec3};
+
+/// Where a picture is seen from. Lengths are in the world's unit.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Eye {
+    /// Where it is.
+    pub position: Vec3,
+    /// To the right of the picture; of length 1, as are the two others, at right angles to them.
+    pub right: Vec3,
+    /// Upwards in the picture.
+    pub up: Vec3,
+    /// Into the picture.
+    pub forward: Vec3,
+    /// Half the width and half the height of the picture at depth 1.
+    pub half: Vec2,
+    /// Pixels along a row, and rows.
+    pub size: (u32, u32),
+}
+
+impl Eye {
+    /// Where a place is in the picture: column and row, with the middle of the first pixel at (0.5, 0.5), and its depth along
+    /// `forward`. `None` if it lies behind the eye.
+    pub fn project(&self, place: Vec3) -> Option<(Vec2, f32)> {
+        let to = place - self.position;
+        let depth = to.dot(self.forward);
+        if depth <= 0.0 {
+            return None;
+        }
+        let at = Vec2::new(to.dot(self.right), -to.dot(self.up)) / (depth * self.half);
+        let size = Vec2::new(self.size.0 as f32, self.size.1 as f32);
+        Some(((at * 0.5 + 0.5) * size, depth))
+    }
+
+    /// From the eye through a point of the picture, of depth 1.
+    pub fn direction(&self, at: Vec2) -> Vec3 {
+        let size = Vec2::new(self.size.0 as f32, self.size.1 as f32);
+        let at = (at / size * 2.0 - 1.0) * self.half;
+        self.forward + self.right * at.x - self.up * at.y
+    }
+
+    /// Height of a pixel at depth 1.
+    pub fn pixel(&self) -> f32 {
+        2.0 * self.half.y / self.size.1.max(1) as f32
+    }
+}
+
+/// What is seen in a pixel.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Surface {
+    /// Where it is, in the world's unit.
+    pub position: Vec3,
+    /// Its normal, of length 1, on the side of the eye.
+    pub normal: Vec3,
+    /// The share of light that it reflects, linear red, green and blue.
+    pub color: Vec3,
+    /// Depth along the eye's `forward`.
+    pub depth: f32,
+    /// How far the object has moved since the picture before.
+    pub moved: Vec3,
+}
+
+/// The first surface of each pixel, row by row from the top; `None` where the sky is seen.
+#[derive(Clone, PartialEq, Debug)]
+pub struct Frame {
+    /// Where the picture is seen from.
+    pub eye: Eye,
+    /// As many as the picture has pixels.
+    pub surfaces: Vec<Option<Surface>>,
+}
+
+impl Frame {
+    /// A frame of what `see` finds in each pixel, by its column and row.
+    pub fn from_fn(eye: Eye, mut see: impl FnMut(u32, u32) -> Option<Surface>) -> Self {
+        let (width, height) = eye.size;
+        let surfaces = (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| see(x, y)).collect();
+        Self { eye, surfaces }
+    }
+
+    /// The number and surface of the pixel that has a point of the picture.
+    pub fn at(&self, at: Vec2) -> Option<(usize, &Surface)> {
+        let (width, height) = self.eye.size;
+        if !(at.x >= 0.0 && at.y >= 0.0 && at.x < width as f32 && at.y < height as f32) {
+            return None;
+        }
+        let pixel = at.y as usize * width as usize + at.x as usize;
+        Some((pixel, self.surfaces.get(pixel)?.as_ref()?))
+    }
+}

@@ -1,0 +1,79 @@
+//! What one bit a voxel is good for: ambient occlusion, shadows, reflections, fog and indirect light, each a pass over a picture's surfaces.
+//!
+//! A pass takes a [`Frame`], the first surfaces of a picture from whatever caster, and asks [`Obstacles`] whether something is in the way of its rays.
+//! [`Through`] answers by a volume, with the shortcuts that a volume allows. Other obstacles, such as the exact octree or triangles, answer the same
+//! questions of the same rays: the difference is what the shortcuts cost.
+//!
+//! # Where rays start
+//! A surface fills the voxels that it meets, so a ray from a surface would end in the surface's own voxels. [`start`] derives how far away from the
+//! surface they end, and [`Offset`] says how far a ray goes before it looks at the volume. For that distance a ray may look at the picture instead
+//! ([`screen`]), where fine details are that the offset skips.
+//!
+//! # What is where
+//! - [`frame`]: [`Frame`], [`Surface`] and [`Eye`]. [`obstacles`]: [`Obstacles`], [`Query`] and [`Through`].
+//! - [`start`], [`screen`]: the beginning of rays.
+//! - [`occlusion`], [`lamps`], [`reflections`], [`fog`], [`bounce`]: the passes.
+//! - [`denoise`]: filters of their results, in a picture and over pictures.
+
+pub mod bounce;
+pub mod denoise;
+pub mod fog;
+pub mod frame;
+pub mod lamps;
+pub mod obstacles;
+pub mod occlusion;
+mod random;
+pub mod reflections;
+pub mod screen;
+pub mod start;
+
+pub use frame::{Eye, Frame, Surface};
+pub use lamps::{Cone, Lamp};
+pub use obstacles::{How, Obstacles, Query, Through};
+pub use start::Offset;
+
+use rayon::prelude::*;
+
+/// Rays of a pass: how many for each pixel, and the number that they are chosen by.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Rays {
+    /// Rays for each pixel, from 1 on.
+    pub count: u32,
+    /// Chooses directions. Pictures of a film have one seed each, so that their noise averages out.
+    pub seed: u32,
+}
+
+/// Makes a value of each pixel from the answers to its queries. Rows are done at once, on all cores.
+///
+/// `ask` adds a pixel's queries, each with a weight; `answer` turns the weights and answers into the pixel's value. Pixels without a surface get `none`.
+fn each_surface<T: Send + Clone + Sync, A>(
+    frame: &Frame,
+    none: T,
+    ask: impl Fn(u32, &Surface, &mut Vec<Query>) + Sync,
+    cast: impl Fn(&[Query]) -> Vec<A> + Sync,
+    answer: impl Fn(u32, &Surface, &[Query], &[A]) -> T + Sync,
+) -> Vec<T> {
+    let width = frame.eye.size.0 as usize;
+    let rows = frame.surfaces.par_chunks(width.max(1)).enumerate().flat_map_iter(|(row, surfaces)| {
+        let mut queries = Vec::new();
+        let mut ends = Vec::with_capacity(surfaces.len());
+        for (x, surface) in surfaces.iter().enumerate() {
+            if let Some(surface) = surface {
+                ask((row * width + x) as u32, surface, &mut queries);
+            }
+            ends.push(queries.len());
+        }
+        let answers = cast(&queries);
+        let mut from = 0;
+        let mut values = Vec::with_capacity(surfaces.len());
+        for (x, (surface, end)) in surfaces.iter().zip(ends).enumerate() {
+            values.push(surface.as_ref().map_or_else(
+                || none.clone(),
+                |surface| answer((row * width + x) as u32, surface, &queries[from..end], &answers[from..end]),
+            ));
+            from = end;
+        }
+        values
+    });
+    rows.collect()
+}

@@ -1,0 +1,128 @@
+//! Whether something is in the way of a ray.
+
+use glam::Vec3;
+
+use super::frame::Frame;
+use super::screen;
+use super::start::Offset;
+use crate::grid::Grid;
+use crate::trace::{Fidelity, Ray, Steps, first_hit, is_blocked};
+use crate::volume::Occupancy;
+
+/// A ray that is asked about. Lengths are in the world's unit.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Query {
+    /// Where it begins: on a surface, if there is a normal.
+    pub from: Vec3,
+    /// Normal of the surface, of length 1; zero for a ray that begins in the air.
+    pub normal: Vec3,
+    /// Of length 1.
+    pub direction: Vec3,
+    /// Where it ends.
+    pub length: f32,
+}
+
+/// What may be in the way of rays.
+pub trait Obstacles: Sync {
+    /// Whether something is in the way, for each query.
+    fn blocked(&self, queries: &[Query]) -> Vec<bool>;
+
+    /// How far the first thing is, for each query; `None` if nothing is in the way.
+    fn first(&self, queries: &[Query]) -> Vec<Option<f32>>;
+}
+
+/// How a volume is traced.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub enum How {
+    /// Every voxel that the ray touches.
+    Walk(Fidelity),
+    /// Samples this many voxels apart.
+    Steps {
+        /// From sample to sample, in voxels; above 0, at most 64.
+        length: f64,
+        /// Mips and more.
+        fidelity: Fidelity,
+    },
+}
+
+/// Obstacles as a volume has them.
+#[derive(Clone, Copy, Debug)]
+pub struct Through<'a, O: ?Sized> {
+    /// The volume.
+    pub volume: &'a O,
+    /// Where its voxels lie.
+    pub grid: Grid,
+    /// How it is traced.
+    pub how: How,
+    /// What is skipped at a surface.
+    pub offset: Offset,
+    /// The picture that is looked at for as far as the volume is not.
+    pub screen: Option<&'a Frame>,
+}
+
+impl<O: Occupancy + Sync + ?Sized> Through<'_, O> {
+    /// Distance to what the picture has in the way, or else the ray through the volume and where on the query it begins.
+    fn begin(&self, query: &Query) -> Begun {
+        let voxel = self.grid.voxel as f32;
+        let (along, above) = self.offset.of(query.normal, query.direction);
+        let (along, above) = (along * voxel, above * voxel);
+        if let Some(frame) = self.screen
+            && query.normal != Vec3::ZERO
+        {
+            // What is lifted off the surface is not skipped along the ray, but the ray passes as much lower.
+            let skipped = (along + above).min(query.length);
+            if let Some(at) = screen::first(frame, query.from, query.direction, skipped, 2.0 * voxel) {
+                return Begun::Met(at);
+            }
+        }
+        if along >= query.length {
+            return Begun::Free;
+        }
+        let start = query.from + query.direction * along + query.normal * above;
+        let start = self.grid.to_voxels(start.as_dvec3());
+        let length = f64::from(query.length - along) / self.grid.voxel;
+        match Ray::new(start, query.direction.as_dvec3(), length) {
+            Ok(ray) => Begun::Goes(ray, along),
+            // Nothing is that far away, and nothing lies in no direction.
+            Err(_) => Begun::Free,
+        }
+    }
+}
+
+enum Begun {
+    Met(f32),
+    Free,
+    Goes(Ray, f32),
+}
+
+impl<O: Occupancy + Sync + ?Sized> Obstacles for Through<'_, O> {
+    fn blocked(&self, queries: &[Query]) -> Vec<bool> {
+        let blocked = |query: &Query| match self.begin(query) {
+            Begun::Met(_) => true,
+            Begun::Free => false,
+            Begun::Goes(ray, _) => match self.how {
+                How::Walk(fidelity) => is_blocked(self.volume, &ray, fidelity).0,
+                How::Steps { length, fidelity } => Steps::new(&ray, length)
+                    .is_ok_and(|steps| steps.first_hit(self.volume, &ray, fidelity).hit.is_some()),
+            },
+        };
+        queries.iter().map(blocked).collect()
+    }
+
+    fn first(&self, queries: &[Query]) -> Vec<Option<f32>> {
+        let first = |query: &Query| match self.begin(query) {
+            Begun::Met(at) => Some(at),
+            Begun::Free => None,
+            Begun::Goes(ray, along) => {
+                let traced = match self.how {
+                    How::Walk(fidelity) => first_hit(self.volume, &ray, fidelity).hit,
+                    How::Steps { length, fidelity } => {
+                        Steps::new(&ray, length).ok()?.first_hit(self.volume, &ray, fidelity).hit
+                    }
+                };
+                traced.map(|hit| along + hit.distance * self.grid.voxel as f32)
+            }
+        };
+        queries.iter().map(first).collect()
+    }
+}
