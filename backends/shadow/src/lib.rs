@@ -48,10 +48,15 @@
 //! - `grid`: [`Grid`] and [`Pose`]. `shape`: [`Shape`], what objects are made of: [`Mesh`] and [`Cubes`], and [`Stamp`], the voxels of one object.
 //! - [`rooms`]: closed rooms, to count leaks.
 //! - `world`: [`World`]. `extent`: [`Extent`], parts of a volume, and [`cluster`], which makes few of many.
+//! - `gpu`, a feature that is off by default: the volume on a device, kept up to date by regions, and the same rays in a kernel, equal in every bit. `kernels/`: the
+//!   kernels.
 //! - `error`: [`ShadowError`].
 
+pub mod effects;
 mod error;
 mod extent;
+#[cfg(feature = "gpu")]
+pub mod gpu;
 mod grid;
 pub mod rooms;
 mod shape;
