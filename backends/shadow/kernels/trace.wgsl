@@ -61,10 +61,10 @@ fn is_full(level: u32, cell: vec3<i32>) -> bool {
     looks += 1u;
     // A byte is a cell of level 1; voxels are its bits.
     let of_bit = level == 0u;
-    let byte = vec3<u32>(select(cell, cell >> vec3<u32>(1u), of_bit));
     let mip = select(level - 1u, 0u, of_bit);
+    let byte = select(cell, cell >> vec3<u32>(1u), of_bit);
     // Negative places are large as unsigned ones.
-    if any(byte >= (textureDimensions(shadow_bytes) >> vec3<u32>(mip))) {
+    if any(vec3<u32>(cell) > vec3<u32>((shadow.voxels - vec3<i32>(1)) >> vec3<u32>(level))) {
         return false;
     }
     let odd = vec3<u32>(cell) & vec3<u32>(1u);
@@ -141,15 +141,19 @@ struct Found {
 
 /// A full cell of those that are `cell` on each axis, or `beside` on those axes where both are possible.
 fn any_full(walk: Walk, level: u32, cell: vec3<i32>, beside: vec3<i32>, both: vec3<bool>) -> Found {
-    for (var choice = 0u; choice < 8u; choice++) {
-        let other = ((vec3<u32>(choice) >> vec3<u32>(0u, 1u, 2u)) & vec3<u32>(1u)) == vec3<u32>(1u);
-        if any(other & !both) {
-            continue;
-        }
+    let all = dot(select(vec3<u32>(0u), vec3<u32>(1u, 2u, 4u), both), vec3<u32>(1u));
+    var choice = 0u;
+    loop {
+        let other = (vec3<u32>(choice) & vec3<u32>(1u, 2u, 4u)) != vec3<u32>(0u);
         let place = select(cell, beside, other);
         if is_full(level, place ^ walk.flip) {
             return Found(place, true);
         }
+        if choice == all {
+            break;
+        }
+        // The next greater number that has no bit which `all` has not.
+        choice = (choice - all) & all;
     }
     return Found(cell, false);
 }
@@ -168,9 +172,6 @@ fn touched(walk: Walk, cell: vec3<i32>, level: u32, time: Time) -> Found {
 
 /// The cell, or the one beside it where the ray lies between two, if it is full.
 fn full(walk: Walk, level: u32, cell: vec3<i32>) -> Found {
-    if !any(walk.between) {
-        return Found(cell, is_full(level, cell ^ walk.flip));
-    }
     let beside = (walk.start - vec3<i32>(1)) >> vec3<u32>(level);
     return any_full(walk, level, cell, beside, walk.between);
 }
@@ -185,13 +186,24 @@ fn walk_first(ray: Ray, fidelity: Fidelity) -> Hit {
     var level = walk.coarsest;
     var cell = walk.start >> vec3<u32>(level);
     var time = Time(0, walk.direction[walk.major]);
-    if any((walk.origin & vec3<i32>(UNIT - 1)) == vec3<i32>(0)) {
-        let found = touched(walk, cell, level, time);
-        if found.is_found {
-            return hit_of(walk, found.cell, 0u, time);
-        }
-    }
+    // At a point in planes of several axes, or at the origin, voxels are touched that the ray does not enter.
+    var touches_others = any((walk.origin & vec3<i32>(UNIT - 1)) == vec3<i32>(0));
+    var leaves_parent = false;
+    var leaves_volume = false;
     loop {
+        if touches_others {
+            let found = touched(walk, cell, level, time);
+            if found.is_found {
+                return hit_of(walk, found.cell, 0u, time);
+            }
+        }
+        if leaves_volume {
+            break;
+        }
+        if leaves_parent && level < walk.coarsest {
+            level += 1u;
+            cell = cell >> vec3<u32>(1u);
+        }
         let here = full(walk, level, cell);
         if here.is_found {
             let voxels = max((cell[walk.major] << level) - walk.start[walk.major], 0);
@@ -203,12 +215,8 @@ fn walk_first(ray: Ray, fidelity: Fidelity) -> Hit {
             let distance = ahead(walk, middle, time);
             let child = 2 * cell + select(vec3<i32>(0), vec3<i32>(1), distance <= vec3<i32>(0));
             cell = select(child, walk.start >> vec3<u32>(level), walk.still);
-            if any((distance == vec3<i32>(0)) & !walk.still) {
-                let found = touched(walk, cell, level, time);
-                if found.is_found {
-                    return hit_of(walk, found.cell, 0u, time);
-                }
-            }
+            touches_others = any((distance == vec3<i32>(0)) & !walk.still);
+            leaves_parent = false;
             continue;
         }
         // Which axes are crossed next.
@@ -234,21 +242,9 @@ fn walk_first(ray: Ray, fidelity: Fidelity) -> Hit {
             break;
         }
         cell += select(vec3<i32>(0), vec3<i32>(1), together);
-        let leaves_parent = any(together & ((cell & vec3<i32>(1)) == vec3<i32>(0)));
-        let leaves_volume = any(together & (cell > (walk.last >> vec3<u32>(level))));
-        if dot(select(vec3<u32>(0u), vec3<u32>(1u), together), vec3<u32>(1u)) > 1u {
-            let found = touched(walk, cell, level, time);
-            if found.is_found {
-                return hit_of(walk, found.cell, 0u, time);
-            }
-        }
-        if leaves_volume {
-            break;
-        }
-        if leaves_parent && level < walk.coarsest {
-            level += 1u;
-            cell = cell >> vec3<u32>(1u);
-        }
+        leaves_parent = any(together & ((cell & vec3<i32>(1)) == vec3<i32>(0)));
+        leaves_volume = any(together & (cell > (walk.last >> vec3<u32>(level))));
+        touches_others = dot(select(vec3<u32>(0u), vec3<u32>(1u), together), vec3<u32>(1u)) > 1u;
     }
     return NO_HIT;
 }

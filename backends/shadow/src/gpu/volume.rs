@@ -219,6 +219,11 @@ impl GpuVolume {
         &self.group
     }
 
+    /// The texture; the module's page says how bytes lie in it.
+    pub fn texture(&self) -> &wgpu::Texture {
+        &self.texture
+    }
+
     /// Voxels along each axis.
     pub fn voxels(&self) -> [u32; 3] {
         self.voxels
