@@ -48,6 +48,8 @@ struct Hit {
 
 const FRACTION_BITS: u32 = 8u;
 const UNIT: i32 = 256;
+const LONGEST: f32 = 65535.0;
+const MOST_VOXELS: i32 = 8191;
 const SAMPLE_BITS: u32 = 16u;
 const MAX_LEVEL: u32 = 6u;
 const NO_AXIS: vec3<bool> = vec3<bool>(false);
@@ -55,6 +57,24 @@ const NO_HIT: Hit = Hit(vec3<i32>(0), 0u, 0, 0, 0u);
 
 /// How many cells the volume was asked for since the invocation began.
 var<private> looks: u32 = 0u;
+
+/// To the next whole number, halves away from zero.
+fn round_away(x: vec3<f32>) -> vec3<i32> {
+    return vec3<i32>(sign(x) * floor(abs(x) + vec3<f32>(0.5)));
+}
+
+/// `Ray::new` in single precision: the ray from `origin` that is `length` long, both in voxels. The direction may have any length but 0; a ray ends after 8191 voxels
+/// along its major axis. Each number is that of the processor, or next to it where single precision rounds otherwise.
+fn new_ray(origin: vec3<f32>, direction: vec3<f32>, length_in_voxels: f32) -> Ray {
+    let size = abs(direction);
+    var major = select(0u, 1u, size.y > size.x);
+    major = select(major, 2u, size.z > size[major]);
+    let along = direction / size[major];
+    let reach = min(length_in_voxels * f32(UNIT) / length(along), f32(MOST_VOXELS * UNIT));
+    let start = round_away(origin * f32(UNIT));
+    let end = start[major] + round_away(vec3<f32>(reach * sign(along[major]))).x;
+    return Ray(start, major, round_away(along * LONGEST), end);
+}
 
 /// Whether a cell of a level has a voxel. Cells outside of the volume have none.
 fn is_full(level: u32, cell: vec3<i32>) -> bool {

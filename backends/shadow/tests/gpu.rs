@@ -2,9 +2,10 @@
 
 mod gpu_common;
 
-use esvo_device::Gpu;
+use bytemuck::{Pod, Zeroable};
+use esvo_device::{Gpu, Usage, storage, wgpu};
 use esvo_shadow::Volume;
-use esvo_shadow::gpu::{GpuVolume, TRACE_WGSL, Tracer};
+use esvo_shadow::gpu::{GpuVolume, TRACE_WGSL, Tracer, volume_layout};
 use esvo_shadow::rooms::{Room, Wall};
 use esvo_shadow::trace::{FRACTION_BITS, Fidelity, Ray, Steps, Traced, first_hit};
 use glam::{DMat3, DQuat, DVec3, EulerRot};
@@ -298,4 +299,81 @@ fn rays_of_real_numbers_are_those_of_the_processor() {
     }
     assert_eq!(comparison.different, 0, "{comparison:?}");
     assert!(comparison.hits > 0);
+}
+
+/// A kernel of one's own that makes rays of floating-point numbers and asks whether they are blocked.
+const OWN_WGSL: &str = "
+struct Wish { origin: vec3<f32>, length: f32, direction: vec3<f32>, is_blocked: u32 }
+@group(1) @binding(0) var<storage, read_write> wishes: array<Wish>;
+@group(1) @binding(1) var<storage, read_write> made: array<Ray>;
+@compute @workgroup_size(64) fn ask(@builtin(global_invocation_id) id: vec3<u32>) {
+    if id.x < arrayLength(&wishes) {
+        let wish = wishes[id.x];
+        made[id.x] = new_ray(wish.origin, wish.direction, wish.length);
+        wishes[id.x].is_blocked = u32(is_blocked(made[id.x], Fidelity(6u, 0u)));
+    }
+}";
+
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
+struct Wish {
+    origin: [f32; 3],
+    length: f32,
+    direction: [f32; 3],
+    is_blocked: u32,
+}
+
+/// Other kernels can follow the tracer's text. The rays that they make are those of the processor, or next to them, and these are traced as there.
+#[test]
+fn kernels_make_rays_and_ask() {
+    let Some(gpu) = gpu() else { return };
+    let random = &mut Random(13);
+    let volume = random_volume(random, [200, 180, 90], 3, 1);
+    let copy = GpuVolume::new(gpu, &volume).unwrap();
+    let wishes: Vec<Wish> = (0..6400)
+        .map(|i| {
+            let axis = |random: &mut Random| (random.unit() * 2.0 - 1.0) as f32;
+            let mut direction = [axis(random), axis(random), axis(random)];
+            match i % 8 {
+                0 => direction[i / 8 % 3] = 0.0,
+                1 => direction = std::array::from_fn(|other| if other == i / 8 % 3 { direction[other] } else { 0.0 }),
+                2 => direction[1] = -direction[0],
+                _ => {}
+            }
+            let origin = [200.0, 180.0, 90.0].map(|edge| (random.unit() * edge) as f32);
+            let length = (random.unit() * if i % 5 == 0 { 20_000.0 } else { 100.0 }) as f32;
+            Wish { origin, length, direction, is_blocked: 2 }
+        })
+        .collect();
+    let own = gpu.bind_group_layout("own", &[storage(0, false), storage(1, false)]).unwrap();
+    let module = gpu.shader("own", &[TRACE_WGSL, OWN_WGSL].concat()).unwrap();
+    let pipeline = gpu.compute_pipeline(&module, "ask", &[&volume_layout(gpu).unwrap(), &own]).unwrap();
+    let asked = gpu.upload("wishes", &wishes, Usage::STORAGE | Usage::COPY_SRC).unwrap();
+    let bytes = (wishes.len() * size_of::<Ray>()) as u64;
+    let made = gpu.buffer("rays", bytes, Usage::STORAGE | Usage::COPY_SRC).unwrap();
+    let group = gpu.bind_group(&own, &[&asked, &made]).unwrap();
+    gpu.run(|commands| {
+        let mut pass = commands.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+        pass.set_pipeline(&pipeline);
+        pass.set_bind_group(0, copy.bind_group(), &[]);
+        pass.set_bind_group(1, &group, &[]);
+        pass.dispatch_workgroups(wishes.len() as u32 / 64, 1, 1);
+    })
+    .unwrap();
+    let answers: Vec<Wish> = gpu.read(&asked, wishes.len()).unwrap();
+    let rays: Vec<Ray> = gpu.read(&made, wishes.len()).unwrap();
+    let (mut equal, mut blocked) = (0, 0);
+    for ((wish, answer), ray) in wishes.iter().zip(&answers).zip(&rays) {
+        let [origin, direction] = [wish.origin, wish.direction].map(|v| DVec3::from(v.map(f64::from)));
+        let expected = Ray::new(origin, direction, f64::from(wish.length)).unwrap();
+        let [found, numbers]: [[i32; 8]; 2] = [bytemuck::cast(*ray), bytemuck::cast(expected)];
+        assert_eq!(found[3], numbers[3], "the major axis of {wish:?}");
+        assert!((0..8).all(|i| found[i].abs_diff(numbers[i]) <= 1), "{wish:?}: {ray:?}, on the processor {expected:?}");
+        equal += u32::from(ray == &expected);
+        let is_blocked = first_hit(&volume, ray, Fidelity::EXACT).hit.is_some();
+        assert_eq!(answer.is_blocked, u32::from(is_blocked), "{ray:?}");
+        blocked += answer.is_blocked;
+    }
+    println!("of {} rays {equal} are equal to the processor's, {blocked} are blocked", rays.len());
+    assert!(equal as usize > rays.len() / 2 && blocked > 0 && (blocked as usize) < rays.len());
 }

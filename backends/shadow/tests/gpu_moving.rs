@@ -179,10 +179,10 @@ fn run_frames(gpu: &Gpu, frames: u32) {
 #[test]
 fn a_scene_of_moving_objects_stays_exact() {
     let Some(gpu) = gpu() else { return };
-    run_frames(gpu, 30);
+    run_frames(gpu, 60);
 }
 
-/// The same, ten times as long.
+/// The same, five times as long.
 #[test]
 #[ignore = "takes a minute"]
 fn a_scene_of_moving_objects_stays_exact_for_300_frames() {

@@ -42,7 +42,7 @@
 //! | 0 | uniform `ShadowVolume`, 16 bytes: voxels along each axis, coarsest level |
 //! | 1 | the texture, all its levels |
 //!
-//! `walk_first(ray, fidelity)` is [`first_hit`](crate::trace::first_hit), `is_blocked(ray, fidelity)` its answer alone, `steps_first(ray, steps, fidelity)` is
+//! `new_ray(origin, direction, length)` is [`Ray::new`](crate::trace::Ray::new) in single precision, `walk_first(ray, fidelity)` is [`first_hit`](crate::trace::first_hit), `is_blocked(ray, fidelity)` its answer alone, `steps_first(ray, steps, fidelity)` is
 //! [`Steps::first_hit`](crate::trace::Steps::first_hit), `is_full(level, cell)` is [`Occupancy::occupied`](crate::Occupancy::occupied), and the private
 //! variable `looks` counts cells that the volume was asked for.
 //! [`Ray`](crate::trace::Ray) has the struct of 32 bytes that kernels read, [`Steps`](crate::trace::Steps) that of 16.
