@@ -237,6 +237,19 @@ fn regions_of_any_shape_are_sent() {
     }
 }
 
+/// A volume of more bytes than are sent or read at once.
+#[test]
+fn large_volumes_are_sent_in_pieces() {
+    let Some(gpu) = gpu() else { return };
+    let voxels = [901, 900, 803];
+    let mut volume = Volume::new(voxels, 2).unwrap();
+    let random = &mut Random(2);
+    volume.set((0..500_000).map(|_| voxels.map(|n| random.below(n))));
+    assert!(volume.level(0).1.len() > 64 << 20);
+    let copy = GpuVolume::new(gpu, &volume).unwrap();
+    assert_eq!(difference(gpu, &copy, &volume), None);
+}
+
 /// Negative controls: one region of an update is left out, or the device's mips stay as they were.
 #[test]
 fn what_was_not_sent_is_noticed() {

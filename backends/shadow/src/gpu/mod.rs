@@ -49,7 +49,8 @@
 //!
 //! # Exactness
 //! Kernels have the numbers of the processor's tracer, and all of them are whole: cells, levels, steps and times are equal in every bit. A time comes back as
-//! a fraction, and both make a distance of it by the same function. `tests/gpu.rs` holds all of it, and that mistakes put into the kernels are caught.
+//! a fraction, and both make a distance of it by the same function. `tests/gpu.rs` holds it, and that mistakes put into the kernels are caught; `tests/gpu_moving.rs`
+//! that the bytes are those of the processor while objects move, and that a region or a mip that was not sent is noticed.
 //!
 //! # Limits and errors
 //! A texture has at most [`max_texture_dimension_3d`](esvo_device::wgpu::Limits::max_texture_dimension_3d) texels along an axis, twice as many voxels; 2048 texels is what every
