@@ -1,6 +1,7 @@
 //! Buffers: making, filling, reading.
 
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
 use bytemuck::Pod;
 use wgpu::BufferUsages as Usage;
@@ -10,6 +11,8 @@ use crate::gpu::Gpu;
 
 /// Data is copied in pieces of this many bytes, so that staging memory stays small.
 const PIECE_BYTES: usize = 64 << 20;
+/// How long another thread may take to deliver a buffer after the device is done.
+const DELIVERY: Duration = Duration::from_secs(10);
 
 impl Gpu {
     /// Makes a buffer of `size` bytes, filled with zeros.
@@ -113,6 +116,11 @@ impl Gpu {
     ) -> Result<(), DeviceError> {
         let reading = self.begin_reading(staging, bytes)?;
         self.wait()?;
+        // A thread that waits for the device takes what is ready for all of them, and may still be about to deliver it.
+        let deadline = Instant::now() + DELIVERY;
+        while !reading.has_arrived() && Instant::now() < deadline {
+            std::thread::yield_now();
+        }
         self.finish_reading(staging, &reading, take)?.ok_or_else(|| self.error("the device did not deliver the buffer"))
     }
 
@@ -161,4 +169,10 @@ impl Gpu {
 pub struct Reading {
     bytes: u64,
     result: Arc<Mutex<Option<Result<(), wgpu::BufferAsyncError>>>>,
+}
+
+impl Reading {
+    fn has_arrived(&self) -> bool {
+        self.result.lock().unwrap_or_else(PoisonError::into_inner).is_some()
+    }
 }

@@ -285,6 +285,24 @@ fn errors_of_one_thread_are_not_those_of_another() -> Result<(), DeviceError> {
     Ok(())
 }
 
+/// What one thread waits for another may be about to deliver.
+#[test]
+fn threads_that_read_at_once_get_their_bytes() -> Result<(), DeviceError> {
+    let Some(gpu) = gpu() else { return Ok(()) };
+    let read = |thread: u32| {
+        (0..300).all(|i| {
+            let words = [thread, i];
+            let buffer = gpu.upload("words", &words, Usage::COPY_SRC).unwrap();
+            gpu.read::<u32>(&buffer, 2).unwrap() == words
+        })
+    };
+    std::thread::scope(|threads| {
+        let readers: Vec<_> = (0..6).map(|thread| threads.spawn(move || read(thread))).collect();
+        assert!(readers.into_iter().all(|reader| reader.join().unwrap()));
+    });
+    Ok(())
+}
+
 #[test]
 fn errors_on_a_device_of_the_program_are_returned_and_not_reported_to_the_program() -> Result<(), DeviceError> {
     let Some(own) = gpu() else { return Ok(()) };
