@@ -23,6 +23,7 @@
 //! - [`ray_bench`]: `esvo bench rays`, lists of rays on every engine next to a picture.
 //! - [`stability_bench`]: `esvo bench stability`, hard rays through hard octrees on every engine, judged by an oracle.
 //! - [`sweep_bench`]: `esvo bench sweep`, error against run time; `esvo advise` picks settings from its record.
+//! - [`shadow_bench`]: `esvo bench shadow`, a volume of one bit a voxel, and how wrong its shortcuts are.
 //! - [`voxel_bench`]: `esvo bench voxelize`, voxelization on a GPU against the builder's voxels.
 //! - [`import_bench`]: `esvo bench import`, what happens to each mesh file of a folder.
 //! - [`full_bench`]: `esvo bench --full`, all of these one after the other.
@@ -68,6 +69,7 @@ pub mod ray_files;
 pub mod records;
 pub mod repeat;
 pub mod scene;
+pub mod shadow_bench;
 pub mod stability_bench;
 pub mod sweep_bench;
 pub mod system;

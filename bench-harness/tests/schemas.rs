@@ -13,6 +13,7 @@ use esvo_bench::needs_bench::{NeedsBenchOptions, run_needs_bench};
 use esvo_bench::paper_bench::slowed::Slowed;
 use esvo_bench::paper_bench::{PaperBenchOptions, run_paper_bench};
 use esvo_bench::ray_bench::{RayBenchOptions, run_ray_bench};
+use esvo_bench::shadow_bench::{ShadowOptions, run_shadow_bench};
 use esvo_bench::stability_bench::{StabilityOptions, run_stability_bench};
 use esvo_bench::sweep_bench::{Cache, SweepBenchOptions, SweepPlan, run_sweep_bench};
 use esvo_bench::system::machine::Machine;
@@ -26,7 +27,8 @@ use jsonschema::Validator;
 use serde_json::{Value, json};
 
 /// Names of the schemas, and fields by which records are known.
-const RECORDS: [(&str, &[&str]); 8] = [
+const RECORDS: [(&str, &[&str]); 9] = [
+    ("shadow", &["moving", "world"]),
     ("voxelize", &["curve", "device"]),
     ("stability", &["controls", "leaks"]),
     ("sweep", &["plan"]),
@@ -365,6 +367,40 @@ fn voxelize() {
     assert!(!good.passed());
     holds("voxelize", &parse(&report.to_json()), &["options/device", "options/left_out", "options/time_limit_seconds"]);
     insta::assert_snapshot!("voxelize", to_text(&report).lines().skip(3).collect::<Vec<_>>().join("\n"));
+}
+
+/// A small one, measured.
+#[test]
+fn shadow() {
+    let options = ShadowOptions {
+        scenes: vec!["floor".into()],
+        voxels_cm: vec![20.0],
+        rays: vec![1],
+        size: (24, 16),
+        levels: 6,
+        converged: 4,
+        rounds: 1,
+        leak_rays: 3000,
+        world: [160, 160, 160],
+        pictures: true,
+        scenes_dir: None,
+    };
+    let outcome = run_shadow_bench(&options, &Progress::hidden()).unwrap();
+    let report = &outcome.report;
+    assert!(report.passed());
+    let mut leaking = report.clone();
+    leaking.leaks[0].leaks = 1;
+    assert!(!leaking.passed());
+    let mut tight = report.clone();
+    tight.leaks.iter_mut().for_each(|row| row.leaks = 0);
+    assert!(!tight.passed(), "without leaks of long steps nothing shows that leaks would be seen");
+    let mut wrong = report.clone();
+    wrong.moving[0].as_if_from_nothing = false;
+    assert!(!wrong.passed());
+    assert_eq!(report.pictures.len(), outcome.pictures.len());
+    let mut value = parse(&report.to_json());
+    value["left_out"] = json!([left_out()]);
+    holds("shadow", &value, &["leaks/step", "errors/step"]);
 }
 
 #[test]

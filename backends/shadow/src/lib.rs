@@ -47,6 +47,7 @@
 //!   how fidelity falls along a ray.
 //! - `grid`: [`Grid`] and [`Pose`]. `shape`: [`Shape`], what objects are made of: [`Mesh`] and [`Cubes`], and [`Stamp`], the voxels of one object.
 //! - [`rooms`]: closed rooms, to count leaks.
+//! - [`octree`]: octrees as shapes. [`effects`]: ambient occlusion, shadows, reflections, fog, indirect light.
 //! - `world`: [`World`]. `extent`: [`Extent`], parts of a volume, and [`cluster`], which makes few of many.
 //! - `gpu`, a feature that is off by default: the volume on a device, kept up to date by regions, and the same rays in a kernel, equal in every bit. `kernels/`: the
 //!   kernels.
@@ -58,6 +59,7 @@ mod extent;
 #[cfg(feature = "gpu")]
 pub mod gpu;
 mod grid;
+pub mod octree;
 pub mod rooms;
 mod shape;
 pub mod trace;

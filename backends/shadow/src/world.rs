@@ -6,7 +6,7 @@ use crate::error::ShadowError;
 use crate::extent::{Extent, cluster};
 use crate::grid::{Grid, Pose};
 use crate::shape::{Shape, Stamp};
-use crate::volume::{Bricks, Volume};
+use crate::volume::{Bricks, Volume, octant};
 
 /// Names an object of a [`World`].
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
@@ -91,6 +91,11 @@ impl World {
         self.changed.push(extent);
     }
 
+    /// Adds voxels that stay.
+    pub fn add_fixed_voxels(&mut self, voxels: impl IntoIterator<Item = [i32; 3]>) {
+        self.add_fixed_cells(voxels.into_iter().map(|voxel| (voxel.map(|c| c >> 1), 1 << octant(voxel))));
+    }
+
     /// Puts an object into the world.
     ///
     /// # Errors
@@ -134,6 +139,11 @@ impl World {
         let object = self.objects.get_mut(id.0 as usize).and_then(Option::take);
         self.changed.push(object.ok_or(ShadowError::NoObject(id.0))?.stamp.extent());
         Ok(())
+    }
+
+    /// What the next [`update`](Self::update) makes anew, one by one: the box of each object before and after it moved. Some may lie outside of the volume.
+    pub fn pending(&self) -> &[Extent] {
+        &self.changed
     }
 
     /// Brings the volume up to date. `each`: what a region costs beside its bytes, as a number of base cells; see [`cluster`].

@@ -1,6 +1,8 @@
 //! The first surfaces of a picture.
 
-use glam::{Vec2, Vec3};
+use esvo_core::shading::decode_srgb;
+use esvo_core::{Camera, CastError, HitPoint, Nearest, Object, View};
+use glam::{DVec3, Vec2, Vec3};
 
 /// Where a picture is seen from. Lengths are in the world's unit.
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -20,6 +22,18 @@ pub struct Eye {
 }
 
 impl Eye {
+    /// The eye of a camera, for pictures of so many pixels along a row, and rows.
+    ///
+    /// # Errors
+    /// Those of [`Camera::axes`].
+    pub fn of(camera: &Camera, size: (u32, u32)) -> Result<Self, CastError> {
+        let [right, up, forward] = camera.axes()?.map(|axis| axis.as_vec3());
+        let shorter = size.0.min(size.1).max(1) as f32;
+        let half = (camera.fov_degrees.to_radians() * 0.5).tan() as f32;
+        let half = half * Vec2::new(size.0 as f32, size.1 as f32) / shorter;
+        Ok(Self { position: DVec3::from(camera.eye).as_vec3(), right, up, forward, half, size })
+    }
+
     /// Where a place is in the picture: column and row, with the middle of the first pixel at (0.5, 0.5), and its depth along
     /// `forward`. `None` if it lies behind the eye.
     pub fn project(&self, place: Vec3) -> Option<(Vec2, f32)> {
@@ -76,6 +90,28 @@ impl Frame {
         let (width, height) = eye.size;
         let surfaces = (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| see(x, y)).collect();
         Self { eye, surfaces }
+    }
+
+    /// What a caster of octrees found: the nearest hits of objects, one view for each. Colours and normals are those of the voxels.
+    ///
+    /// # Panics
+    /// `nearest` are not the hits of these objects and views, or the picture of the eye has another size.
+    pub fn of_hits(eye: Eye, objects: &[Object], views: &[View], nearest: &Nearest) -> Self {
+        let (width, height) = eye.size;
+        assert_eq!(nearest.hits.len(), width as usize * height as usize, "the hits are of another size");
+        Self::from_fn(eye, |x, y| {
+            let at = (y * width + x) as usize;
+            let whose = nearest.views[at] as usize;
+            let point = HitPoint::new(&objects[whose], &views[whose].ray(x, y), &nearest.hits[at])?;
+            let position = point.position().as_vec3();
+            Some(Surface {
+                position,
+                normal: point.normal().as_vec3(),
+                color: Vec3::from(point.color().map(decode_srgb)),
+                depth: (position - eye.position).dot(eye.forward),
+                moved: Vec3::ZERO,
+            })
+        })
     }
 
     /// The number and surface of the pixel that has a point of the picture.

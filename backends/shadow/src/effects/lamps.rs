@@ -31,10 +31,11 @@ pub struct Cone {
 }
 
 impl Lamp {
-    /// The light that comes from the lamp's middle to a place if nothing is in the way, before the surface's slope counts.
+    /// The light that comes from the lamp's middle to a place if nothing is in the way, before the surface's slope counts. Within the lamp it is as at its
+    /// radius.
     pub fn light(&self, place: Vec3) -> Vec3 {
         let way = place - self.position;
-        let distance = way.length_squared().max(1e-12);
+        let distance = way.length_squared().max(self.radius * self.radius).max(1e-12);
         let share = self.cone.map_or(1.0, |cone| {
             let cosine = way.dot(cone.axis) / distance.sqrt();
             let share = ((cosine - cone.outer) / (cone.inner - cone.outer)).clamp(0.0, 1.0);

@@ -13,9 +13,11 @@
 //! - [`frame`]: [`Frame`], [`Surface`] and [`Eye`]. [`obstacles`]: [`Obstacles`], [`Query`] and [`Through`].
 //! - [`start`], [`screen`]: the beginning of rays.
 //! - [`occlusion`], [`lamps`], [`reflections`], [`fog`], [`bounce`]: the passes.
+//! - [`compose`]: a picture with several of them.
 //! - [`denoise`]: filters of their results, in a picture and over pictures.
 
 pub mod bounce;
+pub mod compose;
 pub mod denoise;
 pub mod fog;
 pub mod frame;
@@ -27,6 +29,7 @@ pub mod reflections;
 pub mod screen;
 pub mod start;
 
+pub use compose::{Settings, Wanted, compose};
 pub use frame::{Eye, Frame, Surface};
 pub use lamps::{Cone, Lamp};
 pub use obstacles::{How, Obstacles, Query, Through};

@@ -61,6 +61,14 @@ pub struct Through<'a, O: ?Sized> {
 }
 
 impl<O: Occupancy + Sync + ?Sized> Through<'_, O> {
+    /// The ray of a query through the volume, without what the picture may have in its way. `None` if the query ends before it, or is too far away.
+    pub fn ray(&self, query: &Query) -> Option<Ray> {
+        match (Self { screen: None, ..*self }).begin(query) {
+            Begun::Goes(ray, _) => Some(ray),
+            Begun::Met(_) | Begun::Free => None,
+        }
+    }
+
     /// Distance to what the picture has in the way, or else the ray through the volume and where on the query it begins.
     fn begin(&self, query: &Query) -> Begun {
         let voxel = self.grid.voxel as f32;

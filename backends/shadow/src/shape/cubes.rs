@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 
 use super::check_box;
 use super::mesh::bounds;
@@ -11,6 +11,9 @@ use crate::error::ShadowError;
 use crate::extent::Extent;
 use crate::grid::{Grid, Pose};
 use crate::volume::Bricks;
+
+/// What places in voxels are off by, at most.
+const ROUNDING: f64 = 1e-7;
 
 /// Which voxels of the world a turned cube fills.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
@@ -95,7 +98,14 @@ impl Cubes {
         let extent = Extent::of_voxels((low.ceil() - 1.0).as_ivec3().to_array(), high.floor().as_ivec3().to_array());
         let mut stamp = Stamp::new(extent);
         self.add_middles(&mut stamp, pose, grid, low, high);
-        if self.rule == Rule::Touch {
+        if self.rule == Rule::Touch && pose.rotation == DQuat::IDENTITY {
+            let edge = self.edge / grid.voxel;
+            let origin = place(DVec3::ZERO);
+            for cube in self.shell.iter() {
+                let low = origin + DVec3::from(cube.map(f64::from)) * edge;
+                add_box(&mut stamp, low, low + edge);
+            }
+        } else if self.rule == Rule::Touch {
             let axes = [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| pose.rotation * axis * (self.edge / grid.voxel));
             let origin = place(DVec3::ZERO);
             for cube in self.shell.iter() {
@@ -126,9 +136,23 @@ impl Cubes {
     }
 }
 
+/// Sets the voxels that a box along the axes meets. Rounding counts as meeting.
+fn add_box(stamp: &mut Stamp, low: DVec3, high: DVec3) {
+    let extent = stamp.extent();
+    let (least, most) = (extent.low.map(|c| 2 * c), extent.high.map(|c| 2 * c - 1));
+    let low = ((low - ROUNDING).ceil() - 1.0).as_ivec3().max(least.into());
+    let high = (high + ROUNDING).floor().as_ivec3().min(most.into());
+    for z in low.z..=high.z {
+        for y in low.y..=high.y {
+            for x in low.x..=high.x {
+                stamp.set([x, y, z]);
+            }
+        }
+    }
+}
+
 /// Sets the voxels that a turned cube meets. `corner` and the three edges that leave it are in voxels. Rounding counts as meeting.
 fn add_touched(stamp: &mut Stamp, corner: DVec3, edges: [DVec3; 3]) {
-    const ROUNDING: f64 = 1e-7;
     let half = edges.map(|edge| edge * 0.5);
     let middle = corner + half[0] + half[1] + half[2];
     let reach = half[0].abs() + half[1].abs() + half[2].abs() + ROUNDING;

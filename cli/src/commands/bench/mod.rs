@@ -14,6 +14,7 @@ pub(crate) mod rays;
 mod record;
 mod repeat;
 pub(crate) mod selection;
+pub(crate) mod shadow;
 pub(crate) mod stability;
 pub(crate) mod sweep;
 pub(crate) mod tables;
@@ -30,6 +31,7 @@ use needs::BenchNeedsArguments;
 use page::BenchPageArguments;
 use pictures::BenchPicturesArguments;
 use rays::BenchRaysArguments;
+use shadow::BenchShadowArguments;
 use stability::BenchStabilityArguments;
 use sweep::BenchSweepArguments;
 use tables::TablesArguments;
@@ -68,6 +70,7 @@ pub(crate) enum BenchCommand {
     Import(BenchImportArguments),
     Rays(BenchRaysArguments),
     Needs(BenchNeedsArguments),
+    Shadow(BenchShadowArguments),
     Stability(BenchStabilityArguments),
     Sweep(BenchSweepArguments),
     Voxelize(BenchVoxelizeArguments),
@@ -85,6 +88,7 @@ pub(crate) fn run_bench(arguments: &BenchArguments) -> Result<(), Failure> {
         Some(BenchCommand::Import(arguments)) => import::run_bench_import(arguments),
         Some(BenchCommand::Rays(arguments)) => rays::run_bench_rays(arguments),
         Some(BenchCommand::Needs(arguments)) => needs::run_bench_needs(arguments),
+        Some(BenchCommand::Shadow(arguments)) => shadow::run_bench_shadow(arguments),
         Some(BenchCommand::Stability(arguments)) => stability::run_bench_stability(arguments),
         Some(BenchCommand::Sweep(arguments)) => sweep::run_bench_sweep(arguments),
         Some(BenchCommand::Voxelize(arguments)) => voxelize::run_bench_voxelize(arguments),

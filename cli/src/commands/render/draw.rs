@@ -5,8 +5,9 @@ use std::time::{Duration, Instant};
 use esvo_core::filter::{Frame, code_at};
 use esvo_core::lights::{self, Light};
 use esvo_core::sky::Sky;
-use esvo_core::{Caster, Instances, Nearest, Object, Picture, View, shading};
+use esvo_core::{Camera, Caster, Instances, Nearest, Object, Picture, View, shading};
 
+use super::effects::Effects;
 use super::look::{Look, ViewMode};
 use crate::fail::Failure;
 
@@ -14,11 +15,12 @@ use crate::fail::Failure;
 const MOST_ITERATIONS: u32 = 64;
 
 /// What lights a shaded picture.
-#[derive(Debug)]
 pub(crate) struct Lighting<'a> {
     /// None: a lamp at the camera.
     pub(crate) lights: &'a [Light],
     pub(crate) shadows: bool,
+    /// Effects in the place of other light, and the camera.
+    pub(crate) effects: Option<(&'a Effects, &'a Camera)>,
     /// None: the background of [`shading::shade_nearest`].
     pub(crate) sky: Option<Sky>,
 }
@@ -98,17 +100,18 @@ pub(crate) fn draw(
     let casting = start.elapsed();
     let (view, hits) = (&views[0], &nearest.hits);
     let start = Instant::now();
-    let mut picture = match look.mode {
-        ViewMode::Shaded if !lighting.lights.is_empty() => {
+    let mut picture = match (look.mode, lighting.effects) {
+        (ViewMode::Shaded, Some((effects, camera))) => effects.draw(camera, &objects, views, &nearest)?,
+        (ViewMode::Shaded, None) if !lighting.lights.is_empty() => {
             lights::shade_placed_lit(caster, &objects, views, &nearest, lighting.lights, lighting.shadows)?
         }
-        ViewMode::Shaded => shading::shade_placed(&objects, views, &nearest),
-        ViewMode::Iterations => shading::iteration_map(view, hits, MOST_ITERATIONS),
-        ViewMode::Normals => shading::normal_map_placed(&objects, views, &nearest),
-        ViewMode::Depth => shading::depth_map(view, hits),
-        ViewMode::Levels => shading::level_map(view, hits, octree.needs().levels),
-        ViewMode::VoxelSize => shading::size_map(views, &nearest),
-        ViewMode::Ambient => shading::ambient_map(octree, view, hits),
+        (ViewMode::Shaded, None) => shading::shade_placed(&objects, views, &nearest),
+        (ViewMode::Iterations, _) => shading::iteration_map(view, hits, MOST_ITERATIONS),
+        (ViewMode::Normals, _) => shading::normal_map_placed(&objects, views, &nearest),
+        (ViewMode::Depth, _) => shading::depth_map(view, hits),
+        (ViewMode::Levels, _) => shading::level_map(view, hits, octree.needs().levels),
+        (ViewMode::VoxelSize, _) => shading::size_map(views, &nearest),
+        (ViewMode::Ambient, _) => shading::ambient_map(octree, view, hits),
     };
     if let Some(sky) = lighting.sky.filter(|_| look.mode == ViewMode::Shaded) {
         sky.paint(&mut picture, view, *objects[0].octree_to_mesh(), &nearest);

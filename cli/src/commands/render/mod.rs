@@ -3,6 +3,7 @@
 mod casters;
 mod compare;
 mod draw;
+mod effects;
 mod frames;
 mod look;
 mod path;
@@ -29,6 +30,7 @@ use crate::view::{DEFAULT_FOV, Key, ViewArguments};
 use casters::Casters;
 use compare::{Comparison, Difference, compare, parse_comparison};
 use draw::{Lighting, Total, draw};
+use effects::{EffectArguments, Effects};
 use look::{Filter, Look, ViewMode};
 use path::CameraPath;
 
@@ -50,6 +52,11 @@ A scene list places octrees, each as often as wanted, in TOML (scenes/README.md 
   rotation = { axis = [0, 1, 0], degrees = 30 }
   translation = [4, 0, -2]
 Cameras and lights are in the units of the scene then.
+
+--effects traces rays through a volume of one bit a voxel, which is made of what is shown: ao,
+shadows, reflections, fog and bounce, in any number. Rays begin in the picture and go on in the
+volume; what they gather is smoothed. Reflections and bounced light have the colours that the
+picture shows and are black elsewhere. Lights become lamps that fade with distance.
 
 Where voxels are larger than a pixel, the picture is blurred by the paper's post-process filter
 (section 4.3); --filter off shows the voxels.
@@ -77,6 +84,7 @@ Examples:
   esvo render sibenik.esvo -o nave.png --camera=-15,-9,0,1,0.2,0 --fov 60 --size 1920x1080
   esvo render sibenik.esvo -o sun.png --light sun:1,2,0.5 --light point:0,-12,0
   esvo render list.toml -o place.png --light sun:1,2,0.5
+  esvo render sibenik.esvo -o soft.png --light point:0,-9,0 --light-radius 0.3 --effects ao,shadows,fog
   esvo render sibenik.esvo -o steps.png --view-mode iterations --backend reference
   esvo render sibenik.esvo -o contours.png --compare contours,no-contours+no-filter
   esvo render sibenik.esvo -o same.png --compare cpu,wgpu+beam
@@ -119,6 +127,8 @@ pub(crate) struct RenderArguments {
     /// Lights cast no shadows
     #[arg(long, requires = "lights")]
     pub(crate) no_shadows: bool,
+    #[command(flatten)]
+    pub(crate) effects: EffectArguments,
     /// Background of a shaded picture: screen (blue on top of the picture, white at its bottom), dome (blue above, white at the
     /// horizon, grey below, so that it stays in its place when the camera turns), or a colour, RRGGBB
     #[arg(long, value_name = "SKY", default_value = "screen", value_parser = parse_sky)]
@@ -152,6 +162,10 @@ pub(crate) fn run_render(arguments: &RenderArguments) -> Result<(), Failure> {
     let objects = stage.objects();
     let cameras = arguments.cameras(&objects, path.as_ref())?;
     let progress = Progress::terminal();
+    if !arguments.effects.effects.is_empty() {
+        progress.say("making the volume");
+    }
+    let effects = arguments.effects.prepare(&objects, &arguments.lights)?;
     progress.say("rendering");
     let mut casters = Casters::default();
     for look in &looks {
@@ -167,7 +181,7 @@ pub(crate) fn run_render(arguments: &RenderArguments) -> Result<(), Failure> {
             let note = format!("frame {} of {}", number + 1, outputs.len());
             progress.fraction("rendering", number as f64 / outputs.len() as f64, &note);
         }
-        let lighting = arguments.lighting(camera);
+        let lighting = arguments.lighting(camera, effects.as_ref());
         let mut drawn = Vec::with_capacity(looks.len());
         for (look, total) in looks.iter().zip(&mut totals) {
             let views = arguments.rays.views(camera, &objects, look.contours, look.beam)?;
@@ -196,7 +210,8 @@ pub(crate) fn run_render(arguments: &RenderArguments) -> Result<(), Failure> {
     if let Some(first) = empty.first() {
         warn_of_nothing(&objects, (empty.len(), cameras.len()), &outputs[*first], &cameras[*first]);
     }
-    arguments.report(&outputs, &looks, &casters, &totals, &differences)
+    arguments.report(&outputs, &looks, &casters, &totals, &differences)?;
+    effects.map_or(Ok(()), |effects| print(&effects.about()))
 }
 
 impl RenderArguments {
@@ -224,6 +239,9 @@ impl RenderArguments {
         let shaded = looks.iter().any(|look| look.mode == ViewMode::Shaded);
         if !self.lights.is_empty() && !shaded {
             return Err("--light: only shaded pictures are lit; leave out --view-mode".to_owned().into());
+        }
+        if !self.effects.effects.is_empty() && !shaded {
+            return Err("--effects: only shaded pictures have effects; leave out --view-mode".to_owned().into());
         }
         if self.sky != SkyValue::Screen && !shaded {
             return Err("--sky: only shaded pictures have a sky; leave out --view-mode".to_owned().into());
@@ -259,13 +277,18 @@ impl RenderArguments {
         Ok(cameras)
     }
 
-    fn lighting(&self, camera: &Camera) -> Lighting<'_> {
+    fn lighting<'a>(&'a self, camera: &'a Camera, effects: Option<&'a Effects>) -> Lighting<'a> {
         let sky = match self.sky {
             SkyValue::Screen => None,
             SkyValue::Dome => Some(Sky::Dome { up: camera.up.into() }),
             SkyValue::Plain(color) => Some(Sky::Plain(color)),
         };
-        Lighting { lights: &self.lights, shadows: !self.no_shadows, sky }
+        Lighting {
+            lights: &self.lights,
+            shadows: !self.no_shadows,
+            effects: effects.map(|effects| (effects, camera)),
+            sky,
+        }
     }
 
     /// Says that the picture shows ambient occlusion, which the octree has not.

@@ -1,0 +1,162 @@
+//! Octrees as shapes of a world.
+
+use esvo_core::Object;
+use esvo_format::Octree;
+use glam::{DMat3, DMat4, DQuat, DVec3};
+
+use crate::error::ShadowError;
+use crate::grid::{Grid, Pose};
+use crate::shape::{Cubes, Rule, Shape};
+use crate::world::World;
+
+/// A contour, in octree space: `low <= normal . p <= high`.
+#[derive(Clone, Copy)]
+struct Slab {
+    normal: DVec3,
+    low: f64,
+    high: f64,
+}
+
+impl Slab {
+    fn meets(&self, middle: DVec3, half: f64) -> bool {
+        let (at, reach) = (self.normal.dot(middle), self.normal.abs().element_sum() * half);
+        at + reach >= self.low && at - reach <= self.high
+    }
+}
+
+/// The cells of a level that an object's voxels fill: cell `c` reaches from `c / 2^level` to the next in octree space. Voxels above that level
+/// are divided, and a part counts if the contours of the voxel and of those around it meet it. The octree must be [sound](Octree::sound).
+///
+/// # Panics
+/// There is no such object. A level above 21.
+pub fn cells(octree: &Octree, object: usize, level: u32) -> Vec<[i32; 3]> {
+    assert!(level <= 21, "there are cells of levels 0 to 21");
+    let mut cells = Vec::new();
+    let root = octree.objects()[object].root_slot as u32;
+    if level == 0 {
+        return vec![[0; 3]];
+    }
+    descend(octree, Some(root), [0; 3], 0, level, &mut Vec::new(), &mut cells);
+    cells
+}
+
+/// Adds the cells within a voxel: of its children if it has a descriptor, of all its parts if it is a leaf.
+fn descend(
+    octree: &Octree,
+    slot: Option<u32>,
+    cell: [i32; 3],
+    depth: u32,
+    level: u32,
+    slabs: &mut Vec<Slab>,
+    cells: &mut Vec<[i32; 3]>,
+) {
+    let edge = 0.5f64.powi(depth as i32 + 1);
+    for child in 0..8u8 {
+        if slot.is_some_and(|slot| octree.descriptor(slot).valid_mask() >> child & 1 == 0) {
+            continue;
+        }
+        let place: [i32; 3] = std::array::from_fn(|axis| 2 * cell[axis] + i32::from(child >> axis & 1));
+        let middle = (DVec3::from(place.map(f64::from)) + 0.5) * edge;
+        let kept = slabs.len();
+        if let Some(contour) = slot.and_then(|slot| octree.contour(slot, child)) {
+            let slab = contour.decode();
+            let normal = DVec3::from(slab.normal);
+            let at = normal.dot(middle);
+            slabs.push(Slab { normal, low: at + slab.lo() * edge, high: at + slab.hi() * edge });
+        }
+        if slabs.iter().all(|slab| slab.meets(middle, edge * 0.5)) {
+            if depth + 1 == level {
+                cells.push(place);
+            } else {
+                let next = slot.and_then(|slot| octree.child(slot, child));
+                descend(octree, next, place, depth + 1, level, slabs, cells);
+            }
+        }
+        slabs.truncate(kept);
+    }
+}
+
+/// An object of an octree as cubes of a level, and its pose. `octree_to_world` takes octree space, the root cube `[0, 1]³`, to the world: it may turn, move and
+/// scale all axes alike.
+///
+/// # Errors
+/// A transform that scales axes differently, mirrors, or is not finite.
+///
+/// # Panics
+/// As [`cells`].
+pub fn as_cubes(
+    octree: &Octree,
+    object: usize,
+    octree_to_world: DMat4,
+    level: u32,
+) -> Result<(Cubes, Pose), ShadowError> {
+    let matrix = DMat3::from_mat4(octree_to_world);
+    let scale = matrix.x_axis.length();
+    let turn = matrix * (1.0 / scale);
+    let off = turn.transpose() * turn - DMat3::IDENTITY;
+    let most = off.to_cols_array().iter().fold(0.0, |most: f64, x| most.max(x.abs()));
+    // Also if a number is NaN.
+    if !(scale.is_finite() && scale > 0.0 && most < 1e-6 && turn.determinant() > 0.0) {
+        return Err(ShadowError::Pose(
+            "an octree is placed by a transform that mirrors it, or scales its axes differently; a shadow volume takes octrees \
+             that are turned, moved, and scaled alike"
+                .into(),
+        ));
+    }
+    let edge = scale * 0.5f64.powi(level as i32);
+    let cubes = Cubes::new(cells(octree, object, level), edge, Rule::Touch)?;
+    let rotation = if turn == DMat3::IDENTITY { DQuat::IDENTITY } else { DQuat::from_mat3(&turn).normalize() };
+    Ok((cubes, Pose { rotation, position: octree_to_world.w_axis.truncate() }))
+}
+
+/// A world of objects that stay where they are, with voxels of about this edge and a border of two voxels. One object alone that is not turned gets voxels
+/// that are its own cells, so that its surface is as thin as can be.
+///
+/// # Errors
+/// An edge that is not above 0; a transform that [`as_cubes`] refuses; as for [`World::new`]. Objects that are not there.
+pub fn world_of(objects: &[Object], voxel: f64, mips: u32) -> Result<World, ShadowError> {
+    if !(voxel > 0.0 && voxel.is_finite()) {
+        return Err(ShadowError::Shape(format!("voxels with an edge of {voxel} were asked for; edges are above 0")));
+    }
+    let corner = |object: &Object, i: u32| {
+        object.octree_to_mesh().transform_point3(DVec3::from_array([0, 1, 2].map(|axis| f64::from(i >> axis & 1))))
+    };
+    let corners = objects.iter().flat_map(|object| (0..8).map(move |i| corner(object, i)));
+    let ends = corners.fold(None, |ends: Option<(DVec3, DVec3)>, corner| {
+        Some(ends.map_or((corner, corner), |(low, high)| (low.min(corner), high.max(corner))))
+    });
+    let Some((low, high)) = ends else {
+        return Err(ShadowError::Shape("there is no object to make a volume of".into()));
+    };
+    let size = |voxel: f64| ((high - low) / voxel + 4.001).ceil().to_array().map(|n| n.min(f64::from(u32::MAX)) as u32);
+    let level = |object: &Object, voxel: f64| {
+        let scale = object.octree_to_mesh().x_axis.truncate().length();
+        (scale / voxel).log2()
+    };
+    if let [object] = objects
+        && DMat3::from_mat4(*object.octree_to_mesh()) == DMat3::from_diagonal(high - low)
+    {
+        let level = level(object, voxel).round().clamp(1.0, 21.0);
+        let voxel = (high - low).x / level.exp2();
+        let mut world = World::new(Grid { origin: low - 2.0 * voxel, voxel }, size(voxel), mips)?;
+        let cells = cells(object.octree(), index(object), level as u32);
+        world.add_fixed_voxels(cells.into_iter().map(|cell| cell.map(|c| c + 2)));
+        world.update(0);
+        return Ok(world);
+    }
+    let mut world = World::new(Grid { origin: low - 2.0 * voxel, voxel }, size(voxel), mips)?;
+    for object in objects {
+        // Cubes of half a voxel's edge or less, so that surfaces grow little.
+        let level = (level(object, voxel) + 1.0).ceil().clamp(1.0, 21.0);
+        let (cubes, pose) = as_cubes(object.octree(), index(object), *object.octree_to_mesh(), level as u32)?;
+        world.add_fixed(&Shape::Cubes(cubes), &pose)?;
+    }
+    world.update(0);
+    Ok(world)
+}
+
+/// Number of an object in its octree.
+fn index(object: &Object) -> usize {
+    let root = u64::from(object.root());
+    object.octree().objects().iter().position(|entry| entry.root_slot == root).unwrap_or(0)
+}

@@ -1,0 +1,123 @@
+//! The measurement, part after part.
+
+use std::time::Instant;
+
+use super::pictures::Pictures;
+use super::stage::Stage;
+use super::{
+    SCHEMA, SceneShadows, ShadowOptions, ShadowOutcome, ShadowReport, VolumeRow, errors, leaks, rates, stage, world,
+};
+use crate::scene::{self, Scene};
+use crate::system::machine::Machine;
+use crate::{BenchError, Progress};
+
+/// The most voxels of the world that objects move in: bytes of 2 GB, with a copy to compare with.
+const MOST_VOXELS: u64 = 1 << 33;
+
+/// Measures all parts.
+///
+/// # Errors
+/// A number out of its range; a scene that cannot be used; not enough memory.
+pub fn run_shadow_bench(options: &ShadowOptions, progress: &Progress) -> Result<ShadowOutcome, BenchError> {
+    check(options)?;
+    let start = Instant::now();
+    let manifest = scene::manifest(None)?;
+    let mut left_out = Vec::new();
+    let mut stages = Vec::new();
+    for name in &options.scenes {
+        let entry = scene::entry(&manifest, name)?;
+        match scene::left_out(entry, options.scenes_dir.as_deref(), options.scenes.len())? {
+            Some(absent) => left_out.push(absent),
+            None => stages.push(entry),
+        }
+    }
+    let (mut large, row) = world::large_world(options.world, progress)?;
+    let moving = world::moving(&mut large, progress)?;
+    drop(large);
+    let leaks = leaks::leaks(options.leak_rays, progress)?;
+    let mut pictures = Pictures::default();
+    let mut scenes = Vec::new();
+    for entry in stages {
+        progress.say(format!("{}: reading the mesh", entry.name));
+        let scene = Scene::load(entry, options.scenes_dir.as_deref(), 1)?;
+        progress.say(format!("{}: building the octree", entry.name));
+        let stage = Stage::new(scene, options.levels)?;
+        let frame = stage.frame(options.size)?;
+        let mut volumes = Vec::new();
+        let mut worlds = Vec::new();
+        for &voxel_cm in &options.voxels_cm {
+            progress.say(format!("{}: voxels of {voxel_cm} cm", entry.name));
+            let start = Instant::now();
+            let world = stage.world(voxel_cm, 2)?;
+            volumes.push(VolumeRow {
+                voxel_cm,
+                voxels: world.volume().voxels(),
+                bytes: world.volume().bytes(),
+                brick_bytes: world.fixed().bytes(),
+                fill_seconds: start.elapsed().as_secs_f64(),
+            });
+            worlds.push((voxel_cm, world));
+        }
+        let rates = rates::rates(&stage, &frame, options, progress)?;
+        let errors = errors::errors(&stage, &frame, &worlds, options, progress)?;
+        if options.pictures && stage.scene.not_published.is_none() {
+            progress.say(format!("{}: pictures", entry.name));
+            pictures.scene(&stage)?;
+        }
+        scenes.push(SceneShadows {
+            name: stage.scene.name.clone(),
+            identity: stage.scene.identity.clone(),
+            credit: stage.scene.credit.clone(),
+            view: stage.view().name.clone(),
+            volumes,
+            rates,
+            errors,
+        });
+    }
+    if options.pictures {
+        progress.say("pictures of the courtyard");
+        pictures.courtyard()?;
+    }
+    let report = ShadowReport {
+        schema: SCHEMA,
+        machine: Machine::detect(),
+        options: options.clone(),
+        left_out,
+        world: row,
+        moving,
+        leaks,
+        scenes,
+        pictures: pictures.notes,
+        seconds: start.elapsed().as_secs_f64(),
+    };
+    Ok(ShadowOutcome { report, pictures: pictures.made })
+}
+
+fn check(options: &ShadowOptions) -> Result<(), BenchError> {
+    let bad = |what: String| Err(stage::failed("shadow", what));
+    if let Some(voxel) = options.voxels_cm.iter().find(|voxel| !(**voxel >= 0.5 && **voxel <= 400.0)) {
+        return bad(format!("voxels of {voxel} cm were asked for; their edge is 0.5 to 400 cm"));
+    }
+    if options.voxels_cm.is_empty() || options.rays.is_empty() {
+        return bad("no voxel's edge, or no number of rays, was given; give at least one of each".into());
+    }
+    if options.rays.contains(&0) || options.converged == 0 || options.rounds == 0 {
+        return bad("0 rays or 0 rounds were asked for; the least is 1".into());
+    }
+    if !(1..=16).contains(&options.levels) {
+        return bad(format!("an octree of {} levels was asked for; there are 1 to 16", options.levels));
+    }
+    let voxels: u64 = options.world.iter().map(|&n| u64::from(n)).product();
+    if voxels > MOST_VOXELS || options.world.iter().any(|n| !(64..=esvo_shadow::MAX_VOXELS).contains(n)) {
+        let [x, y, z] = options.world;
+        return bad(format!(
+            "a world of {x} x {y} x {z} voxels was asked for; it has 64 to {} along each axis and at most {MOST_VOXELS} in all",
+            esvo_shadow::MAX_VOXELS
+        ));
+    }
+    let (width, height) = options.size;
+    if width == 0 || height == 0 || u64::from(width) * u64::from(height) > 1 << 23 {
+        return bad(format!("pictures of {width}x{height} were asked for; they have 1 to 8388608 pixels"));
+    }
+    Ok(())
+}
