@@ -13,7 +13,7 @@
 //! - [`frame`]: [`Frame`], [`Surface`] and [`Eye`]. [`obstacles`]: [`Obstacles`], [`Query`] and [`Through`].
 //! - [`start`], [`screen`]: the beginning of rays.
 //! - [`occlusion`], [`lamps`], [`reflections`], [`fog`], [`bounce`]: the passes.
-//! - [`compose`]: a picture with several of them.
+//! - [`mod@compose`]: a picture with several of them.
 //! - [`denoise`]: filters of their results, in a picture and over pictures.
 
 pub mod bounce;
