@@ -54,7 +54,8 @@ struct Walk<'a, O: ?Sized> {
     /// -1 on axes that are mirrored, 0 on others: `c ^ flip` is the cell in the volume.
     flip: [i32; 3],
     major: usize,
-    end: i32,
+    /// Distance to the ray's end along the major axis.
+    reach: i32,
     /// The voxel of the origin; on axes on which the origin lies between two, the upper one.
     start: [i32; 3],
     /// Axes on which the ray lies between two voxels all the way.
@@ -82,7 +83,7 @@ impl<'a, O: Occupancy + ?Sized> Walk<'a, O> {
             volume,
             flip,
             major,
-            end: up(ray.end, major),
+            reach: up(ray.end, major) - origin[major],
             start: origin.map(|x| x >> FRACTION_BITS),
             between: std::array::from_fn(|axis| direction[axis] == 0 && origin[axis] & (UNIT - 1) == 0),
             origin,
@@ -107,7 +108,7 @@ impl<'a, O: Occupancy + ?Sized> Walk<'a, O> {
     fn run(&self, steps: &mut u32) -> Option<([i32; 3], u32, Time)> {
         let mut level = self.coarsest;
         let mut cell = self.start.map(|c| c >> level);
-        let mut time = Time { numerator: 0, denominator: self.direction[self.major] };
+        let mut time = Time { numerator: 0, denominator: self.on_major(self.direction) };
         if (0..3).any(|axis| self.origin[axis] & (UNIT - 1) == 0)
             && let Some(voxel) = self.touched(cell, level, time, steps)
         {
@@ -135,37 +136,38 @@ impl<'a, O: Occupancy + ?Sized> Walk<'a, O> {
                 }
                 continue;
             }
-            // Which axes are crossed next.
-            let upper: [i32; 3] = std::array::from_fn(|axis| ((cell[axis] + 1) << level) << FRACTION_BITS);
-            let crossing = |axis: usize| Time {
-                numerator: upper[axis].wrapping_sub(self.origin[axis]),
-                denominator: self.direction[axis],
+            // Distances to the next planes, and which axes cross theirs first. An axis that the ray does not advance on is never first: its distance is
+            // positive, and so are the differences with an axis that the ray advances on.
+            let ahead: [i32; 3] = std::array::from_fn(|axis| {
+                (((cell[axis] + 1) << level) << FRACTION_BITS).wrapping_sub(self.origin[axis])
+            });
+            let later = |a: usize, b: usize| {
+                ahead[a].wrapping_mul(self.direction[b]).wrapping_sub(ahead[b].wrapping_mul(self.direction[a]))
             };
-            let mut next = self.major;
-            time = crossing(next);
-            let mut together = [false; 3];
-            together[next] = true;
-            for axis in (0..3).filter(|&axis| axis != self.major && self.direction[axis] != 0) {
-                let ahead = self.ahead(upper[axis], axis, time);
-                if ahead < 0 {
-                    next = axis;
-                    time = crossing(next);
-                    together = [false; 3];
-                }
-                together[axis] |= ahead <= 0;
-            }
-            if upper[self.major] > self.end && self.ahead(self.end, self.major, time) < 0 {
+            let (xy, xz, yz) = (later(0, 1), later(0, 2), later(1, 2));
+            let first = [xy <= 0 && xz <= 0, xy >= 0 && yz <= 0, xz >= 0 && yz >= 0];
+            let together = first[0] as u32 + first[1] as u32 + first[2] as u32 > 1;
+            let on_major = self.on_major(ahead);
+            // A chain of conditions is faster here than a choice without jumps.
+            time = if together && self.on_major(first) {
+                Time { numerator: on_major, denominator: self.on_major(self.direction) }
+            } else if first[0] {
+                Time { numerator: ahead[0], denominator: self.direction[0] }
+            } else if first[1] {
+                Time { numerator: ahead[1], denominator: self.direction[1] }
+            } else {
+                Time { numerator: ahead[2], denominator: self.direction[2] }
+            };
+            if on_major > self.reach && self.reach_is_behind(time) {
                 return None;
             }
             let (mut leaves_parent, mut leaves_volume) = (false, false);
-            for axis in (0..3).filter(|&axis| together[axis]) {
-                cell[axis] += 1;
-                leaves_parent |= cell[axis] & 1 == 0;
-                leaves_volume |= cell[axis] > self.last[axis] >> level;
+            for axis in 0..3 {
+                cell[axis] += i32::from(first[axis]);
+                leaves_parent |= first[axis] & (cell[axis] & 1 == 0);
+                leaves_volume |= first[axis] & (cell[axis] > self.last[axis] >> level);
             }
-            if together.iter().filter(|&&crossed| crossed).count() > 1
-                && let Some(voxel) = self.touched(cell, level, time, steps)
-            {
+            if together && let Some(voxel) = self.touched(cell, level, time, steps) {
                 return Some((voxel, 0, time));
             }
             if leaves_volume {
@@ -176,6 +178,21 @@ impl<'a, O: Occupancy + ?Sized> Walk<'a, O> {
                 cell = cell.map(|c| c >> 1);
             }
         }
+    }
+
+    /// What of three values is that of the major axis. An index would keep them out of registers.
+    fn on_major<T>(&self, [x, y, z]: [T; 3]) -> T {
+        match self.major {
+            0 => x,
+            1 => y,
+            _ => z,
+        }
+    }
+
+    /// Whether the ray has ended before a time.
+    fn reach_is_behind(&self, time: Time) -> bool {
+        let major = self.on_major(self.direction);
+        self.reach.wrapping_mul(time.denominator).wrapping_sub(time.numerator.wrapping_mul(major)) < 0
     }
 
     /// The cell, or the one beside it where the ray lies between two, if it is full.
@@ -229,7 +246,7 @@ impl<'a, O: Occupancy + ?Sized> Walk<'a, O> {
         if self.fidelity.fine_until == 0 {
             return 0;
         }
-        let voxels = (cell[self.major] << level) - self.start[self.major];
+        let voxels = (self.on_major(cell) << level) - self.on_major(self.start);
         self.fidelity.finest(voxels.max(0) as u32, self.coarsest)
     }
 }
