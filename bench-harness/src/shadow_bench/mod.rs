@@ -1,5 +1,10 @@
 //! `esvo bench shadow`: what a volume of one bit a voxel costs, and how wrong its shortcuts are.
 
+#[cfg(feature = "wgpu")]
+mod device;
+#[cfg(not(feature = "wgpu"))]
+#[path = "no_device.rs"]
+mod device;
 mod errors;
 mod leaks;
 mod models;
@@ -84,7 +89,7 @@ pub struct ShadowReport {
     pub machine: Machine,
     /// What was asked for.
     pub options: ShadowOptions,
-    /// Scenes that are not there.
+    /// Scenes and devices that are not there.
     pub left_out: Vec<LeftOut>,
     /// The volume of a large world.
     pub world: WorldRow,
@@ -140,6 +145,12 @@ pub struct MovingRow {
     pub regions: f64,
     /// Mean bytes of these regions, mips included.
     pub region_bytes: f64,
+    /// Mean milliseconds to send the regions to the device, until it has them. Absent without a device.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub send_ms: Option<f64>,
+    /// The same if each object's regions are sent one by one. Absent without a device.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub single_send_ms: Option<f64>,
     /// Mean number of regions if each object's are sent one by one.
     pub single_regions: f64,
     /// Mean bytes of those.

@@ -12,6 +12,7 @@ use esvo_shadow::trace::{Fidelity, MAX_LEVEL, Ray, Steps, first_hit, is_blocked}
 use esvo_shadow::{MAX_MIPS, Volume, World};
 use rayon::prelude::*;
 
+use super::device::Device;
 use super::stage::{Stage, failed};
 use super::{RateRow, ShadowOptions};
 use crate::{BenchError, Progress};
@@ -47,6 +48,7 @@ enum Tracer {
 pub(super) fn rates(
     stage: &Stage,
     frame: &Frame,
+    device: Option<&Device>,
     options: &ShadowOptions,
     progress: &Progress,
 ) -> Result<Vec<RateRow>, BenchError> {
@@ -65,7 +67,7 @@ pub(super) fn rates(
         let mut queries = recorder.0.into_inner().unwrap_or_else(PoisonError::into_inner);
         // Rows of pixels were done at once: put them back in order, as a picture's rays are.
         queries.sort_by_key(|query| key(frame, query));
-        rows.extend(through_volume(kind, &world, &queries, options));
+        rows.extend(through_volume(kind, &world, &queries, device, options)?);
         rows.push(through_octree(kind, stage, &exact.rays(&queries), options)?);
     }
     Ok(rows)
@@ -88,7 +90,13 @@ struct Answers {
     seconds: f64,
 }
 
-fn through_volume(kind: &str, world: &World, queries: &[Query], options: &ShadowOptions) -> Vec<RateRow> {
+fn through_volume(
+    kind: &str,
+    world: &World,
+    queries: &[Query],
+    device: Option<&Device>,
+    options: &ShadowOptions,
+) -> Result<Vec<RateRow>, BenchError> {
     let obstacles = Through {
         volume: world.volume(),
         grid: *world.grid(),
@@ -131,7 +139,10 @@ fn through_volume(kind: &str, world: &World, queries: &[Query], options: &Shadow
             rows[index].seconds.push(answers.seconds);
         }
     }
-    rows
+    if let Some(device) = device {
+        rows.extend(device.rates(kind, world.volume(), &rays, &walked, options.rounds)?);
+    }
+    Ok(rows)
 }
 
 fn trace(volume: &Volume, rays: &[Ray], tracer: Tracer, fidelity: Fidelity, first: bool) -> Answers {
@@ -173,7 +184,7 @@ fn through_octree(
     }
     Ok(RateRow {
         kind: kind.into(),
-        tracer: format!("octree of {} levels, first hit, {}", options.levels, caster.device().name),
+        tracer: format!("octree of {} levels, first hit, engine {}", options.levels, caster.name()),
         coarsest: 0,
         first: true,
         rays: rays.len() as u64,

@@ -2,11 +2,13 @@
 
 use std::time::Instant;
 
+use super::device::Device;
 use super::pictures::Pictures;
 use super::stage::Stage;
 use super::{
     SCHEMA, SceneShadows, ShadowOptions, ShadowOutcome, ShadowReport, VolumeRow, errors, leaks, rates, stage, world,
 };
+use crate::matrix_parts::LeftOut;
 use crate::scene::{self, Scene};
 use crate::system::machine::Machine;
 use crate::{BenchError, Progress};
@@ -32,7 +34,12 @@ pub fn run_shadow_bench(options: &ShadowOptions, progress: &Progress) -> Result<
         }
     }
     let (mut large, row) = world::large_world(options.world, progress)?;
-    let moving = world::moving(&mut large, progress)?;
+    let device = Device::open();
+    if let Err(error) = &device {
+        left_out.push(LeftOut { what: "a GPU".into(), reason: error.to_string() });
+    }
+    let device = device.ok();
+    let moving = world::moving(&mut large, device.as_ref(), progress)?;
     drop(large);
     let leaks = leaks::leaks(options.leak_rays, progress)?;
     let mut pictures = Pictures::default();
@@ -58,7 +65,7 @@ pub fn run_shadow_bench(options: &ShadowOptions, progress: &Progress) -> Result<
             });
             worlds.push((voxel_cm, world));
         }
-        let rates = rates::rates(&stage, &frame, options, progress)?;
+        let rates = rates::rates(&stage, &frame, device.as_ref(), options, progress)?;
         let errors = errors::errors(&stage, &frame, &worlds, options, progress)?;
         if options.pictures && stage.scene.not_published.is_none() {
             progress.say(format!("{}: pictures", entry.name));

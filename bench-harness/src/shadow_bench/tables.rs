@@ -28,10 +28,15 @@ fn document(report: &ShadowReport) -> Document<'_> {
 }
 
 /// All tables of a record.
-pub(crate) fn tables(report: &ShadowReport) -> Vec<TextTable> {
-    let mut tables = vec![world(report), moving(report), leaks(report), volumes(report), rates(report)];
-    tables.extend(errors(report));
-    tables.into_iter().filter(|table| !table.rows.is_empty()).collect()
+fn tables(report: &ShadowReport) -> Vec<TextTable> {
+    let (errors, others) = parts(report);
+    others.into_iter().chain(errors).filter(|table| !table.rows.is_empty()).collect()
+}
+
+/// The tables of errors, of which there is one for each scene and effect, and the others.
+pub(crate) fn parts(report: &ShadowReport) -> (Vec<TextTable>, Vec<TextTable>) {
+    let others = vec![world(report), moving(report), leaks(report), volumes(report), rates(report)];
+    (errors(report), others)
 }
 
 /// Mebibytes.
@@ -39,7 +44,7 @@ fn mib(bytes: f64) -> String {
     short(bytes / f64::from(1 << 20))
 }
 
-pub(super) fn least(values: &[f64]) -> f64 {
+pub(crate) fn least(values: &[f64]) -> f64 {
     values.iter().copied().fold(f64::INFINITY, f64::min)
 }
 
@@ -81,14 +86,16 @@ fn moving(report: &ShadowReport) -> TextTable {
         "cells made anew",
         "regions",
         "KiB",
+        "ms",
         "one by one: regions",
         "KiB",
+        "ms",
         "as if from nothing",
     ];
     let mut table = TextTable::new("Objects that move in it, each picture", 2, &head);
     table.notes = vec![
         "All objects move and turn in each picture. Regions: what is sent to a GPU, with the bytes of mips, if near changes are sent together, and if \
-         the box of each object before and after is sent one by one. As if from nothing: at the end the volume is bit for bit the one that is \
+         the box of each object before and after is sent one by one; ms: until the device has them. As if from nothing: at the end the volume is bit for bit the one that is \
          made voxel by voxel."
             .into(),
     ];
@@ -101,8 +108,10 @@ fn moving(report: &ShadowReport) -> TextTable {
             short(row.cells),
             short(row.regions),
             short(row.region_bytes / 1024.0),
+            row.send_ms.map_or_else(|| "-".into(), short),
             short(row.single_regions),
             short(row.single_bytes / 1024.0),
+            row.single_send_ms.map_or_else(|| "-".into(), short),
             if row.as_if_from_nothing { "yes" } else { "NO" }.into(),
         ]);
     }
@@ -162,6 +171,7 @@ fn rates(report: &ShadowReport) -> TextTable {
     ];
     for scene in &report.scenes {
         for row in &scene.rates {
+            // An octree's caster has no cells, and its name says that it finds first hits.
             let octree = row.coarsest == 0;
             let dash = |text: String| if octree { "-".into() } else { text };
             let first = if row.first && !octree { ", first hit" } else { "" };
@@ -181,14 +191,14 @@ fn rates(report: &ShadowReport) -> TextTable {
 }
 
 /// Whether no other row of the same effect is at least as good in time and error, and better in one.
-pub(super) fn on_front(row: &ErrorRow, rows: &[&ErrorRow]) -> bool {
+pub(crate) fn on_front(row: &ErrorRow, rows: &[&ErrorRow]) -> bool {
     let at = |row: &ErrorRow| (least(&row.ms), row.rmse);
     let (ms, error) = at(row);
     !rows.iter().map(|other| at(other)).any(|(m, e)| m <= ms && e <= error && (m < ms || e < error))
 }
 
 /// Rows of one effect of a scene, effect by effect, in the order of the record.
-pub(super) fn by_effect(rows: &[ErrorRow]) -> Vec<(&str, Vec<&ErrorRow>)> {
+pub(crate) fn by_effect(rows: &[ErrorRow]) -> Vec<(&str, Vec<&ErrorRow>)> {
     let mut effects: Vec<(&str, Vec<&ErrorRow>)> = Vec::new();
     for row in rows {
         match effects.iter_mut().find(|(effect, _)| *effect == row.effect) {

@@ -5,6 +5,7 @@ use std::time::Instant;
 use esvo_shadow::{Cubes, Extent, Grid, Mesh, ObjectId, Pose, Rule, Shape, Volume, World};
 use glam::{DQuat, DVec3, EulerRot};
 
+use super::device::Device;
 use super::stage::failed;
 use super::{MovingRow, WorldRow};
 use crate::{BenchError, Progress};
@@ -84,29 +85,35 @@ fn house() -> Shape {
 }
 
 /// Objects of several sizes that move in the world, a number of pictures each. Where `check` says so, the volume is compared at the end with one made from nothing.
-pub(super) fn moving(world: &mut World, progress: &Progress) -> Result<Vec<MovingRow>, BenchError> {
+pub(super) fn moving(
+    world: &mut World,
+    device: Option<&Device>,
+    progress: &Progress,
+) -> Result<Vec<MovingRow>, BenchError> {
     let sizes = [(200, 8, 300), (200, 16, 100), (50, 32, 60), (10, 64, 40), (4, 128, 20), (1, 256, 10)];
     let room = world.volume().voxels().iter().copied().min().unwrap_or(0);
     let fits = sizes.into_iter().filter(|(_, edge, _)| 2 * edge <= room);
     fits.map(|(objects, edge, frames)| {
         progress.say(format!("{objects} objects of {edge} voxels move"));
-        move_objects(world, objects, edge, frames).map_err(|e| failed("moving", e))
+        move_objects(world, device, objects, edge, frames)
     })
     .collect()
 }
 
 fn move_objects(
     world: &mut World,
+    device: Option<&Device>,
     objects: u32,
     edge: u32,
     frames: u32,
-) -> Result<MovingRow, esvo_shadow::ShadowError> {
+) -> Result<MovingRow, BenchError> {
+    let error = |e: esvo_shadow::ShadowError| failed("moving", e);
     let size = DVec3::from(world.volume().voxels().map(f64::from)) * GRID.voxel;
     // Cubes of a voxel's size; a turned box fills a box 1.7 times as wide.
     let cubes = (f64::from(edge) / 1.75).round().max(1.0) as i32;
     let ball = |c: [i32; 3]| c.iter().map(|&x| (2 * x + 1 - cubes).pow(2)).sum::<i32>() <= 3 * cubes * cubes / 2;
     let all = (0..cubes.pow(3)).map(|i| [i % cubes, i / cubes % cubes, i / cubes / cubes]).filter(|c| ball(*c));
-    let shape = Shape::Cubes(Cubes::new(all, GRID.voxel, Rule::Touch)?);
+    let shape = Shape::Cubes(Cubes::new(all, GRID.voxel, Rule::Touch).map_err(error)?);
     let pose = |i: u32, frame: u32| {
         let (a, t) = (f64::from(i) * 2.399, f64::from(frame));
         // In groups, as things fall over together.
@@ -121,7 +128,7 @@ fn move_objects(
         }
     };
     let ids: Vec<ObjectId> =
-        (0..objects).map(|i| world.insert(shape.clone(), &pose(i, 0))).collect::<Result<_, _>>()?;
+        (0..objects).map(|i| world.insert(shape.clone(), &pose(i, 0)).map_err(error)).collect::<Result<_, _>>()?;
     world.update(0);
     let mut row = MovingRow {
         objects,
@@ -132,16 +139,19 @@ fn move_objects(
         cells: 0.0,
         regions: 0.0,
         region_bytes: 0.0,
+        send_ms: device.map(|_| 0.0),
+        single_send_ms: device.map(|_| 0.0),
         single_regions: 0.0,
         single_bytes: 0.0,
         as_if_from_nothing: true,
     };
+    let mut copy = device.map(|device| device.copy(world.volume())).transpose()?;
     let share = 1.0 / f64::from(frames);
     let bytes = |extents: &[Extent]| extents.iter().map(region_bytes).sum::<u64>() as f64 * share;
     for frame in 1..=frames {
         let poses: Vec<(ObjectId, Pose)> = (0..).zip(&ids).map(|(i, id)| (*id, pose(i, frame))).collect();
         let start = Instant::now();
-        world.move_to(&poses)?;
+        world.move_to(&poses).map_err(error)?;
         row.rasterize_ms += start.elapsed().as_secs_f64() * 1e3 * share;
         let single = world.pending().to_vec();
         row.single_regions += single.len() as f64 * share;
@@ -152,11 +162,19 @@ fn move_objects(
         row.cells += changes.cells as f64 * share;
         row.regions += changes.regions.len() as f64 * share;
         row.region_bytes += bytes(&changes.regions);
+        if let (Some(device), Some(copy)) = (device, &mut copy) {
+            let whole = world.volume().extent();
+            let single: Vec<Extent> = single.iter().map(|extent| extent.intersection(&whole)).collect();
+            for (sum, regions) in [(&mut row.send_ms, &changes.regions), (&mut row.single_send_ms, &single)] {
+                let ms = device.send(copy, world.volume(), regions)?;
+                *sum = sum.map(|sum| sum + ms * share);
+            }
+        }
     }
     let last: Vec<Pose> = (0..objects).map(|i| pose(i, frames)).collect();
-    row.as_if_from_nothing = *world.volume() == from_nothing(world, &shape, &last)?;
+    row.as_if_from_nothing = *world.volume() == from_nothing(world, &shape, &last).map_err(error)?;
     for id in ids {
-        world.remove(id)?;
+        world.remove(id).map_err(error)?;
     }
     world.update(0);
     Ok(row)
