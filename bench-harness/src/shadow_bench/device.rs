@@ -27,7 +27,7 @@ impl Device {
     }
 
     /// Its name; drivers that run on the processor are labelled.
-    pub(super) fn name(&self) -> String {
+    fn name(&self) -> String {
         let about = self.gpu.about();
         let software = if about.kind == DeviceKind::SoftwareGpu { ", software, not a GPU" } else { "" };
         format!("{}{software}", about.name)

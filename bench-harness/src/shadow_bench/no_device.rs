@@ -15,10 +15,6 @@ impl Device {
         Err(failed("device", "this program was built without the feature wgpu"))
     }
 
-    pub(super) fn name(&self) -> String {
-        match *self {}
-    }
-
     pub(super) fn copy(&self, _: &Volume) -> Result<(), BenchError> {
         match *self {}
     }
