@@ -7,6 +7,7 @@ use glam::{DMat3, DMat4, DQuat, DVec3};
 use crate::error::ShadowError;
 use crate::grid::{Grid, Pose};
 use crate::shape::{Cubes, Rule, Shape};
+use crate::volume::MAX_VOXELS;
 use crate::world::World;
 
 /// A contour, in octree space: `low <= normal . p <= high`.
@@ -109,6 +110,17 @@ pub fn as_cubes(
     Ok((cubes, Pose { rotation, position: octree_to_world.w_axis.truncate() }))
 }
 
+/// Bounds of the objects' root cubes, which [`world_of`] makes the world of; `None` without objects.
+pub fn bounds(objects: &[Object]) -> Option<(DVec3, DVec3)> {
+    let corner = |object: &Object, i: u32| {
+        object.octree_to_mesh().transform_point3(DVec3::from_array([0, 1, 2].map(|axis| f64::from(i >> axis & 1))))
+    };
+    let corners = objects.iter().flat_map(|object| (0..8).map(move |i| corner(object, i)));
+    corners.fold(None, |ends: Option<(DVec3, DVec3)>, corner| {
+        Some(ends.map_or((corner, corner), |(low, high)| (low.min(corner), high.max(corner))))
+    })
+}
+
 /// A world of objects that stay where they are, with voxels of about this edge and a border of two voxels. One object alone that is not turned gets voxels
 /// that are its own cells, so that its surface is as thin as can be.
 ///
@@ -118,14 +130,7 @@ pub fn world_of(objects: &[Object], voxel: f64, mips: u32) -> Result<World, Shad
     if !(voxel > 0.0 && voxel.is_finite()) {
         return Err(ShadowError::Shape(format!("voxels with an edge of {voxel} were asked for; edges are above 0")));
     }
-    let corner = |object: &Object, i: u32| {
-        object.octree_to_mesh().transform_point3(DVec3::from_array([0, 1, 2].map(|axis| f64::from(i >> axis & 1))))
-    };
-    let corners = objects.iter().flat_map(|object| (0..8).map(move |i| corner(object, i)));
-    let ends = corners.fold(None, |ends: Option<(DVec3, DVec3)>, corner| {
-        Some(ends.map_or((corner, corner), |(low, high)| (low.min(corner), high.max(corner))))
-    });
-    let Some((low, high)) = ends else {
+    let Some((low, high)) = bounds(objects) else {
         return Err(ShadowError::Shape("there is no object to make a volume of".into()));
     };
     let size = |voxel: f64| ((high - low) / voxel + 4.001).ceil().to_array().map(|n| n.min(f64::from(u32::MAX)) as u32);
@@ -133,14 +138,26 @@ pub fn world_of(objects: &[Object], voxel: f64, mips: u32) -> Result<World, Shad
         let scale = object.octree_to_mesh().x_axis.truncate().length();
         (scale / voxel).log2()
     };
+    let edge = (high - low).x;
     if let [object] = objects
-        && DMat3::from_mat4(*object.octree_to_mesh()) == DMat3::from_diagonal(high - low)
+        && edge > 0.0
+        && DMat3::from_mat4(*object.octree_to_mesh()) == DMat3::from_diagonal(DVec3::splat(edge))
     {
         let level = level(object, voxel).round().clamp(1.0, 21.0);
-        let voxel = (high - low).x / level.exp2();
-        let mut world = World::new(Grid { origin: low - 2.0 * voxel, voxel }, size(voxel), mips)?;
+        let voxel = edge / level.exp2();
+        // Before memory is taken for cells.
+        if level.exp2() > f64::from(MAX_VOXELS) {
+            return Err(ShadowError::Size(size(voxel)));
+        }
         let cells = cells(object.octree(), index(object), level as u32);
-        world.add_fixed_voxels(cells.into_iter().map(|cell| cell.map(|c| c + 2)));
+        // Around what is full, which is often much less than the root cube.
+        let least: [i32; 3] = std::array::from_fn(|axis| cells.iter().map(|cell| cell[axis]).min().unwrap_or(0));
+        let most: [i32; 3] = std::array::from_fn(|axis| cells.iter().map(|cell| cell[axis]).max().unwrap_or(0));
+        let origin = low + (DVec3::from(least.map(f64::from)) - 2.0) * voxel;
+        let size = std::array::from_fn(|axis| (most[axis] - least[axis]) as u32 + 5);
+        let mut world = World::new(Grid { origin, voxel }, size, mips)?;
+        let place = |cell: [i32; 3]| std::array::from_fn(|axis| cell[axis] - least[axis] + 2);
+        world.add_fixed_voxels(cells.into_iter().map(place));
         world.update(0);
         return Ok(world);
     }

@@ -6,7 +6,7 @@ use esvo_builder::cells::{Cells, build_cells, morton};
 use esvo_builder::{BuildSettings, Mesh};
 use esvo_core::reference::cast_ray;
 use esvo_core::{Object, Ray};
-use esvo_shadow::octree::{as_cubes, cells};
+use esvo_shadow::octree::{as_cubes, cells, world_of};
 use esvo_shadow::{Grid, Shape, World};
 use glam::{DMat4, DQuat, DVec3};
 
@@ -83,5 +83,42 @@ fn transforms_that_are_no_poses_are_refused() {
     let octree = build_cells(&list, DMat4::IDENTITY, &BuildSettings::default()).unwrap().octree;
     for scale in [DVec3::new(1.0, 2.0, 1.0), DVec3::new(1.0, 1.0, -1.0), DVec3::ZERO, DVec3::NAN] {
         assert!(as_cubes(&octree, 0, DMat4::from_scale(scale), 3).is_err(), "{scale}");
+        // Neither as the one object of a world, whose cells would be its voxels, nor among others.
+        let placed = Object::of(&octree, 0).placed(DMat4::from_scale(scale));
+        for objects in [vec![placed], vec![Object::of(&octree, 0), placed]] {
+            assert!(world_of(&objects, 0.1, 2).is_err(), "{scale}, {}", objects.len());
+        }
     }
+}
+
+/// An octree that is not turned gets voxels that are its own cells, and no more volume than they need.
+#[test]
+fn a_world_of_one_octree_has_its_cells() {
+    let settings = BuildSettings { levels: 6, ..BuildSettings::default() };
+    let octree = esvo_builder::build(&sheet(), &settings, &|_| ()).unwrap().octree;
+    let object = Object::of(&octree, 0);
+    let edge = object.octree_to_mesh().x_axis.truncate().length();
+    let world = world_of(&[object], edge / 60.0, 2).unwrap();
+    let voxel = world.grid().voxel;
+    assert!((edge / voxel - 64.0).abs() < 1e-9);
+    let all = cells(&octree, 0, 6);
+    let (_, bytes) = world.volume().level(0);
+    assert_eq!(bytes.iter().map(|byte| byte.count_ones()).sum::<u32>(), all.len() as u32);
+    for cell in &all {
+        let middle = object.octree_to_mesh().transform_point3((DVec3::from(cell.map(f64::from)) + 0.5) / 64.0);
+        assert!(world.volume().get(world.grid().to_voxels(middle).floor().as_ivec3().to_array()));
+    }
+    let thin = world.volume().voxels()[2];
+    assert!(thin < 60, "the sheet is not as high as the root cube, and the volume has {thin} voxels there");
+    // Two of them, one turned, share a volume in which both are.
+    let turned = object.placed(DMat4::from_rotation_z(0.4));
+    let world = world_of(&[object, turned], edge / 60.0, 2).unwrap();
+    for (object, i) in [(object, 0), (turned, 1)] {
+        let inside = all.iter().filter(|cell| {
+            let middle = object.octree_to_mesh().transform_point3((DVec3::from(cell.map(f64::from)) + 0.5) / 64.0);
+            world.volume().get(world.grid().to_voxels(middle).floor().as_ivec3().to_array())
+        });
+        assert_eq!(inside.count(), all.len(), "object {i}");
+    }
+    assert!(world_of(&[], 1.0, 2).is_err() && world_of(&[object], 0.0, 2).is_err());
 }
