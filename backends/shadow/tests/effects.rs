@@ -12,7 +12,7 @@ use esvo_shadow::effects::reflections::{Mirror, reflections};
 use esvo_shadow::effects::{Cone, Frame, How, Lamp, Obstacles, Offset, Query, Rays, Surface, Through};
 use esvo_shadow::trace::Fidelity;
 use esvo_shadow::{Mesh, Pose, Shape, Volume, World};
-use glam::{DQuat, DVec3, EulerRot, Vec3};
+use glam::{DQuat, DVec3, EulerRot, Vec2, Vec3};
 use scene::{Blocks, GRID, VOXELS, eye, rmse, room};
 
 const SIZE: (u32, u32) = (96, 64);
@@ -201,6 +201,21 @@ fn fog_has_shafts() {
     let shaft = |values: &[f32]| free.iter().zip(values).filter(|(free, value)| **value < 0.8 * **free).count();
     println!("pixels in shafts: {} exactly, {} here", shaft(&exact), shaft(&value(&here)));
     assert!(shaft(&exact) > 40 && shaft(&exact).abs_diff(shaft(&value(&here))) * 3 < shaft(&exact));
+    // A ray without obstacles gathers what an integral in small steps says.
+    let empty = Frame { surfaces: vec![None; frame.surfaces.len()], ..frame.clone() };
+    let many = fog(&empty, &Blocks(Vec::new()), mist, &lamps, rays(4096));
+    let pixel = (SIZE.1 / 2 * SIZE.0 + SIZE.0 / 2) as usize;
+    let direction = frame.eye.direction(Vec2::new(SIZE.0 as f32 / 2.0 + 0.5, SIZE.1 as f32 / 2.0 + 0.5)).normalize();
+    let parts = 60_000;
+    let part = 6.0 / f64::from(parts);
+    let scattered = |i: u32| {
+        let distance = (f64::from(i) + 0.5) * part;
+        let far = (frame.eye.position + direction * distance as f32).distance(lamps[0].position);
+        let light = 1.0 / f64::from(far * far) * (-0.3 * (distance + f64::from(far))).exp();
+        light * 0.3 * part / (4.0 * std::f64::consts::PI)
+    };
+    let integral: f64 = (0..parts).map(scattered).sum();
+    assert!((f64::from(many[pixel].color.x) / integral - 1.0).abs() < 0.01, "{} {integral}", many[pixel].color.x);
     for (veil, surface) in here.iter().zip(&frame.surfaces) {
         let length = surface.map_or(6.0, |surface| surface.position.distance(frame.eye.position).min(6.0));
         assert!((veil.clear - (-0.3 * length).exp()).abs() < 1e-5);

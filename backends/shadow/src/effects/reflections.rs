@@ -92,3 +92,40 @@ fn seen(frame: &Frame, place: Vec3, direction: Vec3, tolerance: f32, lit: &[Vec3
     let to_edge = at.min(size - at) / (0.1 * size);
     lit[pixel] * to_edge.min_element().clamp(0.0, 1.0)
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec2;
+
+    use super::*;
+    use crate::effects::Eye;
+
+    /// A wall across the picture is seen from its front, near its place, and nowhere else.
+    #[test]
+    fn the_picture_shows_fronts_alone() {
+        let eye = Eye {
+            position: Vec3::ZERO,
+            right: Vec3::X,
+            up: Vec3::Z,
+            forward: Vec3::Y,
+            half: Vec2::ONE,
+            size: (40, 40),
+        };
+        let wall = |x: u32, y: u32| {
+            let position = eye.direction(Vec2::new(x as f32 + 0.5, y as f32 + 0.5)) * 4.0;
+            Some(Surface { position, normal: -Vec3::Y, color: Vec3::ONE, depth: 4.0, moved: Vec3::ZERO })
+        };
+        let frame = Frame::from_fn(eye, wall);
+        let lit = vec![Vec3::ONE; 1600];
+        let at = |place: Vec3, direction: Vec3| seen(&frame, place, direction, 0.1, &lit);
+        let place = Vec3::new(0.1, 4.0, 0.1);
+        assert_eq!(at(place, Vec3::new(0.6, 0.8, 0.0)), Vec3::ONE);
+        assert_eq!(at(place, Vec3::new(0.6, -0.8, 0.0)), Vec3::ZERO, "its back");
+        assert_eq!(at(place + Vec3::Y, Vec3::Y), Vec3::ZERO, "behind it");
+        assert_eq!(at(-place, Vec3::Y), Vec3::ZERO, "behind the eye");
+        assert_eq!(at(place + Vec3::X * 9.0, Vec3::Y), Vec3::ZERO, "beside the picture");
+        // At half a tenth of the picture from its edge half of it is left.
+        let near_edge = at(Vec3::new(3.6, 4.0, 0.1), Vec3::Y).x;
+        assert!((near_edge - 0.5).abs() < 0.01, "{near_edge}");
+    }
+}
