@@ -3,7 +3,7 @@
 mod scene;
 
 use esvo_shadow::effects::bounce::bounce;
-use esvo_shadow::effects::denoise::{Edges, History, smooth};
+use esvo_shadow::effects::denoise::{Edges, History, blur, smooth};
 use esvo_shadow::effects::fog::{Fog, Veil, fog};
 use esvo_shadow::effects::lamps::{lit, shadow};
 use esvo_shadow::effects::occlusion::ambient_occlusion;
@@ -267,6 +267,21 @@ fn the_filter_keeps_edges() {
     let (raw, with, without) = (rmse(&noisy, &truth), error(&edges), error(&blind));
     println!("error {raw} of 4 rays, {with} smoothed, {without} smoothed over edges");
     assert!(with < 0.7 * raw && with < 0.85 * without, "{raw} {with} {without}");
+}
+
+/// The sky's values stay as they are when surfaces are smoothed, and are averaged where all is.
+#[test]
+fn the_sky_is_no_surface() {
+    let blocks = room();
+    let frame = frame(&blocks);
+    let noise: Vec<[f32; 1]> = (0..frame.surfaces.len()).map(|i| [(i * 7919 % 101) as f32 / 100.0]).collect();
+    let edges = Edges { passes: 2, distance: 0.02, cosine: 0.9 };
+    let (smoothed, blurred) = (smooth(&frame, &noise, &edges), blur(&frame, &noise, 2));
+    let sky: Vec<usize> = (0..noise.len()).filter(|&i| frame.surfaces[i].is_none()).collect();
+    assert!(sky.len() > 100);
+    let spread = |values: &[[f32; 1]]| sky.iter().map(|&i| (values[i][0] - 0.5).powi(2)).sum::<f32>();
+    assert_eq!(spread(&smoothed), spread(&noise));
+    assert!(spread(&blurred) < 0.1 * spread(&noise));
 }
 
 /// Over the pictures of a moving camera, noise averages out, and what was hidden before is not mixed in.

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use esvo_core::Picture;
 use esvo_shadow::World;
-use esvo_shadow::effects::denoise::{Edges, smooth};
+use esvo_shadow::effects::denoise::{Edges, blur, smooth};
 use esvo_shadow::effects::fog::{Fog, fog};
 use esvo_shadow::effects::lamps::shadow;
 use esvo_shadow::effects::occlusion::ambient_occlusion;
@@ -87,7 +87,12 @@ impl Run<'_> {
             values = self.values(effect, obstacles, Rays { count: row.rays, seed: 5 });
             if row.smoothed {
                 let noisy: Vec<[f32; 1]> = values.iter().map(|&value| [value]).collect();
-                values = smooth(self.frame, &noisy, &edges).iter().map(|value| value[0]).collect();
+                // Fog knows no surfaces.
+                let smoothed = match effect {
+                    Effect::Fog => blur(self.frame, &noisy, edges.passes),
+                    _ => smooth(self.frame, &noisy, &edges),
+                };
+                values = smoothed.iter().map(|value| value[0]).collect();
             }
             start.elapsed().as_secs_f64() * 1e3
         });

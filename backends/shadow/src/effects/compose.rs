@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::denoise::{Edges, smooth};
+use super::denoise::{Edges, blur, smooth};
 use super::fog::{Fog, fog};
 use super::frame::{Frame, Surface};
 use super::lamps::{Lamp, lit, shadow};
@@ -161,9 +161,7 @@ fn veil(frame: &Frame, obstacles: &impl Obstacles, lamps: &[Lamp], settings: &Se
     let mist = Fog { density: settings.fog / settings.metre, reach: REACHES[2] * settings.metre };
     let veils = fog(frame, obstacles, mist, lamps, settings.rays);
     let noisy: Vec<[f32; 3]> = veils.iter().map(|veil| veil.color.to_array()).collect();
-    // Fog knows no edges of surfaces.
-    let blind = Edges { passes: settings.smoothing, distance: f32::INFINITY, cosine: -1.0 };
-    for ((light, veil), color) in light.iter_mut().zip(&veils).zip(smooth(frame, &noisy, &blind)) {
+    for ((light, veil), color) in light.iter_mut().zip(&veils).zip(blur(frame, &noisy, settings.smoothing)) {
         // Lamps are given by what a surface sends to the eye, which is pi times less than what it gets.
         *light = *light * veil.clear + Vec3::from(color) * std::f32::consts::PI;
     }

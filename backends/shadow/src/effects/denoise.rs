@@ -20,17 +20,41 @@ const ROW: [f32; 3] = [6.0 / 16.0, 4.0 / 16.0, 1.0 / 16.0];
 
 /// Averages each pixel's value with those of near pixels that show the same surface. Values of pixels without a surface are not touched.
 pub fn smooth<const N: usize>(frame: &Frame, values: &[[f32; N]], edges: &Edges) -> Vec<[f32; N]> {
+    let belongs = |at: usize, other: usize| match (&frame.surfaces[at], &frame.surfaces[other]) {
+        (Some(surface), Some(there)) => same(surface, there, edges),
+        (None, _) => at == other,
+        (Some(_), None) => false,
+    };
+    filter(frame, values, edges.passes, &belongs)
+}
+
+/// Averages each pixel's value with those of near pixels, whatever they show: for fog, which knows no surfaces. `passes` as in [`Edges`].
+pub fn blur<const N: usize>(frame: &Frame, values: &[[f32; N]], passes: u32) -> Vec<[f32; N]> {
+    filter(frame, values, passes, &|_, _| true)
+}
+
+/// `belongs`: whether the value of another pixel counts for a pixel. Its own always does.
+fn filter<const N: usize>(
+    frame: &Frame,
+    values: &[[f32; N]],
+    passes: u32,
+    belongs: &(impl Fn(usize, usize) -> bool + Sync),
+) -> Vec<[f32; N]> {
     let mut values = values.to_vec();
-    for pass in 0..edges.passes {
-        values = smooth_once(frame, &values, edges, 1 << pass);
+    for pass in 0..passes {
+        values = filter_once(frame, &values, 1 << pass, belongs);
     }
     values
 }
 
-fn smooth_once<const N: usize>(frame: &Frame, values: &[[f32; N]], edges: &Edges, apart: i64) -> Vec<[f32; N]> {
+fn filter_once<const N: usize>(
+    frame: &Frame,
+    values: &[[f32; N]],
+    apart: i64,
+    belongs: &(impl Fn(usize, usize) -> bool + Sync),
+) -> Vec<[f32; N]> {
     let (width, height) = (i64::from(frame.eye.size.0), i64::from(frame.eye.size.1));
     let pixel = |at: usize| {
-        let Some(surface) = &frame.surfaces[at] else { return values[at] };
         let (x, y) = (at as i64 % width, at as i64 / width);
         let (mut sum, mut weights) = ([0.0; N], 0.0);
         for (j, i) in (-2..=2i64).flat_map(|j| (-2..=2i64).map(move |i| (j, i))) {
@@ -39,15 +63,13 @@ fn smooth_once<const N: usize>(frame: &Frame, values: &[[f32; N]], edges: &Edges
                 continue;
             }
             let other = (y * width + x) as usize;
-            let Some(there) = &frame.surfaces[other] else { continue };
-            if !same(surface, there, edges) {
+            if !belongs(at, other) {
                 continue;
             }
             let weight = ROW[i.unsigned_abs() as usize] * ROW[j.unsigned_abs() as usize];
             (0..N).for_each(|channel| sum[channel] += weight * values[other][channel]);
             weights += weight;
         }
-        // The pixel itself always counts.
         sum.map(|sum| sum / weights)
     };
     (0..values.len()).into_par_iter().map(pixel).collect()
