@@ -10,6 +10,7 @@ use crate::build_bench::BuildReport;
 use crate::needs_bench::NeedsReport;
 use crate::paper_bench::report::PaperReport;
 use crate::ray_bench::RayReport;
+use crate::shadow_bench::ShadowReport;
 use crate::stability_bench::StabilityReport;
 use crate::sweep_bench::{SweepReport, read_sweep_record};
 use crate::system::machine::Machine;
@@ -46,6 +47,8 @@ pub enum Record {
     Needs(Box<NeedsReport>),
     /// Of `esvo bench voxelize`.
     Voxelize(Box<VoxelReport>),
+    /// Of `esvo bench shadow`.
+    Shadow(Box<ShadowReport>),
 }
 
 impl Record {
@@ -59,6 +62,7 @@ impl Record {
             Self::Rays(_) => "esvo bench rays",
             Self::Needs(_) => "esvo bench needs",
             Self::Voxelize(_) => "esvo bench voxelize",
+            Self::Shadow(_) => "esvo bench shadow",
         }
     }
 
@@ -72,6 +76,7 @@ impl Record {
             Self::Rays(report) => &report.machine,
             Self::Needs(report) => &report.machine,
             Self::Voxelize(report) => &report.machine,
+            Self::Shadow(report) => &report.machine,
         }
     }
 }
@@ -86,6 +91,7 @@ enum Kind {
     Rays,
     Needs,
     Voxelize,
+    Shadow,
     /// A record that pages do not show.
     Format,
 }
@@ -95,8 +101,9 @@ fn kind(value: &Value) -> Option<Kind> {
     if !has(&["schema", "machine"]) {
         return None;
     }
-    let kinds: [(Kind, &[&str]); 8] = [
+    let kinds: [(Kind, &[&str]); 9] = [
         (Kind::Voxelize, &["curve", "device"]),
+        (Kind::Shadow, &["world", "moving", "leaks"]),
         (Kind::Stability, &["controls", "leaks", "meshes"]),
         (Kind::Sweep, &["plan", "devices", "scenes"]),
         (Kind::Rays, &["sets", "engines", "view"]),
@@ -130,7 +137,7 @@ pub fn find_records(inputs: &[PathBuf]) -> Result<Vec<Found>, BenchError> {
         let names: Vec<_> = inputs.iter().map(|input| input.display().to_string()).collect();
         return Err(bad(
             &names.join(", "),
-            "holds no record of esvo bench, build, sweep, stability, rays, needs or voxelize",
+            "holds no record of esvo bench, build, sweep, stability, rays, needs, voxelize or shadow",
         ));
     }
     let mut seen = Vec::new();
@@ -188,7 +195,9 @@ fn read(path: &Path, named: bool) -> Result<Option<Found>, BenchError> {
         return match kind {
             _ if !named => Ok(None),
             Some(_) => Err(bad(&file, "is a record of esvo bench format, which pages do not show")),
-            None => Err(bad(&file, "is no record of esvo bench, build, sweep, stability, rays, needs or voxelize")),
+            None => {
+                Err(bad(&file, "is no record of esvo bench, build, sweep, stability, rays, needs, voxelize or shadow"))
+            }
         };
     };
     let own = path.file_name().unwrap_or_default().to_string_lossy();
@@ -207,6 +216,7 @@ fn parse_record(path: &Path, text: &str, kind: Option<Kind>) -> Result<Option<Re
         Some(Kind::Rays) => Record::Rays(parse(text, &file, crate::ray_bench::SCHEMA)?),
         Some(Kind::Needs) => Record::Needs(parse(text, &file, crate::needs_bench::SCHEMA)?),
         Some(Kind::Voxelize) => Record::Voxelize(parse(text, &file, crate::voxel_bench::SCHEMA)?),
+        Some(Kind::Shadow) => Record::Shadow(parse(text, &file, crate::shadow_bench::SCHEMA)?),
         // Its cells point at octrees, which this function checks.
         Some(Kind::Sweep) => Record::Sweep(Box::new(read_sweep_record(path)?)),
         Some(Kind::Format) | None => return Ok(None),
@@ -258,5 +268,16 @@ mod tests {
         };
         assert!(with(1).contains("is a damaged record"), "{}", with(1));
         assert!(with(9).contains("has version 9; this program reads 1"), "{}", with(9));
+        // A benchmark is known by its own fields.
+        let fields = [
+            ("esvo bench voxelize", r#""curve":[],"device":{}"#),
+            ("esvo bench shadow", r#""world":{},"moving":[],"leaks":[]"#),
+            ("esvo bench stability", r#""controls":[],"leaks":[],"meshes":[]"#),
+        ];
+        for (command, fields) in fields {
+            let text = format!(r#"{{"schema":1,"machine":{{}},{fields}}}"#);
+            let error = find_records(&[put(folder.path(), "report.json", &text)]).unwrap_err().to_string();
+            assert!(error.contains("is a damaged record"), "{command}: {error}");
+        }
     }
 }

@@ -13,7 +13,8 @@ use esvo_bench::needs_bench::{NeedsBenchOptions, run_needs_bench};
 use esvo_bench::paper_bench::slowed::Slowed;
 use esvo_bench::paper_bench::{PaperBenchOptions, run_paper_bench};
 use esvo_bench::ray_bench::{RayBenchOptions, run_ray_bench};
-use esvo_bench::shadow_bench::{ShadowOptions, run_shadow_bench};
+use esvo_bench::records::{Record, read_record};
+use esvo_bench::shadow_bench::{ShadowOptions, run_shadow_bench, write_shadow_record};
 use esvo_bench::stability_bench::{StabilityOptions, run_stability_bench};
 use esvo_bench::sweep_bench::{Cache, SweepBenchOptions, SweepPlan, run_sweep_bench};
 use esvo_bench::system::machine::Machine;
@@ -373,7 +374,7 @@ fn voxelize() {
 #[test]
 fn shadow() {
     let options = ShadowOptions {
-        scenes: vec!["floor".into()],
+        scenes: vec!["fairy".into()],
         voxels_cm: vec![20.0],
         rays: vec![1],
         size: (24, 16),
@@ -398,6 +399,12 @@ fn shadow() {
     wrong.moving[0].as_if_from_nothing = false;
     assert!(!wrong.passed());
     assert_eq!(report.pictures.len(), outcome.pictures.len());
+    let folder = tempfile::tempdir().unwrap();
+    let made = write_shadow_record(&outcome, folder.path(), Some("m")).unwrap();
+    match read_record(&made.join("report.json")).unwrap() {
+        Some(Record::Shadow(read)) => assert_eq!(*read, *report),
+        other => panic!("{other:?}"),
+    }
     let mut value = parse(&report.to_json());
     value["left_out"] = json!([left_out()]);
     // On a machine without a device nothing is sent to it.

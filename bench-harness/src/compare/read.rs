@@ -16,9 +16,11 @@ pub fn read_run(path: &Path) -> Result<MeasuredRun, BenchError> {
         Some(Record::Sweep(report)) => Ok(report.measured()),
         Some(Record::Rays(report)) => Ok(report.measured()),
         Some(Record::Needs(report)) => Ok(report.measured()),
-        Some(Record::Build(_) | Record::Stability(_) | Record::Voxelize(_)) | None => Err(BenchError::Matrix {
-            file: path.display().to_string(),
-            what: "expected report.json of esvo bench, or of esvo bench sweep, rays or needs".into(),
-        }),
+        Some(Record::Build(_) | Record::Stability(_) | Record::Voxelize(_) | Record::Shadow(_)) | None => {
+            Err(BenchError::Matrix {
+                file: path.display().to_string(),
+                what: "expected report.json of esvo bench, or of esvo bench sweep, rays or needs".into(),
+            })
+        }
     }
 }

@@ -83,7 +83,7 @@ fn gpus(record: &Record) -> BTreeSet<String> {
         Record::Rays(r) => r.engines.iter().flat_map(|row| &row.device).for_each(|d| add(&d.name, d.kind)),
         Record::Stability(r) => r.engines.iter().flat_map(|row| &row.device).for_each(|d| add(&d.name, d.kind)),
         Record::Voxelize(r) => add(&r.device.name, r.device.kind),
-        Record::Build(_) => {}
+        Record::Build(_) | Record::Shadow(_) => {}
     }
     names
 }

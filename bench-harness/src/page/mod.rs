@@ -2,6 +2,7 @@
 //!
 //! - `machines.rs`: records by machine. `verdicts.rs`: which engine is wrong, by all records. `between/`: what records of one machine say of
 //!   the same thing. `gpu.rs`: GPU against processor. `answers/`: the questions that a sweep answers, in words. `span.rs`: times with their spread, and ties. `settings.rs`: the settings of a sweep. `plot.rs`: plots, and error against time. `voxel_plots.rs`: plots of voxelization.
+//!   `shadow_plots.rs`: error against time of effects.
 //! - `paper_tables.rs`: Table 1 and Table 2 with the paper's figures. `in_words.rs`: sentences above tables of figures. `pictures.rs`:
 //!   pictures to compare. `sources.rs`: the records. `sections.rs`: the order.
 //! - `glossary.rs`: the terms. `html.rs`: what the template is given. `templates/`: the template, its style and its script.
@@ -18,6 +19,7 @@ mod pictures;
 mod plot;
 mod sections;
 mod settings;
+mod shadow_plots;
 mod sources;
 mod span;
 mod verdicts;

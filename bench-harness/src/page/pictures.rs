@@ -5,6 +5,7 @@ use std::path::Path;
 use base64::Engine;
 
 use crate::records::{Found, Record};
+use crate::shadow_bench::PictureNote;
 use crate::system::machine::slug;
 
 /// The first bytes of a PNG file, up to the length of its first chunk.
@@ -28,7 +29,7 @@ pub(super) struct Shot {
     pub(super) height: u32,
 }
 
-/// The pictures of all records of the paper's tables and of voxelization, and what was left out. Scenes whose pictures may not be published have none.
+/// The pictures of all records of the paper's tables, of voxelization and of bit volumes, and what was left out. Scenes whose pictures may not be published have none.
 /// Those that another record has in the same way are shown once.
 pub(super) fn comparisons(found: &[Found], most_bytes: u64) -> (Vec<Comparison>, Vec<String>) {
     let (mut all, mut left_out, mut bytes) = (Vec::<Comparison>::new(), Vec::new(), 0);
@@ -48,6 +49,24 @@ pub(super) fn comparisons(found: &[Found], most_bytes: u64) -> (Vec<Comparison>,
                 }
                 if !shots.is_empty() {
                     all.push(Comparison { scene: group.what.clone(), credit: group.credit.clone(), shots });
+                }
+            }
+        }
+        if let Record::Shadow(report) = &one.record {
+            for (scene, notes) in by_scene(&report.pictures) {
+                let mut shots = Vec::new();
+                for (what, file) in notes {
+                    match shot(folder, file, what.to_owned(), most_bytes.saturating_sub(bytes)) {
+                        Ok((shot, size)) => {
+                            bytes += size;
+                            shots.push(shot);
+                        }
+                        Err(why) => left_out.push(format!("{file} of {}: {why}", one.name)),
+                    }
+                }
+                if !shots.is_empty() {
+                    let credit = report.scenes.iter().find(|of| of.name == scene).map_or("", |of| &of.credit);
+                    all.push(Comparison { scene: format!("Bit volume: {scene}"), credit: credit.into(), shots });
                 }
             }
         }
@@ -77,6 +96,19 @@ pub(super) fn comparisons(found: &[Found], most_bytes: u64) -> (Vec<Comparison>,
         }
     }
     (all, left_out)
+}
+
+/// What pictures show and their files, by the scene that is named before the colon.
+fn by_scene(notes: &[PictureNote]) -> Vec<(&str, Vec<(&str, &str)>)> {
+    let mut scenes: Vec<(&str, Vec<(&str, &str)>)> = Vec::new();
+    for note in notes {
+        let (scene, what) = note.what.split_once(": ").unwrap_or(("", &note.what));
+        match scenes.iter_mut().find(|(name, _)| *name == scene) {
+            Some((_, notes)) => notes.push((what, &note.file)),
+            None => scenes.push((scene, vec![(what, &note.file)])),
+        }
+    }
+    scenes
 }
 
 /// Reads a picture of at most `room` bytes.
@@ -162,6 +194,18 @@ mod tests {
         assert_eq!(method_label("voxels-sibenik-expanded-tested.png"), "expanded tested");
         assert_eq!(method_label("pixels-multisampled-4.png"), "multisampled 4");
         assert_eq!(method_label("pixels-unheard-of.png"), "pixels unheard of");
+    }
+
+    #[test]
+    fn pictures_of_bit_volumes_go_by_their_scene() {
+        let note = |what: &str| PictureNote { what: what.into(), file: format!("{}.png", what.len()) };
+        let notes = ["A: one", "B: in steps: two", "A: three", "four"].map(note);
+        let expected = [
+            ("A", vec![("one", "6.png"), ("three", "8.png")]),
+            ("B", vec![("in steps: two", "16.png")]),
+            ("", vec![("four", "4.png")]),
+        ];
+        assert_eq!(by_scene(&notes), expected);
     }
 
     #[test]

@@ -3,7 +3,10 @@
 use super::between::{Between, DISTURBED};
 use super::html::{Answers, Block, Contents, PageTable, Section};
 use super::machines::{OnMachine, by_machine};
-use super::{answers, glossary, gpu, in_words, paper_tables, pictures, plot, settings, sources, verdicts, voxel_plots};
+use super::{
+    answers, glossary, gpu, in_words, paper_tables, pictures, plot, settings, shadow_plots, sources, verdicts,
+    voxel_plots,
+};
 use crate::build_bench::BuildReport;
 use crate::paper_bench::figures::{built_sizes, sizes, viewpoints};
 use crate::paper_bench::paper::Paper;
@@ -333,6 +336,23 @@ fn others(one: &Found, when: &str) -> Option<Section> {
                 let plots = voxel_plots::plots(report);
                 let plots = (!plots.is_empty()).then_some(Block::Plots(plots));
                 plots.into_iter().chain(whole(crate::voxel_bench::tables::tables(report))).collect()
+            })
+        },
+        Record::Shadow(report) => Section {
+            lead: vec![
+                "A world of one bit a voxel with mips, which objects move in and rays are traced through. What is fixed and what moves has its bytes \
+                 and its time; then what each shortcut of an effect costs in error. Rays that leave closed rooms must be none where every voxel is looked at."
+                    .into(),
+                "A mark's shape is the voxel's size. Blue: every voxel is looked at, and rays begin in the picture where an effect can. Filled: the \
+                 same, smoothed. Dark: other shortcuts, and the octree. The line joins settings that no other beats in both."
+                    .into(),
+            ],
+            ..section("shadow", "Shadows, occlusion, reflections and fog through a bit volume", when, {
+                let plots = shadow_plots::plots(report);
+                let plots = (!plots.is_empty()).then_some(Block::Plots(plots));
+                let (errors, others) = crate::shadow_bench::tables::parts(report);
+                let rows = folded("Error and time of each effect with each shortcut", errors);
+                plots.into_iter().chain(whole(others)).chain((!report.scenes.is_empty()).then_some(rows)).collect()
             })
         },
         _ => return None,

@@ -21,6 +21,7 @@ pub(super) fn section(machines: &[OnMachine<'_>], not_shown: &[String]) -> Secti
             Record::Build(report) => &report.left_out[..],
             Record::Sweep(report) => &report.left_out[..],
             Record::Voxelize(report) => &report.left_out[..],
+            Record::Shadow(report) => &report.left_out[..],
             _ => &[],
         };
         let row = |what: &String, why: &String| vec![what.clone(), why.clone(), machine.name.clone(), one.name.clone()];
@@ -37,6 +38,7 @@ pub(super) fn section(machines: &[OnMachine<'_>], not_shown: &[String]) -> Secti
             Record::Sweep(r) => r.scenes.iter().for_each(|s| add(&s.name, &s.credit, &s.identity)),
             Record::Rays(r) => add(&r.scene, &r.credit, &r.identity),
             Record::Needs(r) => r.credits.iter().for_each(|[scene, credit, identity]| add(scene, credit, identity)),
+            Record::Shadow(r) => r.scenes.iter().for_each(|s| add(&s.name, &s.credit, &s.identity)),
             Record::Voxelize(r) => r.scenes.iter().for_each(|s| add(&s.name, &s.credit, &s.identity)),
             Record::Stability(_) => {}
         }

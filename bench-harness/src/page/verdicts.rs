@@ -224,8 +224,8 @@ pub(super) fn verdicts(found: &[&Found]) -> Vec<Verdict> {
                 }
             }
             Record::Stability(report) => hard_rays(&mut all, report, record),
-            // A voxelizer is no engine: its own table says what it misses.
-            Record::Build(_) | Record::Voxelize(_) => {}
+            // A voxelizer is no engine, and neither is a bit volume: their own tables say what they miss.
+            Record::Build(_) | Record::Voxelize(_) | Record::Shadow(_) => {}
         }
     }
     // In the order of the list of engines.

@@ -16,7 +16,7 @@ pub struct Difference {
 }
 
 /// Fields that depend on time or on the day, and what was asked for.
-const PASSED_OVER: [&str; 15] = [
+const PASSED_OVER: [&str; 23] = [
     "machine",
     "calibration",
     "guard",
@@ -29,13 +29,24 @@ const PASSED_OVER: [&str; 15] = [
     "voxelize_ms",
     "compact_ms",
     "host_ms",
+    "rasterize_ms",
+    "update_ms",
+    "send_ms",
+    "single_send_ms",
+    "ms",
+    "fill_seconds",
+    "update_seconds",
+    "peak_bytes",
     "mrays",
     "options",
     "all_on_software",
 ];
 
 /// Fields that tell an element of a list from others, in the order in which they are printed.
-const NAMES: [&str; 10] = ["name", "scene", "set", "what", "backend", "variant", "contours", "levels", "kind", "size"];
+const NAMES: [&str; 22] = [
+    "name", "scene", "set", "what", "backend", "variant", "contours", "levels", "kind", "size", "objects", "edge",
+    "wall", "tracer", "coarsest", "first", "effect", "voxel_cm", "step", "rays", "screen", "smoothed",
+];
 
 /// Characters of a value that are printed.
 const MOST_CHARACTERS: usize = 60;
@@ -158,6 +169,37 @@ mod tests {
             |ms: f64, holes: u64| json!({"grids": [{"exact_ms": [ms], "build_ms": ms, "methods": [row(ms, holes)]}]});
         assert_eq!(results(&grid(1.0, 0), &grid(2.5, 0)), []);
         assert_eq!(results(&grid(1.0, 0), &grid(2.5, 3))[0].place, "grids[0].methods[compute].holes");
+    }
+
+    #[test]
+    fn times_of_bit_volumes_are_passed_over_and_their_counts_are_not() {
+        let record = |time: f64, leaks: u64, right: bool, different: u64, steps: f64| {
+            json!({
+                "world": {"voxels": [160, 160, 160], "fill_seconds": time, "update_seconds": time, "peak_bytes": (1e6 * time) as u64},
+                "moving": [{"objects": 200, "edge": 8, "rasterize_ms": time, "update_ms": time, "send_ms": time, "single_send_ms": time, "as_if_from_nothing": right}],
+                "leaks": [{"wall": "faces", "step": 0.5, "leaks": leaks}],
+                "scenes": [{
+                    "name": "FLOOR",
+                    "volumes": [{"voxel_cm": 20.0, "fill_seconds": time}],
+                    "rates": [{"kind": "shadow", "tracer": "every voxel", "coarsest": 8, "first": true, "seconds": [time], "steps": steps, "different": different}],
+                    "errors": [{"effect": "fog", "voxel_cm": 20.0, "smoothed": true, "ms": [time]}],
+                }],
+                "seconds": time,
+            })
+        };
+        let before = record(1.0, 0, true, 0, 1.5);
+        assert_eq!(results(&before, &record(2.5, 0, true, 0, 1.5)), []);
+        let found = results(&before, &record(2.5, 1, false, 2, 1.75));
+        let places: Vec<_> = found.iter().map(|difference| &difference.place[..]).collect();
+        assert_eq!(
+            places,
+            [
+                "leaks[faces, step 0.5].leaks",
+                "moving[objects 200, edge 8].as_if_from_nothing",
+                "scenes[FLOOR].rates[shadow, every voxel, coarsest 8, first].different",
+                "scenes[FLOOR].rates[shadow, every voxel, coarsest 8, first].steps",
+            ]
+        );
     }
 
     #[test]

@@ -2,7 +2,7 @@
 //!
 //! - `mod.rs`: from a record to a second one. `differences.rs`: comparing what does not depend on time. `tables.rs`: what is printed.
 //!
-//! A record of `esvo bench`, `esvo bench sweep`, `stability`, `rays`, `needs` or `voxelize` says what was asked for: scenes, viewpoints, levels,
+//! A record of `esvo bench`, `esvo bench sweep`, `stability`, `rays`, `needs`, `voxelize` or `shadow` says what was asked for: scenes, viewpoints, levels,
 //! engines, seeds, rounds. A second run on the same sources finds the same octrees, hits and errors in every digit; times it does not, and
 //! [`compare`](crate::compare) judges them.
 
@@ -18,6 +18,7 @@ use crate::paper_bench::{PaperBenchOptions, resume_paper_bench, write_paper_reco
 use crate::ray_bench::{run_ray_bench, write_ray_record};
 use crate::records::{Record, read_record};
 use crate::scene::NamedView;
+use crate::shadow_bench::{run_shadow_bench, write_shadow_record};
 use crate::stability_bench::{run_stability_bench, write_stability_record};
 use crate::sweep_bench::{Cache, SweepBenchOptions, resume_sweep_bench, write_sweep_record};
 use crate::voxel_bench::{VoxelBenchOptions, resume_voxel_bench, write_voxel_record};
@@ -76,7 +77,7 @@ impl RepeatReport {
 pub fn repeat(path: &Path, options: &RepeatOptions, progress: &Progress) -> Result<RepeatReport, BenchError> {
     let bad = |what: String| BenchError::Matrix { file: path.display().to_string(), what };
     let first = read_record(path)?.ok_or_else(|| {
-        bad("expected report.json of esvo bench, or of esvo bench sweep, stability, rays, needs or voxelize".into())
+        bad("expected report.json of esvo bench, or of esvo bench sweep, stability, rays, needs, voxelize or shadow".into())
     })?;
     let silent = || bad("does not say what was asked for: it is of an older version of this program".into());
     let command = first.command();
@@ -159,10 +160,18 @@ pub fn repeat(path: &Path, options: &RepeatOptions, progress: &Progress) -> Resu
             let right = outcome.report.passed();
             (Record::Voxelize(Box::new(outcome.report)), folder, right)
         }
+        Record::Shadow(report) => {
+            let mut again = report.options.clone();
+            again.scenes_dir.clone_from(&options.scenes_dir);
+            let outcome = run_shadow_bench(&again, progress)?;
+            let folder = write_shadow_record(&outcome, results, machine)?;
+            let right = outcome.report.passed();
+            (Record::Shadow(Box::new(outcome.report)), folder, right)
+        }
         Record::Build(_) => return Err(bad("is of esvo bench build, which --repeat cannot run".into())),
     };
     let times = match &first {
-        Record::Stability(_) | Record::Voxelize(_) => None,
+        Record::Stability(_) | Record::Voxelize(_) | Record::Shadow(_) => None,
         _ => {
             let again = folder.join("report.json");
             let (before, after) = (read_run(path)?, read_run(&again)?);
@@ -196,5 +205,6 @@ fn json(record: &Record) -> Result<serde_json::Value, BenchError> {
         Record::Rays(report) => value(report),
         Record::Needs(report) => value(report),
         Record::Voxelize(report) => value(report),
+        Record::Shadow(report) => value(report),
     }
 }

@@ -78,7 +78,7 @@ pub(in crate::page) fn sizes(found: &[&Found]) -> Vec<Sizes> {
                     add(&case.scene, identity, case.levels, case.needs.contours, case.image_bytes);
                 }
             }
-            Record::Rays(_) | Record::Stability(_) | Record::Voxelize(_) => {}
+            Record::Rays(_) | Record::Stability(_) | Record::Voxelize(_) | Record::Shadow(_) => {}
         }
     }
     let several = |sizes: &Vec<(u64, Vec<usize>)>| sizes.iter().map(|(_, records)| records.len()).sum::<usize>() > 1;

@@ -123,7 +123,7 @@ pub(in crate::page) fn timings(record: &Record) -> Vec<Timing<'_>> {
         Record::Sweep(report) => of_sweep(report),
         Record::Needs(report) => of_needs(report),
         Record::Rays(report) => of_rays(report),
-        Record::Build(_) | Record::Stability(_) | Record::Voxelize(_) => Vec::new(),
+        Record::Build(_) | Record::Stability(_) | Record::Voxelize(_) | Record::Shadow(_) => Vec::new(),
     };
     all.retain(|timing| timing.engine != EngineId::Reference && !timing.seconds.is_empty());
     all

@@ -28,7 +28,7 @@ pub(crate) struct TablesArguments {
     /// Go on with the run of the same options that was stopped: what was finished is not measured again
     #[arg(long)]
     pub(crate) resume: bool,
-    /// Run what this record says again: report.json of this command, or of sweep, stability, rays, needs or voxelize; and say where the
+    /// Run what this record says again: report.json of this command, or of sweep, stability, rays, needs, voxelize or shadow; and say where the
     /// results differ
     #[arg(long, value_name = "RECORD", conflicts_with_all = ["full", "matrix", "scenes", "levels", "memory", "time_limit", "json", "backends", "resolutions", "views", "rounds", "threads", "slow"])]
     pub(crate) repeat: Option<PathBuf>,
