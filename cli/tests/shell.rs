@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 use common::Folder;
 
 /// All commands, by the names of their pages.
-const PAGES: [&str; 29] = [
+const PAGES: [&str; 30] = [
     "esvo",
     "esvo-advise",
     "esvo-ambient",
@@ -21,6 +21,7 @@ const PAGES: [&str; 29] = [
     "esvo-bench-page",
     "esvo-bench-pictures",
     "esvo-bench-rays",
+    "esvo-bench-shadow",
     "esvo-bench-stability",
     "esvo-bench-sweep",
     "esvo-bench-voxelize",
