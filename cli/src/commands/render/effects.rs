@@ -5,12 +5,13 @@ use esvo_core::camera::viewpoint;
 use esvo_core::lights::Light;
 use esvo_core::{Camera, Nearest, Object, Picture, View};
 use esvo_format::srgb;
-use esvo_shadow::World;
 use esvo_shadow::effects::{Cone, Eye, Frame, Lamp, Rays, Settings, Wanted, compose};
-use esvo_shadow::octree::world_of;
+use esvo_shadow::octree::{bounds, world_of};
+use esvo_shadow::{MAX_VOXELS, World};
 use glam::{DVec3, Vec3};
 
 use crate::fail::Failure;
+use crate::memory::check_memory;
 
 /// Voxels along the longest edge of what is shown, without `--effect-voxel`.
 const VOXELS: f64 = 800.0;
@@ -68,6 +69,17 @@ pub(crate) struct Effects {
 }
 
 impl EffectArguments {
+    /// Refuses effects of lamps without a lamp. The sky is none: it is there anyway.
+    pub(crate) fn check(&self, lights: &[Light]) -> Result<(), Failure> {
+        let of_lamps = [Effect::Shadows, Effect::Fog, Effect::Bounce];
+        let no_lamp = lights.iter().all(|light| matches!(light, Light::Sky));
+        if no_lamp && self.effects.iter().any(|effect| of_lamps.contains(effect)) {
+            let what = "--effects: shadows, fog and bounce need a light; give one, e.g. --light sun:1,2,0.5";
+            return Err(what.to_owned().into());
+        }
+        Ok(())
+    }
+
     /// The volume of the objects; `None` if no effect is wanted.
     pub(crate) fn prepare(&self, objects: &[Object], lights: &[Light]) -> Result<Option<Effects>, Failure> {
         if self.effects.is_empty() {
@@ -84,20 +96,29 @@ impl EffectArguments {
             fog: has(Effect::Fog),
             bounce: has(Effect::Bounce),
         };
-        if lights.is_empty() && (wanted.shadows || wanted.fog || wanted.bounce) {
-            let what = "--effects: shadows, fog and bounce need a light; give one, e.g. --light sun:1,2,0.5";
-            return Err(what.to_owned().into());
-        }
-        let world = world_of(objects, voxel, 2).map_err(|e| format!("--effects: {e}"))?;
         let lamp = |light: &Light| lamp(light, (low + high) / 2.0, longest, self.light_radius);
+        let lamps: Vec<Lamp> = lights.iter().filter_map(lamp).collect();
+        check_volume(objects, voxel)?;
+        let world = world_of(objects, voxel, 2).map_err(|e| format!("--effects: {e}"))?;
         let settings = Settings {
             wanted,
             rays: Rays { count: self.effect_rays, seed: 1 },
             metre: (longest / METRES) as f32,
             ..Settings::default()
         };
-        Ok(Some(Effects { world, lamps: lights.iter().filter_map(lamp).collect(), settings }))
+        Ok(Some(Effects { world, lamps, settings }))
     }
+}
+
+/// Refuses a volume that the system has no memory for. Too many voxels along an axis are the volume's own error.
+fn check_volume(objects: &[Object], voxel: f64) -> Result<(), Failure> {
+    let Some((low, high)) = bounds(objects) else { return Ok(()) };
+    let voxels = (high - low) / voxel + 4.0;
+    if voxels.max_element() > f64::from(MAX_VOXELS) {
+        return Ok(());
+    }
+    // A bit for each voxel, and all mips: a seventh more.
+    check_memory((voxels.element_product() / 7.0) as usize, &format!("--effect-voxel {voxel}"))
 }
 
 /// A light as a lamp that is as bright as the others at a quarter of the scene's length. The sky is no lamp: it is there anyway.

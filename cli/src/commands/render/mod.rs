@@ -243,6 +243,7 @@ impl RenderArguments {
         if !self.effects.effects.is_empty() && !shaded {
             return Err("--effects: only shaded pictures have effects; leave out --view-mode".to_owned().into());
         }
+        self.effects.check(&self.lights)?;
         if self.sky != SkyValue::Screen && !shaded {
             return Err("--sky: only shaded pictures have a sky; leave out --view-mode".to_owned().into());
         }
