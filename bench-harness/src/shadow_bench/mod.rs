@@ -42,7 +42,7 @@ pub struct ShadowOptions {
     pub voxels_cm: Vec<f64>,
     /// Rays for each pixel, each at least 1.
     pub rays: Vec<u32>,
-    /// Width and height of pictures.
+    /// Width and height of the pictures that errors are measured in. Those beside the record are 5/2 times as wide and 13/6 times as high.
     pub size: (u32, u32),
     /// Levels of the octrees that surfaces are seen with, 1 to 16.
     pub levels: u32,
@@ -145,7 +145,7 @@ pub struct MovingRow {
     pub regions: f64,
     /// Mean bytes of these regions, mips included.
     pub region_bytes: f64,
-    /// Mean milliseconds to send the regions to the device, until it has them. Absent without a device.
+    /// Mean milliseconds, over the first 20 pictures, to send the regions to the device, until it has them. Absent without a device.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub send_ms: Option<f64>,
     /// The same if each object's regions are sent one by one. Absent without a device.

@@ -22,12 +22,9 @@ use crate::BenchError;
 use crate::output::NamedPicture;
 use crate::system::machine::slug;
 
-/// Size of pictures.
-const SIZE: (u32, u32) = (800, 520);
-
 /// Pictures that were made, and what they show.
-#[derive(Default)]
 pub(super) struct Pictures {
+    size: (u32, u32),
     pub(super) made: Vec<NamedPicture>,
     pub(super) notes: Vec<PictureNote>,
 }
@@ -43,9 +40,15 @@ struct Shown<'a> {
 }
 
 impl Pictures {
+    /// None yet. They are larger than those of `size` that errors are measured in, for the eye: 800 x 520 for 320 x 240.
+    pub(super) fn new(size: (u32, u32)) -> Self {
+        let size = ((size.0 * 5 / 2).max(1), (size.1 * 13 / 6).max(1));
+        Self { size, made: Vec::new(), notes: Vec::new() }
+    }
+
     /// A scene of the manifest, from its first viewpoint.
     pub(super) fn scene(&mut self, stage: &Stage) -> Result<(), BenchError> {
-        let frame = stage.frame(SIZE)?;
+        let frame = stage.frame(self.size)?;
         let world = stage.world(5.0, 2)?;
         let exact = stage.in_octree(stage.octree.objects()[0].levels);
         let lamp = stage.lamp(&frame, &exact, 0.0);
@@ -88,7 +91,7 @@ impl Pictures {
             let poses: Vec<Pose> = models.iter().map(pose).collect();
             let objects: Vec<Object> =
                 poses.iter().enumerate().map(|(i, pose)| Object::of(&octree, i).placed(matrix(pose))).collect();
-            let frame = frame(&octree, &objects, &camera(), SIZE).map_err(|e| error(&e))?;
+            let frame = frame(&octree, &objects, &camera(), self.size).map_err(|e| error(&e))?;
             let shown = Shown { name, frame: &frame, world: &world, unit: 1.0, lamp };
             if after {
                 let wanted = Wanted { occlusion: true, shadows: true, reflections: true, fog: true, bounce: true };

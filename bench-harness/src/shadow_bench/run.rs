@@ -42,7 +42,7 @@ pub fn run_shadow_bench(options: &ShadowOptions, progress: &Progress) -> Result<
     let moving = world::moving(&mut large, device.as_ref(), progress)?;
     drop(large);
     let leaks = leaks::leaks(options.leak_rays, progress)?;
-    let mut pictures = Pictures::default();
+    let mut pictures = Pictures::new(options.size);
     let mut scenes = Vec::new();
     for entry in stages {
         progress.say(format!("{}: reading the mesh", entry.name));

@@ -36,7 +36,7 @@ pub(crate) struct BenchShadowArguments {
     /// Rays for each pixel
     #[arg(long, value_name = "N", value_delimiter = ',', default_value = "1,4,16,64")]
     rays: Vec<u32>,
-    /// Size of pictures
+    /// Size of the pictures that errors are measured in; those of the record are larger
     #[arg(long, value_name = "WxH", value_parser = parse_size, default_value = "320x240")]
     size: [u32; 2],
     /// Levels of the octrees that surfaces are seen with
