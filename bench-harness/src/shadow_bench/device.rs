@@ -33,6 +33,11 @@ impl Device {
         format!("{}{software}", about.name)
     }
 
+    /// Of how many pictures, from the first, the changes are sent: drivers that run on the processor take long for it.
+    pub(super) fn pictures(&self) -> u32 {
+        if self.gpu.about().kind == DeviceKind::SoftwareGpu { 2 } else { 20 }
+    }
+
     /// A copy of a volume.
     pub(super) fn copy(&self, volume: &Volume) -> Result<GpuVolume, BenchError> {
         GpuVolume::new(&self.gpu, volume).map_err(|e| failed("device", e))

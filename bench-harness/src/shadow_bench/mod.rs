@@ -145,7 +145,7 @@ pub struct MovingRow {
     pub regions: f64,
     /// Mean bytes of these regions, mips included.
     pub region_bytes: f64,
-    /// Mean milliseconds, over the first 20 pictures, to send the regions to the device, until it has them. Absent without a device.
+    /// Mean milliseconds, over the first 20 pictures, 2 if the device is software, to send the regions to the device, until it has them. Absent without a device.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub send_ms: Option<f64>,
     /// The same if each object's regions are sent one by one. Absent without a device.

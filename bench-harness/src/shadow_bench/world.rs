@@ -12,8 +12,6 @@ use crate::{BenchError, Progress};
 
 const GRID: Grid = Grid { origin: DVec3::ZERO, voxel: 0.05 };
 const MIPS: u32 = 2;
-/// Of how many pictures, from the first, the changes are sent to a device: drivers that run on the processor take long for it.
-const SENT: u32 = 20;
 /// What a region costs beside its bytes, in base cells. A write of a region costs a driver some microseconds, in which it copies as many bytes.
 pub(super) const REGION_CELLS: u64 = 1 << 14;
 
@@ -165,13 +163,13 @@ fn move_objects(
         row.regions += changes.regions.len() as f64 * share;
         row.region_bytes += bytes(&changes.regions);
         if let (Some(device), Some(copy)) = (device, &mut copy)
-            && frame <= SENT
+            && frame <= device.pictures()
         {
             let whole = world.volume().extent();
             let single: Vec<Extent> = single.iter().map(|extent| extent.intersection(&whole)).collect();
             for (sum, regions) in [(&mut row.send_ms, &changes.regions), (&mut row.single_send_ms, &single)] {
                 let ms = device.send(copy, world.volume(), regions)?;
-                *sum = sum.map(|sum| sum + ms / f64::from(frames.min(SENT)));
+                *sum = sum.map(|sum| sum + ms / f64::from(frames.min(device.pictures())));
             }
         }
     }
