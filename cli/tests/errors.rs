@@ -141,7 +141,7 @@ fn work_without_memory_is_one_line() {
     // Finds limits at which the program starts, and the work does not fit.
     for work in ["build --scene hairball --stand-in -l 8 -o out.esvo", "ambient box.esvo --rays 4 -o out.esvo"] {
         let mut refused = 0;
-        for kilobytes in [30_000, 60_000, 90_000, 120_000, 150_000] {
+        for kilobytes in [40_000, 60_000, 90_000, 120_000, 150_000] {
             let out = run(kilobytes, work);
             let error = String::from_utf8_lossy(&out.stderr).into_owned();
             if out.status.success() {
