@@ -19,8 +19,6 @@ use super::{ErrorRow, ShadowOptions};
 use crate::error::image::image_error;
 use crate::{BenchError, Progress};
 
-/// Voxels that shortcuts other than the voxel's size are measured with, in centimetres.
-const BASE: f64 = 5.0;
 /// Steps in the place of every voxel.
 const STEPS: [f64; 2] = [1.0, 2.0];
 
@@ -125,7 +123,7 @@ pub(super) fn errors(
 ) -> Result<Vec<ErrorRow>, BenchError> {
     let octree = stage.in_octree(options.levels);
     let run = Run { stage, frame, lamp: stage.lamp(frame, &octree, 0.3), options };
-    let base = worlds.iter().find(|(voxel, _)| *voxel == BASE).or(worlds.first());
+    let base = worlds.iter().find(|(voxel, _)| *voxel == options.base());
     let Some((base_voxel, base_world)) = base else { return Err(failed("shadow", "no voxel's edge was given")) };
     let mut rows = Vec::new();
     for effect in Effect::ALL {

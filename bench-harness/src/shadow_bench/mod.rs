@@ -263,6 +263,14 @@ pub struct PictureNote {
     pub file: String,
 }
 
+impl ShadowOptions {
+    /// Edge of the voxels that rays a second, and shortcuts other than the voxel's size, are measured with, in centimetres: 5, or else the first.
+    pub(crate) fn base(&self) -> f64 {
+        let first = self.voxels_cm.first().copied().unwrap_or(5.0);
+        if self.voxels_cm.contains(&5.0) { 5.0 } else { first }
+    }
+}
+
 impl ShadowReport {
     /// The record as indented JSON.
     pub fn to_json(&self) -> String {

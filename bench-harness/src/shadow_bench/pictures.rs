@@ -46,10 +46,10 @@ impl Pictures {
         Self { size, made: Vec::new(), notes: Vec::new() }
     }
 
-    /// A scene of the manifest, from its first viewpoint.
-    pub(super) fn scene(&mut self, stage: &Stage) -> Result<(), BenchError> {
+    /// A scene of the manifest, from its first viewpoint, through voxels with this edge.
+    pub(super) fn scene(&mut self, stage: &Stage, voxel_cm: f64) -> Result<(), BenchError> {
         let frame = stage.frame(self.size)?;
-        let world = stage.world(5.0, 2)?;
+        let world = stage.world(voxel_cm, 2)?;
         let exact = stage.in_octree(stage.octree.objects()[0].levels);
         let lamp = stage.lamp(&frame, &exact, 0.0);
         let shown = Shown { name: &stage.scene.name, frame: &frame, world: &world, unit: stage.unit as f32, lamp };

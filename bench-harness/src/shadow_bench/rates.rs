@@ -17,8 +17,6 @@ use super::stage::{Stage, failed};
 use super::{RateRow, ShadowOptions};
 use crate::{BenchError, Progress};
 
-/// Edge of the voxels, in centimetres.
-const VOXEL: f64 = 5.0;
 /// Levels that tracing begins at: without mips, with bytes, with two mips as the document has them, with five.
 const COARSEST: [u32; 4] = [0, 1, 3, MAX_LEVEL];
 /// How far rays of ambient occlusion reach, in metres.
@@ -52,7 +50,7 @@ pub(super) fn rates(
     options: &ShadowOptions,
     progress: &Progress,
 ) -> Result<Vec<RateRow>, BenchError> {
-    let world = stage.world(VOXEL, MAX_MIPS)?;
+    let world = stage.world(options.base(), MAX_MIPS)?;
     let exact = stage.in_octree(options.levels);
     let lamp = stage.lamp(frame, &exact, 0.0);
     let reach = (REACH * stage.unit) as f32;

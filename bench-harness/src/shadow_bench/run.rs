@@ -69,7 +69,7 @@ pub fn run_shadow_bench(options: &ShadowOptions, progress: &Progress) -> Result<
         let errors = errors::errors(&stage, &frame, &worlds, options, progress)?;
         if options.pictures && stage.scene.not_published.is_none() {
             progress.say(format!("{}: pictures", entry.name));
-            pictures.scene(&stage)?;
+            pictures.scene(&stage, options.base())?;
         }
         scenes.push(SceneShadows {
             name: stage.scene.name.clone(),

@@ -162,7 +162,8 @@ pub(super) fn rate(row: &RateRow) -> f64 {
 
 fn rates(report: &ShadowReport) -> TextTable {
     let head = ["scene", "rays", "tracing", "coarsest cells", "Mrays/s", "cells a ray", "other answers", "ppm"];
-    let mut table = TextTable::new("Rays a second, voxels of 5 cm, all cores", 4, &head);
+    let title = format!("Rays a second, voxels of {} cm, all cores", report.options.base());
+    let mut table = TextTable::new(title, 4, &head);
     table.notes = vec![
         "Whether something is in the way; where it says so, what is in the way first. Coarsest cells: in voxels; 1 is without mips, 8 are the two mips \
          of the document. Other answers: rays for which samples in steps say otherwise than every voxel. An octree's caster finds hits of \

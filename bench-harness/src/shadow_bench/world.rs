@@ -92,10 +92,13 @@ pub(super) fn moving(
 ) -> Result<Vec<MovingRow>, BenchError> {
     let sizes = [(200, 8, 300), (200, 16, 100), (50, 32, 60), (10, 64, 40), (4, 128, 20), (1, 256, 10)];
     let room = world.volume().voxels().iter().copied().min().unwrap_or(0);
+    // A small world is for a trial, and is done in few pictures.
+    let voxels: u64 = world.volume().voxels().iter().map(|&n| u64::from(n)).product();
+    let most = (voxels >> 20).clamp(4, 1000) as u32;
     let fits = sizes.into_iter().filter(|(_, edge, _)| 2 * edge <= room);
     fits.map(|(objects, edge, frames)| {
         progress.say(format!("{objects} objects of {edge} voxels move"));
-        move_objects(world, device, objects, edge, frames)
+        move_objects(world, device, objects, edge, frames.min(most))
     })
     .collect()
 }
