@@ -105,7 +105,10 @@ pub fn resume_voxel_bench(
         scenes.push(part.scene);
     }
     progress.say("sheets of triangles of one size");
-    let curve = curve(&voxelizer, &methods)?;
+    let deepest = options.scenes.iter().flat_map(|scene| &scene.levels).copied().max().unwrap_or(0);
+    // Of a run in coarse grids, which is a trial, sheets of a million triangles would be most of the time.
+    let least = if deepest < SHEET_LEVEL { 2.0 } else { 0.0 };
+    let curve = curve(&voxelizer, &methods, least)?;
     if options.pictures {
         progress.say("pictures of test meshes");
         pictures.test_meshes()?;
@@ -278,13 +281,13 @@ impl Run<'_> {
 }
 
 /// Missing voxels by the size of triangles.
-fn curve(voxelizer: &Voxelizer, methods: &[Method]) -> Result<Vec<CurvePoint>, BenchError> {
+fn curve(voxelizer: &Voxelizer, methods: &[Method], least: f64) -> Result<Vec<CurvePoint>, BenchError> {
     let voxels = f64::from(1u32 << SHEET_LEVEL);
     let mut points = Vec::new();
     if methods.iter().all(|method| method.is_tested()) {
         return Ok(points);
     }
-    for edge in SHEET_EDGES {
+    for edge in SHEET_EDGES.into_iter().filter(|edge| *edge >= least) {
         let corners = sheet(edge / voxels);
         let exact = bounds::voxels(&corners, SHEET_LEVEL);
         for &method in methods.iter().filter(|method| !method.is_tested()) {
