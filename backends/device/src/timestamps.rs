@@ -1,8 +1,9 @@
 //! How long passes take, by the device's own clock.
 
 use std::ops::RangeInclusive;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
+use esvo_core::DeviceKind;
 use wgpu::BufferUsages as Usage;
 
 use crate::error::DeviceError;
@@ -45,6 +46,34 @@ impl Gpu {
         let resolved = self.buffer("timestamps", bytes, Usage::QUERY_RESOLVE | Usage::COPY_SRC)?;
         let staging = self.buffer("timestamps to read", bytes, Usage::MAP_READ | Usage::COPY_DST)?;
         Ok(Some(Timestamps { queries, resolved, staging, passes }))
+    }
+
+    /// Runs what `record` records, with one pass that writes the timestamps of pass 0 if it is given any, and waits. The time is that of the device's
+    /// clock; without one, and on drivers that run on the processor, that from submission to the end: llvmpipe's two timestamps of a compute pass are next to
+    /// each other, however long it takes.
+    ///
+    /// # Errors
+    /// As [`submit`](Self::submit) and [`wait`](Self::wait).
+    pub fn timed(
+        &self,
+        record: impl FnOnce(&mut wgpu::CommandEncoder, Option<&Timestamps>),
+    ) -> Result<Duration, DeviceError> {
+        let software = self.about().kind == DeviceKind::SoftwareGpu;
+        let timestamps = if software { None } else { self.timestamps(1)? };
+        let start = Instant::now();
+        self.submit(|commands| {
+            record(commands, timestamps.as_ref());
+            if let Some(timestamps) = &timestamps {
+                timestamps.resolve(commands);
+            }
+        })?;
+        match &timestamps {
+            Some(timestamps) => Ok(timestamps.read(self)?.span(0..=0)),
+            None => {
+                self.wait()?;
+                Ok(start.elapsed())
+            }
+        }
     }
 }
 

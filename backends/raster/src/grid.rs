@@ -6,7 +6,6 @@ use esvo_device::wgpu::{self, Buffer};
 use esvo_device::{Gpu, Usage};
 
 use crate::RasterError;
-use crate::clock::timed;
 use crate::passes::{Compact, Params};
 
 /// Words of the grid that a workgroup of `kernels/compact.wgsl` takes.
@@ -91,7 +90,7 @@ impl Grid {
     ) -> Result<Duration, RasterError> {
         let params = gpu.upload("compact", &[params], Usage::UNIFORM)?;
         let group = gpu.bind_group(&compact.layout, &[&params, &self.bits, &self.blocks, list, &self.ranks])?;
-        timed(gpu, |commands, timestamps| {
+        let time = gpu.timed(|commands, timestamps| {
             let timestamp_writes = timestamps.map(|timestamps| timestamps.compute_pass(0));
             let descriptor = wgpu::ComputePassDescriptor { label: Some("compact"), timestamp_writes };
             let mut pass = commands.begin_compute_pass(&descriptor);
@@ -100,6 +99,7 @@ impl Grid {
                 pass.set_pipeline(pipeline);
                 pass.dispatch_workgroups(*groups, 1, 1);
             }
-        })
+        })?;
+        Ok(time)
     }
 }

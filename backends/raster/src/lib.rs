@@ -53,13 +53,12 @@
 //! - `method`: [`Method`]. `surface`: [`Surface`], [`Looks`] and what they consist of. `error`: [`RasterError`].
 //! - `voxelizer`: [`Voxelizer`], from a surface to voxels; also which missing voxels are cracks, and which pixels are shaded.
 //! - `tiles`, `records`: tiles; triangles as shaders read them. `work`: one method over one tile. `passes`: pipelines.
-//! - `grid`: bits and the list of them. `attributes`: colours and normals. `clock`: time of a pass.
+//! - `grid`: bits and the list of them. `attributes`: colours and normals.
 //! - [`bounds`]: what single precision may do.
 //! - `kernels/`: the shaders.
 
 mod attributes;
 pub mod bounds;
-mod clock;
 mod error;
 mod grid;
 mod method;

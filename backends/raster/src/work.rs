@@ -7,7 +7,6 @@ use esvo_device::{Gpu, Usage};
 use rayon::prelude::*;
 
 use crate::attributes::LookRecord;
-use crate::clock::timed;
 use crate::grid::Grid;
 use crate::passes::{Emit, Params, Passes, TARGET};
 use crate::records::{Item, Record};
@@ -164,7 +163,7 @@ impl<'a> Work<'a> {
             change(&mut params);
             let group = self.group(batch, params)?;
             let found = self.gpu.bind_group(&raster.emit_layout, &with_looks(batch, buffers))?;
-            time += timed(self.gpu, |commands, timestamps| {
+            time += self.gpu.timed(|commands, timestamps| {
                 let attachment = wgpu::RenderPassColorAttachment {
                     view: &target,
                     depth_slice: None,
@@ -263,7 +262,7 @@ impl<'a> Work<'a> {
         let all = params.count.div_ceil(GROUP);
         params.groups_x = all.min(self.gpu.limits().max_compute_workgroups_per_dimension);
         let group = self.group(batch, params)?;
-        timed(self.gpu, |commands, timestamps| {
+        let time = self.gpu.timed(|commands, timestamps| {
             if let Some(buffer) = to_clear {
                 commands.clear_buffer(buffer, 0, Some(8));
             }
@@ -275,7 +274,8 @@ impl<'a> Work<'a> {
             pass.set_bind_group(1, groups[0], &[]);
             pass.set_bind_group(2, groups[1], &[]);
             pass.dispatch_workgroups(params.groups_x, all.div_ceil(params.groups_x), 1);
-        })
+        })?;
+        Ok(time)
     }
 
     /// The triangle and the voxel that a pair stands for.

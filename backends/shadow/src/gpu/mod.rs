@@ -57,7 +57,6 @@
 //! device has. What does not fit is an error of the device, and nothing is made. Lists of rays have no limit: they are traced in parts
 //! that fit a binding and a dispatch.
 
-mod clock;
 mod tracer;
 mod volume;
 

@@ -7,7 +7,6 @@ use esvo_device::wgpu::{self, Buffer};
 use esvo_device::{DeviceError, Gpu, Usage, storage, uniform};
 use rayon::prelude::*;
 
-use super::clock::timed;
 use super::volume::{GpuVolume, volume_layout};
 use crate::error::ShadowError;
 use crate::trace::{Fidelity, Hit, Ray, Steps, Traced};
@@ -155,7 +154,7 @@ impl Tracer {
         let (pipeline, layout) =
             if steps.is_some() { (&self.steps, &self.steps_layout) } else { (&self.rays, &self.rays_layout) };
         let group = gpu.bind_group(layout, &buffers)?;
-        *time += timed(gpu, |commands, timestamps| {
+        *time += gpu.timed(|commands, timestamps| {
             let mut pass = commands.begin_compute_pass(&wgpu::ComputePassDescriptor {
                 label: Some("trace rays"),
                 timestamp_writes: timestamps.map(|timestamps| timestamps.compute_pass(0)),
