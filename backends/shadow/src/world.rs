@@ -1,5 +1,7 @@
 //! A world of things that stay and objects that move.
 
+use std::collections::BTreeMap;
+
 use rayon::prelude::*;
 
 use crate::error::ShadowError;
@@ -28,7 +30,9 @@ pub struct World {
     grid: Grid,
     volume: Volume,
     fixed: Bricks,
-    objects: Vec<Option<Object>>,
+    objects: BTreeMap<u32, Object>,
+    /// Number of the next object: no number is used twice.
+    next: u32,
     changed: Vec<Extent>,
 }
 
@@ -48,7 +52,7 @@ impl World {
     /// As [`Volume::new`].
     pub fn new(grid: Grid, voxels: [u32; 3], mips: u32) -> Result<Self, ShadowError> {
         let volume = Volume::new(voxels, mips)?;
-        Ok(Self { grid, volume, fixed: Bricks::new(), objects: Vec::new(), changed: Vec::new() })
+        Ok(Self { grid, volume, fixed: Bricks::new(), objects: BTreeMap::new(), next: 0, changed: Vec::new() })
     }
 
     /// Where voxels lie.
@@ -68,7 +72,7 @@ impl World {
 
     /// Number of objects.
     pub fn objects(&self) -> usize {
-        self.objects.iter().flatten().count()
+        self.objects.len()
     }
 
     /// Adds a shape that stays.
@@ -103,13 +107,10 @@ impl World {
     pub fn insert(&mut self, shape: Shape, pose: &Pose) -> Result<ObjectId, ShadowError> {
         let stamp = shape.voxels(pose, &self.grid)?;
         self.changed.push(stamp.extent());
-        let object = Some(Object { shape, stamp });
-        let at = self.objects.iter().position(Option::is_none).unwrap_or_else(|| {
-            self.objects.push(None);
-            self.objects.len() - 1
-        });
-        self.objects[at] = object;
-        Ok(ObjectId(at as u32))
+        let id = self.next;
+        self.next += 1;
+        self.objects.insert(id, Object { shape, stamp });
+        Ok(ObjectId(id))
     }
 
     /// Moves objects, each to a pose. If one pose is not usable, none is moved.
@@ -118,12 +119,12 @@ impl World {
     /// As [`Shape::voxels`]; an object that is not in the world.
     pub fn move_to(&mut self, poses: &[(ObjectId, Pose)]) -> Result<(), ShadowError> {
         let stamp = |(id, pose): &(ObjectId, Pose)| {
-            let object = self.objects.get(id.0 as usize).and_then(Option::as_ref);
+            let object = self.objects.get(&id.0);
             object.ok_or(ShadowError::NoObject(id.0))?.shape.voxels(pose, &self.grid)
         };
         let stamps: Vec<Stamp> = poses.par_iter().map(stamp).collect::<Result<_, _>>()?;
         for ((id, _), stamp) in poses.iter().zip(stamps) {
-            if let Some(object) = &mut self.objects[id.0 as usize] {
+            if let Some(object) = self.objects.get_mut(&id.0) {
                 self.changed.extend([object.stamp.extent(), stamp.extent()]);
                 object.stamp = stamp;
             }
@@ -136,7 +137,7 @@ impl World {
     /// # Errors
     /// An object that is not in the world.
     pub fn remove(&mut self, id: ObjectId) -> Result<(), ShadowError> {
-        let object = self.objects.get_mut(id.0 as usize).and_then(Option::take);
+        let object = self.objects.remove(&id.0);
         self.changed.push(object.ok_or(ShadowError::NoObject(id.0))?.stamp.extent());
         Ok(())
     }
@@ -153,7 +154,7 @@ impl World {
         // Where an object moves little, its old and its new place are one.
         let parts = cluster(&changed, 0);
         for part in &parts {
-            let here: Vec<&Stamp> = (self.objects.iter().flatten().map(|object| &object.stamp))
+            let here: Vec<&Stamp> = (self.objects.values().map(|object| &object.stamp))
                 .filter(|stamp| !stamp.extent().intersection(part).is_empty())
                 .collect();
             let fixed = &self.fixed;

@@ -207,6 +207,15 @@ fn rays_that_are_no_rays_are_refused() {
         assert!(Ray::new(origin, direction, length).is_err(), "{origin} {direction} {length}");
     }
     assert!(Ray::between(DVec3::ONE, DVec3::ONE).is_err());
+    for far in [i32::MIN, i32::MAX, (1 << 29) + 1] {
+        assert!(Ray::exact([0, far, 0], [1, 0, 0]).is_none(), "{far}");
+    }
+    // Whatever the direction: a long one is cut, and divided.
+    for (way, length) in [(i32::MIN, 8191.0), (i32::MAX, 8191.0), (65_536, 256.0)] {
+        let ray = Ray::exact([1 << 29, 0, -(1 << 29)], [0, way, 0]).unwrap();
+        assert_eq!((ray.length(), ray.direction().normalize()), (length, DVec3::Y * f64::from(way.signum())));
+        assert!(first_hit(&Bricks::new(), &ray, Fidelity::EXACT).hit.is_none());
+    }
     let ray = Ray::new(DVec3::ZERO, DVec3::new(0.0, -3.0, 1.0), f64::INFINITY).unwrap();
     assert!((ray.length() - 8191.0 * (1.0f64 + 1.0 / 9.0).sqrt()).abs() < 0.5);
     for length in [0.0, -1.0, 65.0, f64::NAN, 1e-9] {

@@ -279,6 +279,10 @@ fn poses_that_are_no_poses_are_refused() {
     }
     assert_eq!(world.update(0).cells, 0);
     assert!(*world.volume() == before);
+    // The name of an object that was removed names no other.
+    world.remove(id).unwrap();
+    let other = world.insert(shape(0), &Pose::IDENTITY).unwrap();
+    assert!(other != id && world.move_to(&[(id, Pose::IDENTITY)]).is_err() && world.objects() == 1);
     let large = Shape::Cubes(Cubes::new([[0; 3], [1 << 20; 3]], 1.0, Rule::Middle).unwrap());
     assert!(world.insert(large, &Pose::IDENTITY).is_err());
     assert!(Cubes::new([[0; 3]], 0.0, Rule::Touch).is_err());

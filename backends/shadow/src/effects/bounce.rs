@@ -5,8 +5,7 @@ use glam::Vec3;
 use super::frame::Frame;
 use super::lamps::Lamp;
 use super::obstacles::{Obstacles, Query};
-use super::random::hemisphere;
-use super::{Rays, each_surface, random};
+use super::{Rays, ask_around, each_surface};
 
 /// What the scene has at a place that a ray met: normal, on the side of the ray, and the share of light that it reflects.
 pub type Look = (Vec3, Vec3);
@@ -24,14 +23,7 @@ pub fn bounce(
     each_surface(
         frame,
         Vec3::ZERO,
-        |pixel, surface, queries| {
-            queries.extend((0..rays.count).map(|i| Query {
-                from: surface.position,
-                normal: surface.normal,
-                direction: hemisphere(surface.normal, random::square(pixel, i, rays.seed)),
-                length: reach,
-            }));
-        },
+        |pixel, surface, queries| ask_around(pixel, surface, reach, rays, queries),
         |queries| {
             let mut light = vec![Vec3::ZERO; queries.len()];
             let mut to_lamps = Vec::new();

@@ -46,6 +46,16 @@ pub struct Rays {
     pub seed: u32,
 }
 
+/// Adds a surface's rays to all around, as often in a direction as its cosine is large.
+fn ask_around(pixel: u32, surface: &Surface, reach: f32, rays: Rays, queries: &mut Vec<Query>) {
+    queries.extend((0..rays.count).map(|i| Query {
+        from: surface.position,
+        normal: surface.normal,
+        direction: random::hemisphere(surface.normal, random::square(pixel, i, rays.seed)),
+        length: reach,
+    }));
+}
+
 /// Makes a value of each pixel from the answers to its queries. Rows are done at once, on all cores.
 ///
 /// `ask` adds a pixel's queries, each with a weight; `answer` turns the weights and answers into the pixel's value. Pixels without a surface get `none`.

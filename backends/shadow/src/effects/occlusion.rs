@@ -1,9 +1,8 @@
 //! Ambient occlusion: how much of the light from all around reaches a surface.
 
 use super::frame::Frame;
-use super::obstacles::{Obstacles, Query};
-use super::random::hemisphere;
-use super::{Rays, each_surface, random};
+use super::obstacles::Obstacles;
+use super::{Rays, ask_around, each_surface};
 
 /// The share of rays that nothing is in the way of, for each pixel, from 0 to 1; 1 where the sky is seen. Rays leave the surface as often in a direction as its
 /// cosine is large, and end after `reach`.
@@ -11,14 +10,7 @@ pub fn ambient_occlusion(frame: &Frame, obstacles: &impl Obstacles, reach: f32, 
     each_surface(
         frame,
         1.0,
-        |pixel, surface, queries| {
-            queries.extend((0..rays.count).map(|i| Query {
-                from: surface.position,
-                normal: surface.normal,
-                direction: hemisphere(surface.normal, random::square(pixel, i, rays.seed)),
-                length: reach,
-            }));
-        },
+        |pixel, surface, queries| ask_around(pixel, surface, reach, rays, queries),
         |queries| obstacles.blocked(queries),
         |_, _, _, blocked| {
             let free = blocked.iter().filter(|&&blocked| !blocked).count();

@@ -68,17 +68,19 @@ impl Ray {
         })
     }
 
-    /// The ray of these whole numbers, from `origin` to `origin` + `direction`, both in 1/256 of a voxel. `None` if the direction is zero. If a
-    /// component of the direction is above 65535, the direction is rounded.
+    /// The ray of these whole numbers, from `origin` to `origin` + `direction`, both in 1/256 of a voxel. `None` if the direction is zero, or the
+    /// origin more than 2^21 voxels away. If a component of the direction is above 65535, all are divided by a power of two and rounded towards zero. The ray is cut
+    /// after 8191 voxels along its major axis.
     pub fn exact(origin: [i32; 3], direction: [i32; 3]) -> Option<Self> {
         let major = (0..3).rev().max_by_key(|&axis| direction[axis].unsigned_abs())?;
-        if direction[major] == 0 {
+        let is_far = |x: i32| f64::from(x).abs() > FARTHEST * ONE;
+        if direction[major] == 0 || origin.into_iter().any(is_far) {
             return None;
         }
         let most = MOST << FRACTION_BITS;
         let end = origin[major] + direction[major].clamp(-most, most);
         let shift = (i32::BITS - direction[major].unsigned_abs().leading_zeros()).saturating_sub(16);
-        let direction = direction.map(|d| (d.abs() >> shift) * d.signum());
+        let direction = direction.map(|d| (d.unsigned_abs() >> shift) as i32 * d.signum());
         Some(Self { origin, major: major as u32, direction, end })
     }
 
