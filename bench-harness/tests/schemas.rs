@@ -398,6 +398,9 @@ fn shadow() {
     let mut wrong = report.clone();
     wrong.moving[0].as_if_from_nothing = false;
     assert!(!wrong.passed());
+    let mut other = report.clone();
+    other.scenes[0].rates.iter_mut().find(|row| row.tracer.starts_with("every voxel")).unwrap().different = 1;
+    assert!(!other.passed(), "a ray with another answer");
     assert_eq!(report.pictures.len(), outcome.pictures.len());
     let folder = tempfile::tempdir().unwrap();
     let made = write_shadow_record(&outcome, folder.path(), Some("m")).unwrap();

@@ -1,9 +1,10 @@
 //! Plots of effects through a bit volume: error against time.
 
 use super::plot::{Axis, Legend, Line, Plot, Point, ROOM, SIZE, coordinate, order, plain};
-use crate::shadow_bench::tables::{by_effect, least, on_front};
+use crate::shadow_bench::tables::{by_effect, on_front};
 use crate::shadow_bench::{ErrorRow, ShadowReport};
 use crate::text::short;
+use crate::timing::least;
 
 /// No error is drawn below the least one by this factor: an axis with a logarithm has no 0.
 const BELOW: f64 = 0.25;

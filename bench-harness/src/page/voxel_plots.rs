@@ -2,7 +2,8 @@
 
 use super::plot::{Axis, Legend, Line, Plot, Point, ROOM, SIZE, coordinate, order, plain};
 use crate::text::short;
-use crate::voxel_bench::plot::{least, wrong_ppm};
+use crate::timing::least;
+use crate::voxel_bench::plot::wrong_ppm;
 use crate::voxel_bench::{CurvePoint, Grid, MethodRow, SceneVoxels, VoxelReport};
 
 /// 0 is drawn below the least error by this factor: an axis with a logarithm has no 0.

@@ -8,8 +8,8 @@ use esvo_shadow::gpu::{GpuVolume, Tracer};
 use esvo_shadow::trace::{Fidelity, MAX_LEVEL, Ray, Steps};
 use esvo_shadow::{Extent, Volume};
 
-use super::RateRow;
 use super::stage::failed;
+use super::{RateRow, WALK};
 use crate::BenchError;
 
 /// An open device.
@@ -69,7 +69,7 @@ impl Device {
             let fidelity = Fidelity { coarsest, fine_until: 0 };
             let mut row = RateRow {
                 kind: kind.into(),
-                tracer: format!("{} on {}", if in_steps { "steps of 1" } else { "every voxel" }, self.name()),
+                tracer: format!("{} on {}", if in_steps { "steps of 1" } else { WALK }, self.name()),
                 coarsest: 1 << coarsest,
                 first: true,
                 rays: rays.len() as u64,

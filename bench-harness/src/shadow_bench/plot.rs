@@ -3,9 +3,10 @@
 use plotters::coord::Shift;
 use plotters::prelude::*;
 
-use super::tables::{by_effect, least, on_front};
+use super::tables::{by_effect, on_front};
 use super::{ErrorRow, ShadowReport};
 use crate::text::short;
+use crate::timing::least;
 
 /// Width and height of a panel.
 const PANEL: (u32, u32) = (620, 420);

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 
 use super::device::Device;
 use super::stage::{Stage, failed};
-use super::{RateRow, ShadowOptions};
+use super::{RateRow, ShadowOptions, WALK};
 use crate::{BenchError, Progress};
 
 /// Levels that tracing begins at: without mips, with bytes, with two mips as the document has them, with five.
@@ -120,7 +120,7 @@ fn through_volume(
                     walked.clone_from(&answers.blocked);
                 }
                 let name = match tracer {
-                    Tracer::Walk => "every voxel".to_owned(),
+                    Tracer::Walk => WALK.to_owned(),
                     Tracer::Steps(length) => format!("steps of {length}"),
                 };
                 rows.push(RateRow {

@@ -2,6 +2,7 @@
 
 use super::{ErrorRow, RateRow, ShadowReport};
 use crate::text::{Document, TextTable, short};
+use crate::timing::least;
 
 /// Aligned text for a terminal.
 pub fn to_text(report: &ShadowReport) -> String {
@@ -42,10 +43,6 @@ pub(crate) fn parts(report: &ShadowReport) -> (Vec<TextTable>, Vec<TextTable>) {
 /// Mebibytes.
 fn mib(bytes: f64) -> String {
     short(bytes / f64::from(1 << 20))
-}
-
-pub(crate) fn least(values: &[f64]) -> f64 {
-    values.iter().copied().fold(f64::INFINITY, f64::min)
 }
 
 fn voxels(voxels: [u32; 3]) -> String {

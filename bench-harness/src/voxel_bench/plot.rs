@@ -5,6 +5,7 @@ use plotters::prelude::*;
 
 use super::{Grid, MethodRow, VoxelReport};
 use crate::text::short;
+use crate::timing::least;
 
 /// Width and height of a panel.
 const PANEL: (u32, u32) = (540, 400);
@@ -34,11 +35,6 @@ fn color(number: usize) -> RGBColor {
 /// Wrong voxels of a method, in parts per million of the exact ones.
 pub(crate) fn wrong_ppm(grid: &Grid, row: &MethodRow) -> f64 {
     (row.missing() + row.extra) as f64 * 1e6 / grid.voxels.max(1) as f64
-}
-
-/// The least of values; infinity of none.
-pub(crate) fn least(values: &[f64]) -> f64 {
-    values.iter().copied().fold(f64::INFINITY, f64::min)
 }
 
 /// Whether a method has a time that an axis with a logarithm can show.

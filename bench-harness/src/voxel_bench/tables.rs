@@ -2,10 +2,10 @@
 
 use esvo_core::DeviceKind;
 
-use super::plot::{least, wrong_ppm};
+use super::plot::wrong_ppm;
 use super::{Grid, MethodRow, SceneVoxels, VoxelReport};
 use crate::text::{Document, TextTable, or_dash, short};
-use crate::timing::Spread;
+use crate::timing::{Spread, least};
 
 /// Aligned text for a terminal.
 pub fn to_text(report: &VoxelReport) -> String {

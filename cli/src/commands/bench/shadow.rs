@@ -21,7 +21,8 @@ and for each effect the error to the converged answer of the exact octree, and t
 triangles, against time: by the voxel's size, the number of rays, steps in the place of every
 voxel, rays that begin in the picture, and smoothing. Prints tables and writes report.json,
 tables.md, plots and pictures to results/<machine>/<date>-shadow/. Exit code 1 if a ray leaves a
-room, or if the volume is wrong after objects have moved. Scenes are taken to be 40 m long.
+room, if the volume is wrong after objects have moved, or if rays have other answers with mips or
+on a GPU. Scenes are taken to be 40 m long.
 
 Examples:
   esvo bench shadow                                  SIBENIK at 2.5 to 20 cm
@@ -95,6 +96,8 @@ pub(crate) fn run_bench_shadow(arguments: &BenchShadowArguments) -> Result<(), F
     if report.passed() {
         Ok(())
     } else {
-        Err("a ray left a closed room, or the volume was wrong after objects had moved".to_string().into())
+        Err("a ray left a closed room, the volume was wrong after objects had moved, or rays had two answers"
+            .to_string()
+            .into())
     }
 }
