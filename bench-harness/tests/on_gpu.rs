@@ -32,7 +32,7 @@ fn every_step_is_run_and_what_fails_is_said() {
     let folder = tempfile::tempdir().unwrap();
     let (output, summary) = run(folder.path(), "echo \"$@\"", "60");
     assert!(output.status.success(), "{summary}");
-    for step in ["tables", "stability", "needs", "rays", "sweep", "voxelize", "page"] {
+    for step in ["tables", "stability", "needs", "rays", "sweep", "voxelize", "shadow", "page"] {
         assert!(summary.contains(&format!("{step}: done in ")), "{summary}");
     }
     let said = std::fs::read_to_string(folder.path().join("out/stability.txt")).unwrap();
