@@ -115,18 +115,28 @@ fn bad_input_is_one_line_and_nothing_is_written() {
         let code = if what.starts_with('2') { 2 } else { 1 };
         folder.fails(&arguments, code, what.trim_start_matches('2'));
     };
-    bad("--voxels", "0", "voxels of 0 cm were asked for; their edge is 0.5 to 400 cm");
+    bad("--voxels", "0", "--voxels: voxels of 0 cm were asked for; their edge is 0.5 to 400 cm");
     bad("--voxels", "nan", "voxels of NaN cm were asked for");
     bad("--voxels", "5,1e9", "voxels of 1000000000 cm were asked for");
     bad("--voxels", "wide", "2--voxels");
-    bad("--rays", "0", "0 rays or 0 rounds were asked for; the least is 1");
-    bad("--converged", "0", "0 rays or 0 rounds were asked for");
+    bad("--rays", "0", "--rays: 0 rays for each pixel were asked for; there are 1 to 65536");
+    bad("--rays", "4294967295", "--rays: 4294967295 rays for each pixel were asked for; there are 1 to 65536");
+    bad(
+        "--leak-rays",
+        "18446744073709551615",
+        "--leak-rays: 18446744073709551615 rays in closed rooms were asked for; the most is 100000000000",
+    );
+    bad("--converged", "0", "--converged: 0 rays for each pixel were asked for");
     bad("--rounds", "0", "21..=1000");
-    bad("--world", "10,10,10", "a world of 10 x 10 x 10 voxels was asked for; it has 64 to 8192 along each axis");
+    bad(
+        "--world",
+        "10,10,10",
+        "--world: a world of 10 x 10 x 10 voxels was asked for; it has 64 to 8192 along each axis",
+    );
     bad("--world", "9000,9000,9000", "a world of 9000 x 9000 x 9000 voxels was asked for");
     bad("--world", "8192,8192,8192", "a world of 8192 x 8192 x 8192 voxels was asked for");
     bad("--world", "160,160", "--world: 2 numbers were given; give three, e.g. 2000,2000,500");
-    bad("--levels", "40", "an octree of 40 levels was asked for; there are 1 to 16");
+    bad("--levels", "40", "--levels: an octree of 40 levels was asked for; there are 1 to 16");
     bad("--levels", "0", "an octree of 0 levels was asked for");
     bad("--size", "0x0", "2--size");
     bad("--scenes", "nothing", "scene nothing: unknown scene");

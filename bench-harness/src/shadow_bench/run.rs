@@ -16,6 +16,11 @@ use crate::{BenchError, Progress};
 /// The most voxels of the world that objects move in: bytes of 2 GB, with a copy to compare with.
 const MOST_VOXELS: u64 = 1 << 33;
 
+/// The most rays for each pixel.
+const MOST_RAYS: u32 = 1 << 16;
+/// The most rays in closed rooms: days of work.
+const MOST_LEAK_RAYS: u64 = 100_000_000_000;
+
 /// Measures all parts.
 ///
 /// # Errors
@@ -101,30 +106,43 @@ pub fn run_shadow_bench(options: &ShadowOptions, progress: &Progress) -> Result<
 }
 
 fn check(options: &ShadowOptions) -> Result<(), BenchError> {
-    let bad = |what: String| Err(stage::failed("shadow", what));
+    let bad = |option: &str, what: String| Err(BenchError::option(option, what));
     if let Some(voxel) = options.voxels_cm.iter().find(|voxel| !(**voxel >= 0.5 && **voxel <= 400.0)) {
-        return bad(format!("voxels of {voxel} cm were asked for; their edge is 0.5 to 400 cm"));
+        return bad("--voxels", format!("voxels of {voxel} cm were asked for; their edge is 0.5 to 400 cm"));
     }
-    if options.voxels_cm.is_empty() || options.rays.is_empty() {
-        return bad("no voxel's edge, or no number of rays, was given; give at least one of each".into());
+    if options.voxels_cm.is_empty() {
+        return bad("--voxels", "none was given; give at least one".into());
     }
-    if options.rays.contains(&0) || options.converged == 0 || options.rounds == 0 {
-        return bad("0 rays or 0 rounds were asked for; the least is 1".into());
+    if options.rays.is_empty() {
+        return bad("--rays", "none was given; give at least one".into());
+    }
+    for (option, numbers) in [("--rays", &options.rays[..]), ("--converged", &[options.converged])] {
+        if let Some(rays) = numbers.iter().find(|rays| !(1..=MOST_RAYS).contains(*rays)) {
+            return bad(option, format!("{rays} rays for each pixel were asked for; there are 1 to {MOST_RAYS}"));
+        }
+    }
+    if options.rounds == 0 {
+        return bad("--rounds", "0 rounds were asked for; the least is 1".into());
+    }
+    if options.leak_rays > MOST_LEAK_RAYS {
+        let rays = options.leak_rays;
+        return bad("--leak-rays", format!("{rays} rays in closed rooms were asked for; the most is {MOST_LEAK_RAYS}"));
     }
     if !(1..=16).contains(&options.levels) {
-        return bad(format!("an octree of {} levels was asked for; there are 1 to 16", options.levels));
+        return bad("--levels", format!("an octree of {} levels was asked for; there are 1 to 16", options.levels));
     }
     let voxels: u64 = options.world.iter().map(|&n| u64::from(n)).product();
     if voxels > MOST_VOXELS || options.world.iter().any(|n| !(64..=esvo_shadow::MAX_VOXELS).contains(n)) {
         let [x, y, z] = options.world;
-        return bad(format!(
+        let what = format!(
             "a world of {x} x {y} x {z} voxels was asked for; it has 64 to {} along each axis and at most {MOST_VOXELS} in all",
             esvo_shadow::MAX_VOXELS
-        ));
+        );
+        return bad("--world", what);
     }
     let (width, height) = options.size;
     if width == 0 || height == 0 || u64::from(width) * u64::from(height) > 1 << 23 {
-        return bad(format!("pictures of {width}x{height} were asked for; they have 1 to 8388608 pixels"));
+        return bad("--size", format!("pictures of {width}x{height} were asked for; they have 1 to 8388608 pixels"));
     }
     Ok(())
 }

@@ -16,9 +16,9 @@ use glam::{DVec3, Vec3};
 use crate::BenchError;
 use crate::scene::{NamedView, Scene};
 
-/// An error of this benchmark.
+/// An error of a part of this benchmark, or of a scene.
 pub(super) fn failed(what: &str, error: impl ToString) -> BenchError {
-    BenchError::scene(what, error)
+    BenchError::option(what, error)
 }
 
 /// Every scene is taken to be so many metres long.

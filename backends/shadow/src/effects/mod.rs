@@ -46,6 +46,9 @@ pub struct Rays {
     pub seed: u32,
 }
 
+/// Pixels whose queries are in memory together.
+const TOGETHER: usize = 64;
+
 /// Adds a surface's rays to all around, as often in a direction as its cosine is large.
 fn ask_around(pixel: u32, surface: &Surface, reach: f32, rays: Rays, queries: &mut Vec<Query>) {
     queries.extend((0..rays.count).map(|i| Query {
@@ -56,7 +59,7 @@ fn ask_around(pixel: u32, surface: &Surface, reach: f32, rays: Rays, queries: &m
     }));
 }
 
-/// Makes a value of each pixel from the answers to its queries. Rows are done at once, on all cores.
+/// Makes a value of each pixel from the answers to its queries. Pixels are done in parts, on all cores, so that queries need little memory.
 ///
 /// `ask` adds a pixel's queries, each with a weight; `answer` turns the weights and answers into the pixel's value. Pixels without a surface get `none`.
 fn each_surface<T: Send + Clone + Sync, A>(
@@ -66,27 +69,27 @@ fn each_surface<T: Send + Clone + Sync, A>(
     cast: impl Fn(&[Query]) -> Vec<A> + Sync,
     answer: impl Fn(u32, &Surface, &[Query], &[A]) -> T + Sync,
 ) -> Vec<T> {
-    let width = frame.eye.size.0 as usize;
-    let rows = frame.surfaces.par_chunks(width.max(1)).enumerate().flat_map_iter(|(row, surfaces)| {
+    let parts = frame.surfaces.par_chunks(TOGETHER).enumerate().flat_map_iter(|(part, surfaces)| {
+        let pixel = |i: usize| (part * TOGETHER + i) as u32;
         let mut queries = Vec::new();
         let mut ends = Vec::with_capacity(surfaces.len());
-        for (x, surface) in surfaces.iter().enumerate() {
+        for (i, surface) in surfaces.iter().enumerate() {
             if let Some(surface) = surface {
-                ask((row * width + x) as u32, surface, &mut queries);
+                ask(pixel(i), surface, &mut queries);
             }
             ends.push(queries.len());
         }
         let answers = cast(&queries);
         let mut from = 0;
         let mut values = Vec::with_capacity(surfaces.len());
-        for (x, (surface, end)) in surfaces.iter().zip(ends).enumerate() {
+        for (i, (surface, end)) in surfaces.iter().zip(ends).enumerate() {
             values.push(surface.as_ref().map_or_else(
                 || none.clone(),
-                |surface| answer((row * width + x) as u32, surface, &queries[from..end], &answers[from..end]),
+                |surface| answer(pixel(i), surface, &queries[from..end], &answers[from..end]),
             ));
             from = end;
         }
         values
     });
-    rows.collect()
+    parts.collect()
 }
