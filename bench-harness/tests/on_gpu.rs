@@ -61,7 +61,8 @@ fn without_an_engine_nothing_is_run() {
 #[test]
 fn time_that_is_over_is_said() {
     let folder = tempfile::tempdir().unwrap();
-    let (output, summary) = run(folder.path(), &format!("{OPENS}exec sleep 30"), "5");
+    // A step begins with at least five seconds left, and the shell counts whole ones.
+    let (output, summary) = run(folder.path(), &format!("{OPENS}exec sleep 30"), "9");
     assert_eq!(output.status.code(), Some(1));
     assert!(summary.contains("tables: stopped after ") && summary.contains("rays: left out"), "{summary}");
 }
