@@ -5,9 +5,7 @@ use std::time::Instant;
 use super::device::Device;
 use super::pictures::Pictures;
 use super::stage::Stage;
-use super::{
-    SCHEMA, SceneShadows, ShadowOptions, ShadowOutcome, ShadowReport, VolumeRow, errors, leaks, rates, stage, world,
-};
+use super::{SCHEMA, SceneShadows, ShadowOptions, ShadowOutcome, ShadowReport, VolumeRow, errors, leaks, rates, world};
 use crate::matrix_parts::LeftOut;
 use crate::scene::{self, Scene};
 use crate::system::machine::Machine;
