@@ -3,9 +3,9 @@
 mod scene;
 
 use esvo_shadow::effects::bounce::bounce;
-use esvo_shadow::effects::denoise::{Edges, History, blur, smooth};
+use esvo_shadow::effects::denoise::{Edges, History, blur, smooth, smooth_shares};
 use esvo_shadow::effects::fog::{Fog, Veil, fog};
-use esvo_shadow::effects::lamps::{lit, shadow};
+use esvo_shadow::effects::lamps::{lit, shadow, shadows};
 use esvo_shadow::effects::occlusion::ambient_occlusion;
 use esvo_shadow::effects::reflections::Reflection;
 use esvo_shadow::effects::reflections::{Mirror, reflections};
@@ -120,7 +120,7 @@ fn the_picture_has_what_the_offset_skips() {
 }
 
 fn lamp(radius: f32) -> Lamp {
-    Lamp { position: Vec3::new(0.9, 0.8, 2.2), radius, color: Vec3::ONE, cone: None }
+    Lamp { position: Vec3::new(0.9, 0.8, 2.2), radius, color: Vec3::ONE, reach: f32::INFINITY, cone: None }
 }
 
 #[test]
@@ -140,7 +140,7 @@ fn shadows_are_as_among_boxes() {
     // A cone's light ends.
     let cone = Cone { axis: Vec3::new(0.5, 0.6, -1.0).normalize(), inner: 0.95, outer: 0.9 };
     let spot = Lamp { cone: Some(cone), ..lamp(0.0) };
-    let light = lit(&frame, &spot, &shadow(&frame, &blocks, &spot, rays(1)));
+    let light = lit(&frame, &[spot], &shadows(&frame, &blocks, &[spot], rays(1)));
     let outside = frame.surfaces.iter().zip(&light).filter(|(surface, _)| {
         surface.is_some_and(|surface| (surface.position - spot.position).normalize().dot(cone.axis) < 0.9)
     });
@@ -267,6 +267,33 @@ fn the_filter_keeps_edges() {
     let (raw, with, without) = (rmse(&noisy, &truth), error(&edges), error(&blind));
     println!("error {raw} of 4 rays, {with} smoothed, {without} smoothed over edges");
     assert!(with < 0.7 * raw && with < 0.85 * without, "{raw} {with} {without}");
+}
+
+/// Edges of shadows stay where they are no noise, and noise goes where there are none.
+#[test]
+fn the_filter_tells_shadows_from_noise() {
+    let blocks = room();
+    let frame = frame(&blocks);
+    let edges = Edges { passes: 3, distance: 0.02, cosine: 0.9 };
+    let errors = |truth: &[f32], values: &[f32], rays: u32| {
+        let wide = flat(&smooth(&frame, &scalars(values), &edges));
+        let told = flat(&smooth_shares(&frame, &scalars(values), rays, &edges));
+        [values, &wide, &told].map(|values| rmse(values, truth))
+    };
+    let hard = shadow(&frame, &blocks, &lamp(0.0), rays(1));
+    let [_, blurred, kept] = errors(&hard, &hard, 1);
+    println!("a hard shadow, error {blurred} smoothed, {kept} told from noise");
+    assert!(kept < 0.6 * blurred, "{blurred} {kept}");
+    let soft = shadow(&frame, &blocks, &lamp(0.3), rays(256));
+    for (count, most) in [(1, 0.7), (16, 1.2)] {
+        let [raw, blurred, told] = errors(&soft, &shadow(&frame, &blocks, &lamp(0.3), rays(count)), count);
+        println!("a soft shadow of {count} rays, error {raw}, {blurred} smoothed, {told} told from noise");
+        assert!(told < most * raw && told < 0.6 * blurred, "{count}: {raw} {blurred} {told}");
+    }
+    let open = ambient_occlusion(&frame, &blocks, 1.0, rays(256));
+    let [raw, blurred, told] = errors(&open, &ambient_occlusion(&frame, &blocks, 1.0, rays(4)), 4);
+    println!("ambient occlusion of 4 rays, error {raw}, {blurred} smoothed, {told} told from noise");
+    assert!(told < 0.6 * raw, "{raw} {blurred} {told}");
 }
 
 /// The sky's values stay as they are when surfaces are smoothed, and are averaged where all is.

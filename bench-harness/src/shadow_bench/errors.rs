@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use esvo_core::Picture;
 use esvo_shadow::World;
-use esvo_shadow::effects::denoise::{Edges, blur, smooth};
+use esvo_shadow::effects::denoise::{Edges, blur, smooth_shares};
 use esvo_shadow::effects::fog::{Fog, fog};
 use esvo_shadow::effects::lamps::shadow;
 use esvo_shadow::effects::occlusion::ambient_occlusion;
@@ -88,7 +88,7 @@ impl Run<'_> {
                 // Fog knows no surfaces.
                 let smoothed = match effect {
                     Effect::Fog => blur(self.frame, &noisy, edges.passes),
-                    _ => smooth(self.frame, &noisy, &edges),
+                    _ => smooth_shares(self.frame, &noisy, row.rays, &edges),
                 };
                 values = smoothed.iter().map(|value| value[0]).collect();
             }

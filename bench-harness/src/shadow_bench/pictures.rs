@@ -6,7 +6,7 @@ use esvo_builder::BuildSettings;
 use esvo_builder::cells::{Cells, build_cells, morton};
 use esvo_core::{Camera, Object, Picture};
 use esvo_format::{Octree, join};
-use esvo_shadow::effects::denoise::{Edges, smooth};
+use esvo_shadow::effects::denoise::{Edges, smooth_shares};
 use esvo_shadow::effects::occlusion::ambient_occlusion;
 use esvo_shadow::effects::{
     Cone, Frame, How, Lamp, Obstacles, Offset, Query, Rays, Settings, Surface, Through, Wanted, compose,
@@ -76,7 +76,13 @@ impl Pictures {
         let octrees = models.iter().map(octree).collect::<Result<Vec<_>, _>>()?;
         let octree = Arc::new(join(&octrees.iter().collect::<Vec<_>>()).map_err(|e| error(&e))?);
         let cone = Cone { axis: Vec3::new(-0.35, 0.6, -0.72).normalize(), inner: 0.88, outer: 0.8 };
-        let lamp = Lamp { position: Vec3::new(6.8, 0.6, 4.6), radius: 0.0, color: Vec3::splat(32.0), cone: Some(cone) };
+        let lamp = Lamp {
+            position: Vec3::new(6.8, 0.6, 4.6),
+            radius: 0.0,
+            color: Vec3::splat(32.0),
+            reach: f32::INFINITY,
+            cone: Some(cone),
+        };
         for (name, after) in [("courtyard", false), ("courtyard-moved", true)] {
             if after {
                 let poses: Vec<_> = moving.iter().zip(1..).map(|((id, pose), i)| (*id, moved(pose, i))).collect();
@@ -130,7 +136,7 @@ impl Pictures {
         let both = open(Offset::SAFE, true);
         let what = "ambient occlusion, five rays, first in the picture, then through the volume";
         self.put(shown, "5-both", what, ambient(shown, &both));
-        self.put(shown, "6-smoothed", "the same, smoothed", ambient(shown, &smoothed(shown, &both)));
+        self.put(shown, "6-smoothed", "the same, smoothed", ambient(shown, &smoothed(shown, &both, five.count)));
         let lit = Wanted { occlusion: true, shadows: true, ..Wanted::default() };
         let with = |wanted| Settings { wanted, ..Settings::default() };
         let mirrors = Wanted { reflections: true, ..lit };
@@ -190,10 +196,10 @@ impl Obstacles for OnScreen<'_> {
     }
 }
 
-fn smoothed(shown: &Shown, values: &[f32]) -> Vec<f32> {
+fn smoothed(shown: &Shown, values: &[f32], rays: u32) -> Vec<f32> {
     let edges = Edges { passes: 3, distance: shown.world.grid().voxel as f32, cosine: 0.9 };
     let noisy: Vec<[f32; 1]> = values.iter().map(|&value| [value]).collect();
-    smooth(shown.frame, &noisy, &edges).iter().map(|value| value[0]).collect()
+    smooth_shares(shown.frame, &noisy, rays, &edges).iter().map(|value| value[0]).collect()
 }
 
 /// A picture in the light from all around alone, of which each surface gets a share.
@@ -214,7 +220,7 @@ fn to_picture(frame: &Frame, light: &[Vec3]) -> Picture {
 fn composed(shown: &Shown, radius: f32, settings: Settings) -> Picture {
     let settings = Settings { metre: shown.unit, ..settings };
     let lamp = Lamp { radius: radius * shown.unit, ..shown.lamp };
-    to_picture(shown.frame, &compose(shown.frame, shown.world.volume(), *shown.world.grid(), &[lamp], &settings))
+    to_picture(shown.frame, &compose(shown.frame, shown.world.volume(), *shown.world.grid(), &[lamp], &settings).light)
 }
 
 /// Cells of a level that have a voxel, as cubes, seen from the picture's eye.

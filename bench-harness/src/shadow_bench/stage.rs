@@ -117,7 +117,13 @@ impl Stage {
             !obstacles.blocked(&[query])[0]
         };
         let position = tries.map(place).into_iter().find(seen).unwrap_or(eye.position);
-        Lamp { position, radius: (radius * self.unit) as f32, color: Vec3::splat(30.0 * unit * unit), cone: None }
+        Lamp {
+            position,
+            radius: (radius * self.unit) as f32,
+            color: Vec3::splat(30.0 * unit * unit),
+            reach: f32::INFINITY,
+            cone: None,
+        }
     }
 }
 

@@ -1,11 +1,14 @@
 //! A picture with several effects.
 
-use glam::Vec3;
+use std::time::{Duration, Instant};
 
-use super::denoise::{Edges, blur, smooth};
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::denoise::{Edges, blur, smooth, smooth_shares};
 use super::fog::{Fog, fog};
 use super::frame::{Frame, Surface};
-use super::lamps::{Lamp, lit, shadow};
+use super::lamps::{Lamp, lit, shadows};
 use super::obstacles::{How, Obstacles, Through};
 use super::occlusion::ambient_occlusion;
 use super::reflections::{Mirror, reflections};
@@ -30,13 +33,37 @@ pub struct Wanted {
     pub bounce: bool,
 }
 
+/// Rays for each pixel, of each effect; each at least 1.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Counts {
+    /// Of ambient occlusion.
+    pub occlusion: u32,
+    /// To each lamp that has a radius.
+    pub shadows: u32,
+    /// That rough surfaces mirror.
+    pub reflections: u32,
+    /// Places in fog; from each, one to each lamp.
+    pub fog: u32,
+    /// Of bounced light; from what each meets, one to each lamp.
+    pub bounce: u32,
+}
+
+impl Counts {
+    /// As many of each.
+    pub const fn all(count: u32) -> Self {
+        Self { occlusion: count, shadows: count, reflections: count, fog: count, bounce: count }
+    }
+}
+
 /// How a picture is made.
 #[derive(Clone, Debug)]
 pub struct Settings {
     /// The effects.
     pub wanted: Wanted,
-    /// Rays for each pixel and effect.
-    pub rays: Rays,
+    /// Rays for each pixel.
+    pub counts: Counts,
+    /// Chooses directions, as [`Rays::seed`].
+    pub seed: u32,
     /// Units of the world in a metre: reaches of rays and the thickness of fog are in metres.
     pub metre: f32,
     /// Light from all around, and what the sky sends to the eye.
@@ -55,7 +82,8 @@ impl Default for Settings {
     fn default() -> Self {
         Self {
             wanted: Wanted::default(),
-            rays: Rays { count: 16, seed: 1 },
+            counts: Counts::all(16),
+            seed: 1,
             metre: 1.0,
             ambient: 0.55,
             sky: Vec3::new(0.62, 0.74, 0.9),
@@ -67,102 +95,243 @@ impl Default for Settings {
 }
 
 /// The reach of rays of ambient occlusion and of bounced light, then of those that mirror, then of fog before the sky, in metres.
-const REACHES: [f32; 3] = [5.0, 40.0, 25.0];
+pub(crate) const REACHES: [f32; 3] = [5.0, 40.0, 25.0];
+/// Rays in fog look at the volume in steps of so many voxels: fog is blurred anyway.
+pub(crate) const FOG_STEP: f64 = 1.0;
+/// What a surface mirrors of what comes straight; more at grazing angles.
+pub(crate) const MIRRORED: f32 = 0.15;
 
-/// The light of each pixel, linear, with the effects that are wanted, through a volume in which `grid` says where voxels lie.
+/// A part of the work on a picture.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub enum Pass {
+    /// Rays of ambient occlusion.
+    Occlusion,
+    /// Its filter.
+    SmoothOcclusion,
+    /// Rays to lamps.
+    Shadows,
+    /// The filter of their shadows.
+    SmoothShadows,
+    /// Rays to what sends light on, and from there to lamps.
+    Bounce,
+    /// The filter of that light.
+    SmoothBounce,
+    /// The light of each surface from what was found.
+    Shade,
+    /// Rays that surfaces mirror.
+    Reflections,
+    /// Their filter.
+    SmoothReflections,
+    /// Mixing them in.
+    Mirror,
+    /// Rays in fog.
+    Fog,
+    /// Its filter.
+    BlurFog,
+    /// Putting it before the picture.
+    Veil,
+}
+
+impl Pass {
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Occlusion => "ambient occlusion",
+            Self::SmoothOcclusion => "ambient occlusion, filter",
+            Self::Shadows => "shadows",
+            Self::SmoothShadows => "shadows, filter",
+            Self::Bounce => "bounced light",
+            Self::SmoothBounce => "bounced light, filter",
+            Self::Shade => "light of surfaces",
+            Self::Reflections => "reflections",
+            Self::SmoothReflections => "reflections, filter",
+            Self::Mirror => "reflections, mixed in",
+            Self::Fog => "fog",
+            Self::BlurFog => "fog, filter",
+            Self::Veil => "fog, mixed in",
+        }
+    }
+}
+
+/// A picture and what it took.
+#[derive(Clone, PartialEq, Debug, Default)]
+pub struct Composed {
+    /// The light of each pixel, linear red, green and blue.
+    pub light: Vec<Vec3>,
+    /// How long each pass took, in the order in which they ran. Passes of effects that are not wanted did not run.
+    pub passes: Vec<(Pass, Duration)>,
+}
+
+impl Composed {
+    /// How long all passes took.
+    pub fn time(&self) -> Duration {
+        self.passes.iter().map(|(_, time)| *time).sum()
+    }
+
+    fn run<T>(&mut self, pass: Pass, make: impl FnOnce() -> T) -> T {
+        let start = Instant::now();
+        let made = make();
+        self.passes.push((pass, start.elapsed()));
+        made
+    }
+}
+
+/// The picture with the effects that are wanted, through a volume in which `grid` says where voxels lie.
 pub fn compose<O: Occupancy + Sync + ?Sized>(
     frame: &Frame,
     volume: &O,
     grid: Grid,
     lamps: &[Lamp],
     settings: &Settings,
-) -> Vec<Vec3> {
-    let Settings { wanted, rays, metre, .. } = *settings;
-    let edges = Edges { passes: settings.smoothing, distance: grid.voxel as f32, cosine: 0.9 };
-    let smoothed = |values: Vec<f32>| {
-        let noisy: Vec<[f32; 1]> = values.into_iter().map(|value| [value]).collect();
-        smooth(frame, &noisy, &edges).into_iter().map(|[value]| value).collect::<Vec<_>>()
-    };
-    let exact = How::Walk(Fidelity::EXACT);
-    let through = Through { volume, grid, how: exact, offset: Offset::SAFE, screen: Some(frame) };
-    let mut irradiance = vec![Vec3::splat(settings.ambient); frame.surfaces.len()];
+) -> Composed {
+    let Settings { wanted, counts, metre, .. } = *settings;
+    let edges = settings.edges(&grid);
+    let how = How::Walk(Fidelity::EXACT);
+    let through = Through { volume, grid, how, offset: Offset::SAFE, screen: Some(frame) };
+    let mut made = Composed::default();
+    let smooths = settings.smoothing > 0;
+    let pixels = frame.surfaces.len();
+    let mut open = vec![1.0; pixels];
     if wanted.occlusion {
-        let open = smoothed(ambient_occlusion(frame, &through, REACHES[0] * metre, rays));
-        irradiance.iter_mut().zip(open).for_each(|(light, open)| *light *= open);
+        let reach = REACHES[0] * metre;
+        open = made.run(Pass::Occlusion, || ambient_occlusion(frame, &through, reach, settings.rays(counts.occlusion)));
+        if smooths {
+            let noisy: Vec<[f32; 1]> = open.into_iter().map(|value| [value]).collect();
+            let smooth = made.run(Pass::SmoothOcclusion, || smooth_shares(frame, &noisy, counts.occlusion, &edges));
+            open = smooth.into_iter().map(|[value]| value).collect();
+        }
     }
-    for lamp in lamps {
-        let seen = if wanted.shadows {
-            smoothed(shadow(frame, &through, lamp, rays))
-        } else {
-            vec![1.0; frame.surfaces.len()]
-        };
-        irradiance.iter_mut().zip(lit(frame, lamp, &seen)).for_each(|(light, more)| *light += more);
+    let mut shares = vec![Vec3::ONE; pixels];
+    if wanted.shadows && !lamps.is_empty() {
+        shares = made.run(Pass::Shadows, || shadows(frame, &through, lamps, settings.rays(counts.shadows)));
+        // Shadows of points have no noise.
+        if smooths && lamps.iter().any(|lamp| lamp.radius > 0.0) {
+            let noisy = arrays(&shares);
+            let smooth = made.run(Pass::SmoothShadows, || smooth_shares(frame, &noisy, counts.shadows, &edges));
+            shares = vectors(smooth);
+        }
     }
+    let mut bounced = vec![Vec3::ZERO; pixels];
     if wanted.bounce {
-        bounced(frame, &through, lamps, rays, metre, &edges, &mut irradiance);
+        bounced = made.run(Pass::Bounce, || bounce_of_picture(frame, &through, lamps, settings, &edges));
+        if smooths {
+            let noisy = arrays(&bounced);
+            bounced = vectors(made.run(Pass::SmoothBounce, || smooth(frame, &noisy, &edges)));
+        }
     }
-    let color = |(surface, light): (&Option<Surface>, &Vec3)| {
-        surface.as_ref().map_or(settings.sky, |surface| surface.color * *light)
-    };
-    let mut light: Vec<Vec3> = frame.surfaces.iter().zip(&irradiance).map(color).collect();
+    let mut light = made.run(Pass::Shade, || {
+        let lit = lit(frame, lamps, &shares);
+        let of_pixel = |(i, surface): (usize, &Option<Surface>)| {
+            surface.as_ref().map_or(settings.sky, |surface| {
+                surface.color * (Vec3::splat(settings.ambient * open[i]) + lit[i] + bounced[i])
+            })
+        };
+        frame.surfaces.par_iter().enumerate().map(of_pixel).collect::<Vec<Vec3>>()
+    });
     if wanted.reflections {
-        mirror(frame, &through, settings, &edges, &mut light);
+        mirror(frame, &through, settings, &edges, &mut light, &mut made);
     }
     if wanted.fog {
-        // Fog is blurred anyway: samples in steps do.
-        let how = How::Steps { length: 1.0, fidelity: Fidelity::EXACT };
-        veil(frame, &Through { how, screen: None, ..through }, lamps, settings, &mut light);
+        let how = How::Steps { length: FOG_STEP, fidelity: Fidelity::EXACT };
+        veil(frame, &Through { how, screen: None, ..through }, lamps, settings, &mut light, &mut made);
     }
-    light
+    made.light = light;
+    made
 }
 
-/// Adds the light of surfaces that the picture shows.
-fn bounced(
+impl Settings {
+    fn rays(&self, count: u32) -> Rays {
+        Rays { count, seed: self.seed }
+    }
+
+    /// How filters tell surfaces apart, by voxels of this size.
+    pub(crate) fn edges(&self, grid: &Grid) -> Edges {
+        Edges { passes: self.smoothing, distance: grid.voxel as f32, cosine: 0.9 }
+    }
+
+    /// How far from what is met the picture may show a surface, for its light to be taken.
+    pub(crate) fn tolerance(edges: &Edges) -> f32 {
+        3.0 * edges.distance
+    }
+}
+
+fn arrays(values: &[Vec3]) -> Vec<[f32; 3]> {
+    values.iter().map(Vec3::to_array).collect()
+}
+
+fn vectors(values: Vec<[f32; 3]>) -> Vec<Vec3> {
+    values.into_iter().map(Vec3::from).collect()
+}
+
+/// Light of surfaces that the picture shows.
+fn bounce_of_picture(
     frame: &Frame,
     obstacles: &impl Obstacles,
     lamps: &[Lamp],
-    rays: Rays,
-    metre: f32,
+    settings: &Settings,
     edges: &Edges,
-    irradiance: &mut [Vec3],
-) {
-    let tolerance = 3.0 * edges.distance;
+) -> Vec<Vec3> {
+    let tolerance = Settings::tolerance(edges);
     let look = |place: Vec3, direction: Vec3| {
         let (at, _) = frame.eye.project(place)?;
         let (_, surface) = frame.at(at)?;
         let shown = surface.position.distance(place) <= tolerance && surface.normal.dot(direction) < 0.0;
         shown.then_some((surface.normal, surface.color))
     };
-    let light = bounce::bounce(frame, obstacles, lamps, REACHES[0] * metre, rays, &look);
-    let noisy: Vec<[f32; 3]> = light.iter().map(Vec3::to_array).collect();
-    let smooth = smooth(frame, &noisy, edges);
-    irradiance.iter_mut().zip(smooth).for_each(|(light, more)| *light += Vec3::from(more));
+    bounce::bounce(frame, obstacles, lamps, REACHES[0] * settings.metre, settings.rays(settings.counts.bounce), &look)
 }
 
 /// Mixes in what surfaces mirror: more at grazing angles.
-fn mirror(frame: &Frame, obstacles: &impl Obstacles, settings: &Settings, edges: &Edges, light: &mut [Vec3]) {
-    let mirror =
-        Mirror { roughness: settings.roughness, reach: REACHES[1] * settings.metre, tolerance: 3.0 * edges.distance };
-    let mirrored = reflections(frame, obstacles, mirror, settings.rays, light, &|_| settings.sky);
-    let noisy: Vec<[f32; 3]> = mirrored.iter().map(|mirrored| mirrored.color.to_array()).collect();
-    let smooth = if settings.roughness > 0.0 { smooth(frame, &noisy, edges) } else { noisy };
-    for ((light, color), surface) in light.iter_mut().zip(smooth).zip(&frame.surfaces) {
-        let Some(surface) = surface else { continue };
-        let to_eye = (frame.eye.position - surface.position).normalize_or_zero();
-        let cosine = to_eye.dot(surface.normal).clamp(0.0, 1.0);
-        // Schlick's approximation, of a surface that mirrors 15 % of what comes straight.
-        let share = 0.15 + 0.85 * (1.0 - cosine).powi(5);
-        *light = *light * (1.0 - share) + Vec3::from(color) * share;
+fn mirror(
+    frame: &Frame,
+    obstacles: &impl Obstacles,
+    settings: &Settings,
+    edges: &Edges,
+    light: &mut [Vec3],
+    made: &mut Composed,
+) {
+    let mirror = Mirror {
+        roughness: settings.roughness,
+        reach: REACHES[1] * settings.metre,
+        tolerance: Settings::tolerance(edges),
+    };
+    let (sky, rays) = (|_: Vec3| settings.sky, settings.rays(settings.counts.reflections));
+    let mirrored = made.run(Pass::Reflections, || reflections(frame, obstacles, mirror, rays, light, &sky));
+    let mut colors: Vec<[f32; 3]> = mirrored.iter().map(|mirrored| mirrored.color.to_array()).collect();
+    if settings.smoothing > 0 && settings.roughness > 0.0 {
+        colors = made.run(Pass::SmoothReflections, || smooth(frame, &colors, edges));
     }
+    made.run(Pass::Mirror, || {
+        light.par_iter_mut().zip(colors).zip(&frame.surfaces).for_each(|((light, color), surface)| {
+            let Some(surface) = surface else { return };
+            let to_eye = (frame.eye.position - surface.position).normalize_or_zero();
+            let cosine = to_eye.dot(surface.normal).clamp(0.0, 1.0);
+            // Schlick's approximation.
+            let share = MIRRORED + (1.0 - MIRRORED) * (1.0 - cosine).powi(5);
+            *light = *light * (1.0 - share) + Vec3::from(color) * share;
+        });
+    });
 }
 
 /// Puts fog before the picture.
-fn veil(frame: &Frame, obstacles: &impl Obstacles, lamps: &[Lamp], settings: &Settings, light: &mut [Vec3]) {
+fn veil(
+    frame: &Frame,
+    obstacles: &impl Obstacles,
+    lamps: &[Lamp],
+    settings: &Settings,
+    light: &mut [Vec3],
+    made: &mut Composed,
+) {
     let mist = Fog { density: settings.fog / settings.metre, reach: REACHES[2] * settings.metre };
-    let veils = fog(frame, obstacles, mist, lamps, settings.rays);
-    let noisy: Vec<[f32; 3]> = veils.iter().map(|veil| veil.color.to_array()).collect();
-    for ((light, veil), color) in light.iter_mut().zip(&veils).zip(blur(frame, &noisy, settings.smoothing)) {
-        // Lamps are given by what a surface sends to the eye, which is pi times less than what it gets.
-        *light = *light * veil.clear + Vec3::from(color) * std::f32::consts::PI;
+    let veils = made.run(Pass::Fog, || fog(frame, obstacles, mist, lamps, settings.rays(settings.counts.fog)));
+    let mut colors: Vec<[f32; 3]> = veils.iter().map(|veil| veil.color.to_array()).collect();
+    if settings.smoothing > 0 {
+        colors = made.run(Pass::BlurFog, || blur(frame, &colors, settings.smoothing));
     }
+    made.run(Pass::Veil, || {
+        light.par_iter_mut().zip(veils).zip(colors).for_each(|((light, veil), color)| {
+            // Lamps are given by what a surface sends to the eye, which is pi times less than what it gets.
+            *light = *light * veil.clear + Vec3::from(color) * std::f32::consts::PI;
+        });
+    });
 }

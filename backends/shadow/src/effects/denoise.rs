@@ -15,34 +15,80 @@ pub struct Edges {
     pub cosine: f32,
 }
 
-/// Weights of a row of five, and of five rows.
-const ROW: [f32; 3] = [6.0 / 16.0, 4.0 / 16.0, 1.0 / 16.0];
-
 /// Averages each pixel's value with those of near pixels that show the same surface. Values of pixels without a surface are not touched.
 pub fn smooth<const N: usize>(frame: &Frame, values: &[[f32; N]], edges: &Edges) -> Vec<[f32; N]> {
-    let belongs = |at: usize, other: usize| match (&frame.surfaces[at], &frame.surfaces[other]) {
-        (Some(surface), Some(there)) => same(surface, there, edges),
-        (None, _) => at == other,
-        (Some(_), None) => false,
-    };
-    filter(frame, values, edges.passes, &belongs)
+    filter(frame, values, edges.passes, &|at, other| belongs(frame, edges, at, other))
 }
 
 /// Averages each pixel's value with those of near pixels, whatever they show: for fog, which knows no surfaces. `passes` as in [`Edges`].
 pub fn blur<const N: usize>(frame: &Frame, values: &[[f32; N]], passes: u32) -> Vec<[f32; N]> {
-    filter(frame, values, passes, &|_, _| true)
+    filter(frame, values, passes, &|_, _| 1.0)
 }
 
-/// `belongs`: whether the value of another pixel counts for a pixel. Its own always does.
+/// As [`smooth`] for shares of rays that got through, from 0 to 1, of `rays` rays each: edges of shadows stay. Of `n` rays, each of which gets through with
+/// chance `p`, the share is off by the root of `p (1 - p) / n`. A pixel counts less, the more times that its share differs, and that the mean of the 25 shares
+/// around it does.
+pub fn smooth_shares<const N: usize>(frame: &Frame, values: &[[f32; N]], rays: u32, edges: &Edges) -> Vec<[f32; N]> {
+    if edges.passes == 0 {
+        return values.to_vec();
+    }
+    let belongs = |at: usize, other: usize| belongs(frame, edges, at, other);
+    let share = |value: &[f32; N]| [value.iter().sum::<f32>() / N.max(1) as f32];
+    let shares: Vec<[f32; 1]> = values.par_iter().map(share).collect();
+    let means = filter_once(frame, &shares, 1, &EVEN, &belongs);
+    let shares: Vec<Share> =
+        shares.par_iter().zip(means).map(|([share], [mean])| Share::new(*share, mean, rays)).collect();
+    filter(frame, values, edges.passes, &|at, other| match belongs(at, other) {
+        0.0 => 0.0,
+        weight => weight * shares[at].weight(&shares[other]),
+    })
+}
+
+/// The share of a pixel's rays that get through.
+#[derive(Clone, Copy)]
+struct Share {
+    own: f32,
+    /// Of all pixels around it.
+    mean: f32,
+    /// One over the noise of a mean.
+    strictness: f32,
+}
+
+/// Pixels that a mean is taken over.
+const AROUND: f32 = 25.0;
+/// How many times its noise a pixel's own share may differ to count by 1 / e. Means may by once their noise.
+const OWN: f32 = 3.0;
+
+impl Share {
+    fn new(own: f32, mean: f32, rays: u32) -> Self {
+        // One ray more that gets through and one that does not: that few rays all do is no proof that others would.
+        let all = AROUND * rays.max(1) as f32;
+        let chance = (mean * all + 1.0) / (all + 2.0);
+        Self { own, mean, strictness: (all / (chance * (1.0 - chance))).sqrt() }
+    }
+
+    fn weight(&self, other: &Self) -> f32 {
+        let mean = (self.mean - other.mean) * self.strictness;
+        // A share of fewer rays has more noise by the root.
+        let own = (self.own - other.own) * self.strictness / (OWN * AROUND.sqrt());
+        (-mean * mean - own * own).exp()
+    }
+}
+
+/// Weights of a row of five, and of five rows.
+const ROW: [f32; 3] = [6.0 / 16.0, 4.0 / 16.0, 1.0 / 16.0];
+const EVEN: [f32; 3] = [1.0; 3];
+
+/// `weight`: how much the value of another pixel counts for a pixel. Its own must count.
 fn filter<const N: usize>(
     frame: &Frame,
     values: &[[f32; N]],
     passes: u32,
-    belongs: &(impl Fn(usize, usize) -> bool + Sync),
+    weight: &(impl Fn(usize, usize) -> f32 + Sync),
 ) -> Vec<[f32; N]> {
     let mut values = values.to_vec();
     for pass in 0..passes {
-        values = filter_once(frame, &values, 1 << pass, belongs);
+        values = filter_once(frame, &values, 1 << pass, &ROW, weight);
     }
     values
 }
@@ -51,7 +97,8 @@ fn filter_once<const N: usize>(
     frame: &Frame,
     values: &[[f32; N]],
     apart: i64,
-    belongs: &(impl Fn(usize, usize) -> bool + Sync),
+    row: &[f32; 3],
+    weight: &(impl Fn(usize, usize) -> f32 + Sync),
 ) -> Vec<[f32; N]> {
     let (width, height) = (i64::from(frame.eye.size.0), i64::from(frame.eye.size.1));
     let pixel = |at: usize| {
@@ -63,21 +110,30 @@ fn filter_once<const N: usize>(
                 continue;
             }
             let other = (y * width + x) as usize;
-            if !belongs(at, other) {
-                continue;
+            let weight = weight(at, other) * row[i.unsigned_abs() as usize] * row[j.unsigned_abs() as usize];
+            if weight > 0.0 {
+                (0..N).for_each(|channel| sum[channel] += weight * values[other][channel]);
+                weights += weight;
             }
-            let weight = ROW[i.unsigned_abs() as usize] * ROW[j.unsigned_abs() as usize];
-            (0..N).for_each(|channel| sum[channel] += weight * values[other][channel]);
-            weights += weight;
         }
         sum.map(|sum| sum / weights)
     };
     (0..values.len()).into_par_iter().map(pixel).collect()
 }
 
+/// 1 if two pixels show the same surface, else 0.
+fn belongs(frame: &Frame, edges: &Edges, at: usize, other: usize) -> f32 {
+    let is_same = at == other
+        || match (&frame.surfaces[at], &frame.surfaces[other]) {
+            (Some(surface), Some(there)) => same(surface, there, edges),
+            _ => false,
+        };
+    f32::from(u8::from(is_same))
+}
+
 fn same(surface: &Surface, other: &Surface, edges: &Edges) -> bool {
     let off = (other.position - surface.position).dot(surface.normal).abs();
-    std::ptr::eq(surface, other) || (off <= edges.distance && other.normal.dot(surface.normal) >= edges.cosine)
+    off <= edges.distance && other.normal.dot(surface.normal) >= edges.cosine
 }
 
 /// Values of the pictures before, to average with.

@@ -5,7 +5,7 @@ use esvo_core::camera::viewpoint;
 use esvo_core::lights::Light;
 use esvo_core::{Camera, Nearest, Object, Picture, View};
 use esvo_format::srgb;
-use esvo_shadow::effects::{Cone, Eye, Frame, Lamp, Rays, Settings, Wanted, compose};
+use esvo_shadow::effects::{Cone, Counts, Eye, Frame, Lamp, Settings, Wanted, compose};
 use esvo_shadow::octree::{bounds, world_of};
 use esvo_shadow::{MAX_VOXELS, World};
 use glam::{DVec3, Vec3};
@@ -102,7 +102,7 @@ impl EffectArguments {
         let world = world_of(objects, voxel, 2).map_err(|e| format!("--effects: {e}"))?;
         let settings = Settings {
             wanted,
-            rays: Rays { count: self.effect_rays, seed: 1 },
+            counts: Counts::all(self.effect_rays),
             metre: (longest / METRES) as f32,
             ..Settings::default()
         };
@@ -138,7 +138,7 @@ fn lamp(light: &Light, middle: DVec3, longest: f64, radius: f64) -> Option<Lamp>
     // The sun is as wide as a lamp of this radius at a quarter of the scene's length.
     let radius = radius * if matches!(light, Light::Directional { .. }) { far / (longest / 4.0) } else { 1.0 };
     let color = Vec3::splat((bright_at * bright_at) as f32);
-    Some(Lamp { position: position.as_vec3(), radius: radius as f32, color, cone })
+    Some(Lamp { position: position.as_vec3(), radius: radius as f32, color, reach: f32::INFINITY, cone })
 }
 
 impl Effects {
@@ -152,7 +152,7 @@ impl Effects {
     ) -> Result<Picture, Failure> {
         let size = (views[0].width, views[0].height);
         let frame = Frame::of_hits(Eye::of(camera, size)?, objects, views, nearest);
-        let light = compose(&frame, self.world.volume(), *self.world.grid(), &self.lamps, &self.settings);
+        let light = compose(&frame, self.world.volume(), *self.world.grid(), &self.lamps, &self.settings).light;
         let encode = |x: f32| srgb::encode(x.clamp(0.0, 1.0));
         Ok(Picture::from_fn(size, |x, y| light[(y * size.0 + x) as usize].to_array().map(encode)))
     }
