@@ -47,9 +47,14 @@
 //! variable `looks` counts cells that the volume was asked for.
 //! [`Ray`](crate::trace::Ray) has the struct of 32 bytes that kernels read, [`Steps`](crate::trace::Steps) that of 16.
 //!
+//! # Effects
+//! [`Effects`] makes whole pictures with the passes of [`effects`](crate::effects), each a kernel of [`EFFECTS_WGSL`] over the picture's pixels, and says how long each took.
+//! It is also an example of kernels that follow [`TRACE_WGSL`].
+//!
 //! # Exactness
 //! Kernels have the numbers of the processor's tracer, and all of them are whole: cells, levels, steps and times are equal in every bit. A time comes back as
-//! a fraction, and both make a distance of it by the same function. `tests/gpu.rs` holds it, and that mistakes put into the kernels are caught; `tests/gpu_moving.rs`
+//! a fraction, and both make a distance of it by the same function. Effects choose rays by sines and roots, which devices round a little otherwise: `tests/gpu_effects.rs` holds
+//! pictures against those of the processor. `tests/gpu.rs` holds it, and that mistakes put into the kernels are caught; `tests/gpu_moving.rs`
 //! that the bytes are those of the processor while objects move, and that a region or a mip that was not sent is noticed.
 //!
 //! # Limits and errors
@@ -57,9 +62,11 @@
 //! device has. What does not fit is an error of the device, and nothing is made. Lists of rays have no limit: they are traced in parts
 //! that fit a binding and a dispatch.
 
+mod effects;
 mod tracer;
 mod volume;
 
+pub use effects::{EFFECTS_WGSL, Effects};
 pub use tracer::{Tracer, Traces};
 pub use volume::{GpuVolume, Sent, texture_size, volume_layout};
 
