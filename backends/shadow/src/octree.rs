@@ -1,9 +1,12 @@
 //! Octrees as shapes of a world.
 
-use esvo_core::Object;
+use esvo_core::reference::cast_ray;
+use esvo_core::shading::decode_srgb;
+use esvo_core::{HitPoint, Object};
 use esvo_format::Octree;
-use glam::{DMat3, DMat4, DQuat, DVec3};
+use glam::{DMat3, DMat4, DQuat, DVec3, Vec3};
 
+use crate::effects::bounce::Look;
 use crate::error::ShadowError;
 use crate::grid::{Grid, Pose};
 use crate::shape::{Cubes, Rule, Shape};
@@ -170,6 +173,21 @@ pub fn world_of(objects: &[Object], voxel: f64, mips: u32) -> Result<World, Shad
     }
     world.update(0);
     Ok(world)
+}
+
+/// What objects have at a place that a ray in a direction, of length 1, met: normal and colour of the first voxel from `distance` before it to as much behind it,
+/// in the world's unit. Light that bounces gets the colours of octrees so: a volume has none.
+pub fn look(objects: &[Object], place: Vec3, direction: Vec3, distance: f32) -> Option<Look> {
+    let (place, direction, distance) = (place.as_dvec3(), direction.as_dvec3(), f64::from(distance));
+    let from = place - direction * distance;
+    let met = objects.iter().filter_map(|object| {
+        let ray = object.ray(from, direction, 0.0..2.0 * distance);
+        let hit = cast_ray(object.octree(), object.root(), &ray, object.contours());
+        let point = HitPoint::new(object, &ray, &hit)?;
+        let normal = point.normal().as_vec3();
+        Some((point.position().distance_squared(from), (normal, Vec3::from(point.color().map(decode_srgb)))))
+    });
+    met.min_by(|(a, _), (b, _)| a.total_cmp(b)).map(|(_, look)| look)
 }
 
 /// Number of an object in its octree.

@@ -88,6 +88,29 @@ fn ambient_occlusion_is_as_among_boxes() {
     assert_eq!(exact[sky], 1.0);
 }
 
+/// A picture of a volume shows the faces of its voxels: near the surfaces that they are of, with normals along the axes, on the side of the eye.
+#[test]
+fn a_volume_shows_its_voxels() {
+    let blocks = room();
+    let world = blocks.world();
+    let exact = frame(&blocks);
+    let green = |_: Vec3, normal: Vec3| Vec3::new(0.0, 1.0, normal.z);
+    let shown = Frame::of_volume(exact.eye, world.volume(), &GRID, 10.0, &green);
+    let (mut near, mut both) = (0, 0);
+    for (surface, shown) in exact.surfaces.iter().zip(&shown.surfaces) {
+        let Some(shown) = shown else { continue };
+        assert_eq!(shown.normal.abs().max_element(), 1.0);
+        assert!(shown.normal.dot(shown.position - exact.eye.position) < 0.0 && shown.color.z == shown.normal.z);
+        // On a face of a voxel, up to the rounding of rays.
+        let face = GRID.to_voxels(shown.position.as_dvec3()).dot(shown.normal.abs().as_dvec3());
+        assert!((face - face.round()).abs() < 0.05, "{face}");
+        let Some(surface) = surface else { continue };
+        both += 1;
+        near += usize::from(shown.position.distance(surface.position) < 0.3 && shown.normal == surface.normal);
+    }
+    assert!(both > 2000 && near * 20 > both * 19, "{near} of {both}");
+}
+
 /// A strip half a voxel high shades the floor beside it only if rays begin in the picture.
 #[test]
 fn the_picture_has_what_the_offset_skips() {

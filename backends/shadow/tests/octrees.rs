@@ -6,9 +6,9 @@ use esvo_builder::cells::{Cells, build_cells, morton};
 use esvo_builder::{BuildSettings, Mesh};
 use esvo_core::reference::cast_ray;
 use esvo_core::{Object, Ray};
-use esvo_shadow::octree::{as_cubes, cells, world_of};
+use esvo_shadow::octree::{as_cubes, cells, look, world_of};
 use esvo_shadow::{Grid, Shape, World};
-use glam::{DMat4, DQuat, DVec3};
+use glam::{DMat4, DQuat, DVec3, Vec3};
 
 /// Two triangles that form a slanted sheet.
 fn sheet() -> Mesh {
@@ -121,4 +121,28 @@ fn a_world_of_one_octree_has_its_cells() {
         assert_eq!(inside.count(), all.len(), "object {i}");
     }
     assert!(world_of(&[], 1.0, 2).is_err() && world_of(&[object], 0.0, 2).is_err());
+}
+
+/// A place that a ray met has the normal and colour of the octree there; of two objects, those of the nearer. Where nothing is, there is none.
+#[test]
+fn what_a_ray_met_has_the_colours_of_octrees() {
+    let mut mesh = sheet();
+    mesh.materials[0].base_color = [0.8, 0.2, 0.1, 1.0];
+    let settings = BuildSettings { levels: 7, ..BuildSettings::default() };
+    let octree = esvo_builder::build(&mesh, &settings, &|_| ()).unwrap().octree;
+    let object = Object::of(&octree, 0);
+    let corners = mesh.positions.iter().map(|corner| Vec3::from(corner.map(|x| x as f32)));
+    let middle = corners.sum::<Vec3>() / 4.0;
+    let lower = object.placed(DMat4::from_translation(DVec3::new(0.0, 0.0, -0.05)));
+    for (objects, height) in [(vec![object], 0.0), (vec![lower, object], 0.0), (vec![lower], -0.05)] {
+        // The ray's end is a little off, as that of a ray through voxels is.
+        for off in [-0.02, 0.0, 0.02] {
+            let place = middle + Vec3::Z * (height + off);
+            let (normal, color) = look(&objects, place, -Vec3::Z, 0.04).unwrap();
+            assert!(normal.z.abs() > 0.7 && (color.x - 0.8).abs() < 0.02 && color.z < 0.12, "{normal} {color}");
+        }
+    }
+    assert_eq!(look(&[object], middle + Vec3::Z * 0.2, -Vec3::Z, 0.04), None);
+    assert_eq!(look(&[object], middle + Vec3::X * 3.0, -Vec3::Z, 0.04), None);
+    assert_eq!(look(&[], middle, -Vec3::Z, 0.04), None);
 }

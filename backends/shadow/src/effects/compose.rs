@@ -5,6 +5,8 @@ use std::time::{Duration, Instant};
 use glam::Vec3;
 use rayon::prelude::*;
 
+use super::Rays;
+use super::bounce::{Look, bounce};
 use super::denoise::{Edges, blur, smooth, smooth_shares};
 use super::fog::{Fog, fog};
 use super::frame::{Frame, Surface};
@@ -13,7 +15,6 @@ use super::obstacles::{How, Obstacles, Through};
 use super::occlusion::ambient_occlusion;
 use super::reflections::{Mirror, reflections};
 use super::start::Offset;
-use super::{Rays, bounce};
 use crate::grid::Grid;
 use crate::trace::Fidelity;
 use crate::volume::Occupancy;
@@ -29,7 +30,7 @@ pub struct Wanted {
     pub reflections: bool,
     /// Fog in the light of lamps.
     pub fog: bool,
-    /// One bounce of the lamps' light, from what the picture shows.
+    /// One bounce of the lamps' light.
     pub bounce: bool,
 }
 
@@ -176,13 +177,26 @@ impl Composed {
     }
 }
 
-/// The picture with the effects that are wanted, through a volume in which `grid` says where voxels lie.
+/// The picture with the effects that are wanted, through a volume in which `grid` says where voxels lie. Light bounces from what the picture shows.
 pub fn compose<O: Occupancy + Sync + ?Sized>(
     frame: &Frame,
     volume: &O,
     grid: Grid,
     lamps: &[Lamp],
     settings: &Settings,
+) -> Composed {
+    let tolerance = Settings::tolerance(&settings.edges(&grid));
+    compose_with(frame, volume, grid, lamps, settings, &|place, direction| shown(frame, place, direction, tolerance))
+}
+
+/// The same with light that bounces from whatever `look` knows: what is at a place, for a ray of this direction, e.g. [`look`](crate::octree::look) in octrees.
+pub fn compose_with<O: Occupancy + Sync + ?Sized>(
+    frame: &Frame,
+    volume: &O,
+    grid: Grid,
+    lamps: &[Lamp],
+    settings: &Settings,
+    look: &(impl Fn(Vec3, Vec3) -> Option<Look> + Sync),
 ) -> Composed {
     let Settings { wanted, counts, metre, .. } = *settings;
     let edges = settings.edges(&grid);
@@ -213,7 +227,8 @@ pub fn compose<O: Occupancy + Sync + ?Sized>(
     }
     let mut bounced = vec![Vec3::ZERO; pixels];
     if wanted.bounce {
-        bounced = made.run(Pass::Bounce, || bounce_of_picture(frame, &through, lamps, settings, &edges));
+        let reach = REACHES[0] * metre;
+        bounced = made.run(Pass::Bounce, || bounce(frame, &through, lamps, reach, settings.rays(counts.bounce), look));
         if smooths {
             let noisy = arrays(&bounced);
             bounced = vectors(made.run(Pass::SmoothBounce, || smooth(frame, &noisy, &edges)));
@@ -263,22 +278,12 @@ fn vectors(values: Vec<[f32; 3]>) -> Vec<Vec3> {
     values.into_iter().map(Vec3::from).collect()
 }
 
-/// Light of surfaces that the picture shows.
-fn bounce_of_picture(
-    frame: &Frame,
-    obstacles: &impl Obstacles,
-    lamps: &[Lamp],
-    settings: &Settings,
-    edges: &Edges,
-) -> Vec<Vec3> {
-    let tolerance = Settings::tolerance(edges);
-    let look = |place: Vec3, direction: Vec3| {
-        let (at, _) = frame.eye.project(place)?;
-        let (_, surface) = frame.at(at)?;
-        let shown = surface.position.distance(place) <= tolerance && surface.normal.dot(direction) < 0.0;
-        shown.then_some((surface.normal, surface.color))
-    };
-    bounce::bounce(frame, obstacles, lamps, REACHES[0] * settings.metre, settings.rays(settings.counts.bounce), &look)
+/// What the picture shows at a place, within a tolerance, from the side that a ray in a direction sees.
+pub fn shown(frame: &Frame, place: Vec3, direction: Vec3, tolerance: f32) -> Option<Look> {
+    let (at, _) = frame.eye.project(place)?;
+    let (_, surface) = frame.at(at)?;
+    let shown = surface.position.distance(place) <= tolerance && surface.normal.dot(direction) < 0.0;
+    shown.then_some((surface.normal, surface.color))
 }
 
 /// Mixes in what surfaces mirror: more at grazing angles.

@@ -3,6 +3,11 @@
 use esvo_core::shading::decode_srgb;
 use esvo_core::{Camera, CastError, HitPoint, Nearest, Object, View};
 use glam::{DVec3, Vec2, Vec3};
+use rayon::prelude::*;
+
+use crate::grid::Grid;
+use crate::trace::{Fidelity, Ray, first_hit};
+use crate::volume::Occupancy;
 
 /// Where a picture is seen from. Lengths are in the world's unit.
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -111,6 +116,48 @@ impl Frame {
                 depth: (position - eye.position).dot(eye.forward),
                 moved: Vec3::ZERO,
             })
+        })
+    }
+
+    /// What a ray meets through the middle of each pixel. `meet` gets where it begins and its direction, of length 1, on all cores. It tells how far away
+    /// the first surface is, its normal, of length 1, and its colour as in [`Surface::color`]. So frames come from triangles, or from anything else that
+    /// rays meet.
+    pub fn of_rays(eye: Eye, meet: &(impl Fn(Vec3, Vec3) -> Option<(f32, Vec3, Vec3)> + Sync)) -> Self {
+        let width = eye.size.0.max(1);
+        let see = |pixel: u32| {
+            let way = eye.direction(Vec2::new((pixel % width) as f32, (pixel / width) as f32) + 0.5);
+            let direction = way.normalize();
+            let (distance, normal, color) = meet(eye.position, direction)?;
+            let normal = if normal.dot(direction) > 0.0 { -normal } else { normal };
+            let position = eye.position + direction * distance;
+            Some(Surface { position, normal, color, depth: distance / way.length(), moved: Vec3::ZERO })
+        };
+        let surfaces = (0..eye.size.0 * eye.size.1).into_par_iter().map(see).collect();
+        Self { eye, surfaces }
+    }
+
+    /// What a volume shows within `reach`: faces of its voxels, as a world of voxel models has them. `color`: that of a place with a normal.
+    pub fn of_volume<O: Occupancy + Sync + ?Sized>(
+        eye: Eye,
+        volume: &O,
+        grid: &Grid,
+        reach: f32,
+        color: &(impl Fn(Vec3, Vec3) -> Vec3 + Sync),
+    ) -> Self {
+        let length = f64::from(reach) / grid.voxel;
+        Self::of_rays(eye, &|from, direction| {
+            let ray = Ray::new(grid.to_voxels(from.as_dvec3()), direction.as_dvec3(), length).ok()?;
+            let hit = first_hit(volume, &ray, Fidelity::EXACT).hit?;
+            let way = ray.direction().normalize();
+            let low = DVec3::from(hit.cell.map(|c| f64::from(c << hit.level)));
+            // The ray enters through the face, of those that it sees, that is nearest to where it meets the voxel.
+            let face = DVec3::select(way.cmpgt(DVec3::ZERO), low, low + f64::from(1 << hit.level));
+            let off = (ray.origin() + way * f64::from(hit.distance) - face).abs();
+            let axis = DVec3::select(way.cmpeq(DVec3::ZERO), DVec3::INFINITY, off).min_position();
+            let mut normal = Vec3::ZERO;
+            normal[axis] = -way[axis].signum() as f32;
+            let distance = hit.distance * grid.voxel as f32;
+            Some((distance, normal, color(from + direction * distance, normal)))
         })
     }
 

@@ -29,7 +29,7 @@ pub mod reflections;
 pub mod screen;
 pub mod start;
 
-pub use compose::{Composed, Counts, Pass, Settings, Wanted, compose};
+pub use compose::{Composed, Counts, Pass, Settings, Wanted, compose, compose_with};
 pub use frame::{Eye, Frame, Surface};
 pub use lamps::{Cone, Lamp};
 pub use obstacles::{How, Obstacles, Query, Through};

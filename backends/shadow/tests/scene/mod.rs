@@ -1,6 +1,6 @@
 //! A scene of boxes along the axes, which knows exactly what a ray meets.
 
-use esvo_shadow::effects::{Eye, Frame, Obstacles, Query, Surface};
+use esvo_shadow::effects::{Eye, Frame, Obstacles, Query};
 use esvo_shadow::{Grid, Mesh, Pose, Shape, World};
 use glam::{DVec3, Vec2, Vec3};
 
@@ -53,12 +53,7 @@ impl Blocks {
     }
 
     pub(crate) fn frame(&self, eye: Eye) -> Frame {
-        Frame::from_fn(eye, |x, y| {
-            let way = eye.direction(Vec2::new(x as f32 + 0.5, y as f32 + 0.5));
-            let (distance, normal, color) = self.meet(eye.position, way.normalize(), 100.0)?;
-            let position = eye.position + way.normalize() * distance;
-            Some(Surface { position, normal, color, depth: distance / way.length(), moved: Vec3::ZERO })
-        })
+        Frame::of_rays(eye, &|from, direction| self.meet(from, direction, 100.0))
     }
 
     pub(crate) fn world(&self) -> World {

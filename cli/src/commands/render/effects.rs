@@ -5,8 +5,8 @@ use esvo_core::camera::viewpoint;
 use esvo_core::lights::Light;
 use esvo_core::{Camera, Nearest, Object, Picture, View};
 use esvo_format::srgb;
-use esvo_shadow::effects::{Cone, Counts, Eye, Frame, Lamp, Settings, Wanted, compose};
-use esvo_shadow::octree::{bounds, world_of};
+use esvo_shadow::effects::{Cone, Counts, Eye, Frame, Lamp, Settings, Wanted, compose_with};
+use esvo_shadow::octree::{bounds, look, world_of};
 use esvo_shadow::{MAX_VOXELS, World};
 use glam::{DVec3, Vec3};
 
@@ -152,7 +152,11 @@ impl Effects {
     ) -> Result<Picture, Failure> {
         let size = (views[0].width, views[0].height);
         let frame = Frame::of_hits(Eye::of(camera, size)?, objects, views, nearest);
-        let light = compose(&frame, self.world.volume(), *self.world.grid(), &self.lamps, &self.settings).light;
+        let (volume, grid) = (self.world.volume(), *self.world.grid());
+        // A ray ends up to a voxel before the surface that the voxel is of, or behind it.
+        let distance = 2.0 * grid.voxel as f32;
+        let look = |place: Vec3, direction: Vec3| look(objects, place, direction, distance);
+        let light = compose_with(&frame, volume, grid, &self.lamps, &self.settings, &look).light;
         let encode = |x: f32| srgb::encode(x.clamp(0.0, 1.0));
         Ok(Picture::from_fn(size, |x, y| light[(y * size.0 + x) as usize].to_array().map(encode)))
     }

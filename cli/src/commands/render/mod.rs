@@ -55,8 +55,8 @@ Cameras and lights are in the units of the scene then.
 
 --effects traces rays through a volume of one bit a voxel, which is made of what is shown: ao,
 shadows, reflections, fog and bounce, in any number. Rays begin in the picture and go on in the
-volume; what they gather is smoothed. Reflections and bounced light have the colours that the
-picture shows and are black elsewhere. Lights become lamps that fade with distance.
+volume; what they gather is smoothed. Reflections have the colours that the picture shows and are
+black elsewhere; bounced light has those of the voxels. Lights become lamps that fade with distance.
 
 Where voxels are larger than a pixel, the picture is blurred by the paper's post-process filter
 (section 4.3); --filter off shows the voxels.
