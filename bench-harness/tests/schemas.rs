@@ -383,6 +383,7 @@ fn shadow() {
         rounds: 1,
         leak_rays: 3000,
         world: [160, 160, 160],
+        picture: (40, 30),
         pictures: true,
         scenes_dir: None,
     };
@@ -398,6 +399,9 @@ fn shadow() {
     let mut wrong = report.clone();
     wrong.moving[0].as_if_from_nothing = false;
     assert!(!wrong.passed());
+    let mut another = report.clone();
+    another.picture.as_mut().unwrap().rows[0].different = 0.5;
+    assert!(!another.passed());
     let mut other = report.clone();
     other.scenes[0].rates.iter_mut().find(|row| row.tracer.starts_with("every voxel")).unwrap().different = 1;
     assert!(!other.passed(), "a ray with another answer");
@@ -415,7 +419,9 @@ fn shadow() {
         row["send_ms"] = json!(1.5);
         row["single_send_ms"] = json!(2.5);
     }
-    holds("shadow", &value, &["leaks/step", "errors/step", "moving/send_ms", "moving/single_send_ms"]);
+    let optional =
+        ["leaks/step", "errors/step", "moving/send_ms", "moving/single_send_ms", "/picture", "options/picture"];
+    holds("shadow", &value, &optional);
 }
 
 #[test]

@@ -6,7 +6,7 @@ use common::Folder;
 use serde_json::Value;
 
 /// A run of seconds.
-const SMALL: [&str; 18] = [
+const SMALL: [&str; 20] = [
     "--scenes",
     "fairy",
     "--voxels",
@@ -25,6 +25,8 @@ const SMALL: [&str; 18] = [
     "3000",
     "--world",
     "160,160,160",
+    "--picture",
+    "40x30",
 ];
 
 fn bench<'a>(more: &[&'a str]) -> Vec<&'a str> {
@@ -46,14 +48,21 @@ fn the_benchmark_writes_a_record_plots_and_pictures_for_the_page() {
     let count = |extension: &str| names.iter().filter(|name| name.ends_with(extension)).count();
     assert!(names.iter().any(|name| name == "report.json") && names.iter().any(|name| name == "tables.md"));
     // One plot for each effect.
-    assert_eq!(count(".svg"), 5, "{names:?}");
+    assert_eq!(count(".svg"), 7, "{names:?}");
     let pictures = record["pictures"].as_array().unwrap();
     assert_eq!(count(".png"), pictures.len());
     for picture in pictures {
         assert!(names.iter().any(|name| picture["file"] == **name), "{picture}");
     }
     let tables = std::fs::read_to_string(made.join("tables.md")).unwrap();
-    for title in ["A world of 5 cm voxels", "Rays that leave closed rooms", "Rays a second", "fog, error and time"] {
+    for title in [
+        "In words",
+        "A picture of it, 40 x 30 pixels with 10 lamps",
+        "A world of 5 cm voxels",
+        "Rays that leave closed rooms",
+        "Rays a second",
+        "fog, error and time",
+    ] {
         assert!(tables.contains(title), "{title}");
     }
     let page = folder.path("page.html");
@@ -84,6 +93,7 @@ fn a_record_of_a_bit_volume_is_run_again() {
     changed["moving"][0]["as_if_from_nothing"] = false.into();
     changed["moving"][0]["update_ms"] = 1e9.into();
     changed["world"]["fill_seconds"] = 1e9.into();
+    changed["picture"]["rows"][0]["passes"][0]["ms"][0] = 1e9.into();
     changed["scenes"][0]["rates"][0]["steps"] = 1e9.into();
     changed["scenes"][0]["rates"][0]["different"] = 8.into();
     changed["scenes"][0]["rates"][0]["seconds"][0] = 1e9.into();
@@ -139,6 +149,8 @@ fn bad_input_is_one_line_and_nothing_is_written() {
     bad("--levels", "40", "--levels: an octree of 40 levels was asked for; there are 1 to 16");
     bad("--levels", "0", "an octree of 0 levels was asked for");
     bad("--size", "0x0", "2--size");
+    bad("--picture", "9000x9000", "--picture: pictures of 9000x9000 were asked for; they have 1 to 8388608 pixels");
+    bad("--picture", "0x0", "2--picture");
     bad("--scenes", "nothing", "scene nothing: unknown scene");
     bad("--scenes-dir", "absent", "absent");
     folder.fails(&bench(&["--out", "file"]), 1, "file: is a file where a folder is needed");

@@ -4,18 +4,22 @@ use std::time::Instant;
 
 use esvo_core::DeviceKind;
 use esvo_device::Gpu;
-use esvo_shadow::gpu::{GpuVolume, Tracer};
+use esvo_shadow::gpu::{Effects, GpuVolume, Tracer};
 use esvo_shadow::trace::{Fidelity, MAX_LEVEL, Ray, Steps};
 use esvo_shadow::{Extent, Volume};
 
+use glam::Vec3;
+
+use super::picture_time::{Scene, measure};
 use super::stage::failed;
-use super::{RateRow, WALK};
+use super::{PictureRow, RateRow, WALK};
 use crate::BenchError;
 
 /// An open device.
 pub(super) struct Device {
     gpu: Gpu,
     tracer: Tracer,
+    effects: Effects,
 }
 
 impl Device {
@@ -23,7 +27,8 @@ impl Device {
     pub(super) fn open() -> Result<Self, BenchError> {
         let gpu = Gpu::open(None).map_err(|e| failed("device", e))?;
         let tracer = Tracer::new(&gpu).map_err(|e| failed("device", e))?;
-        Ok(Self { gpu, tracer })
+        let effects = Effects::new(&gpu).map_err(|e| failed("device", e))?;
+        Ok(Self { gpu, tracer, effects })
     }
 
     /// Its name; drivers that run on the processor are labelled.
@@ -49,6 +54,21 @@ impl Device {
         copy.update(&self.gpu, volume, regions).map_err(|e| failed("device", e))?;
         self.gpu.run(|_| ()).map_err(|e| failed("device", e))?;
         Ok(start.elapsed().as_secs_f64() * 1e3)
+    }
+
+    /// Times of a picture's passes, and how many pixels differ from those expected. Drivers that run on the processor make one picture.
+    pub(super) fn picture(&self, scene: &Scene, rounds: u32, expected: &[Vec3]) -> Result<PictureRow, BenchError> {
+        let copy = self.copy(scene.world.volume())?;
+        let rounds = if self.gpu.about().kind == DeviceKind::SoftwareGpu { 1 } else { rounds };
+        let make = || {
+            let (grid, Scene { frame, lamps, settings, .. }) = (*scene.world.grid(), scene);
+            self.effects.compose(&self.gpu, &copy, grid, frame, lamps, settings).map_err(|e| failed("device", e))
+        };
+        // Kernels are compiled, and clocks rise, before anything is measured.
+        if rounds > 1 {
+            make()?;
+        }
+        Ok(measure(self.name(), rounds, Some(expected), make)?.1)
     }
 
     /// Rates of the first hit and of steps of one voxel, with the document's two mips and with all.

@@ -4,12 +4,15 @@ use std::time::Instant;
 
 use esvo_core::Picture;
 use esvo_shadow::World;
-use esvo_shadow::effects::denoise::{Edges, blur, smooth_shares};
+use esvo_shadow::effects::bounce::bounce;
+use esvo_shadow::effects::compose::shown;
+use esvo_shadow::effects::denoise::{Edges, blur, smooth, smooth_shares};
 use esvo_shadow::effects::fog::{Fog, fog};
 use esvo_shadow::effects::lamps::shadow;
 use esvo_shadow::effects::occlusion::ambient_occlusion;
 use esvo_shadow::effects::reflections::{Mirror, reflections};
 use esvo_shadow::effects::{Frame, How, Lamp, Obstacles, Offset, Rays, Through};
+use esvo_shadow::octree::look;
 use esvo_shadow::trace::Fidelity;
 use glam::Vec3;
 
@@ -30,10 +33,20 @@ enum Effect {
     SoftShadow,
     Specular,
     Fog,
+    Indirect,
+    IndirectOfPicture,
 }
 
 impl Effect {
-    const ALL: [Self; 5] = [Self::Ambient, Self::HardShadow, Self::SoftShadow, Self::Specular, Self::Fog];
+    const ALL: [Self; 7] = [
+        Self::Ambient,
+        Self::HardShadow,
+        Self::SoftShadow,
+        Self::Specular,
+        Self::Fog,
+        Self::Indirect,
+        Self::IndirectOfPicture,
+    ];
 
     fn name(self) -> &'static str {
         match self {
@@ -42,6 +55,8 @@ impl Effect {
             Self::SoftShadow => "shadow of a lamp of 30 cm",
             Self::Specular => "specular occlusion",
             Self::Fog => "fog",
+            Self::Indirect => "indirect light",
+            Self::IndirectOfPicture => "indirect light, colours of the picture",
         }
     }
 }
@@ -55,11 +70,14 @@ struct Run<'a> {
 }
 
 impl Run<'_> {
-    fn values(&self, effect: Effect, obstacles: &impl Obstacles, rays: Rays) -> Vec<f32> {
+    /// `voxel`: how far from a surface rays may end, in the mesh's units.
+    fn values(&self, effect: Effect, obstacles: &impl Obstacles, voxel: f32, rays: Rays) -> Vec<f32> {
         let (frame, unit) = (self.frame, self.stage.unit as f32);
+        let reach = REACH as f32 * unit;
+        let point = [Lamp { radius: 0.0, ..self.lamp }];
         match effect {
-            Effect::Ambient => ambient_occlusion(frame, obstacles, REACH as f32 * unit, rays),
-            Effect::HardShadow => shadow(frame, obstacles, &Lamp { radius: 0.0, ..self.lamp }, rays),
+            Effect::Ambient => ambient_occlusion(frame, obstacles, reach, rays),
+            Effect::HardShadow => shadow(frame, obstacles, &point[0], rays),
             Effect::SoftShadow => shadow(frame, obstacles, &self.lamp, rays),
             Effect::Specular => {
                 let mirror = Mirror { roughness: 0.3, reach: 40.0 * unit, tolerance: 0.1 * unit };
@@ -69,9 +87,18 @@ impl Run<'_> {
             }
             Effect::Fog => {
                 let mist = Fog { density: 0.1 / unit, reach: 40.0 * unit };
-                let veils = fog(frame, obstacles, mist, &[Lamp { radius: 0.0, ..self.lamp }], rays);
+                let veils = fog(frame, obstacles, mist, &point, rays);
                 // Light of the lamp at one metre, through a tenth of it.
                 veils.iter().map(|veil| (veil.color.x * 10.0 / (30.0 * unit)).min(1.0)).collect()
+            }
+            Effect::Indirect => {
+                let objects = [self.stage.object()];
+                let look = |place: Vec3, direction: Vec3| look(&objects, place, direction, 2.0 * voxel);
+                grey_of(bounce(frame, obstacles, &point, reach, rays, &look))
+            }
+            Effect::IndirectOfPicture => {
+                let look = |place: Vec3, direction: Vec3| shown(frame, place, direction, 3.0 * voxel);
+                grey_of(bounce(frame, obstacles, &point, reach, rays, &look))
             }
         }
     }
@@ -79,15 +106,21 @@ impl Run<'_> {
     /// Measures one set of shortcuts.
     fn row(&self, effect: Effect, obstacles: &impl Obstacles, row: ErrorRow, exact: &Exact) -> ErrorRow {
         let edges = Edges { passes: 3, distance: (0.05 * self.stage.unit) as f32, cosine: 0.9 };
+        let voxel = match row.voxel_cm {
+            0.0 => self.stage.leaf(self.options.levels) as f32,
+            edge => (edge * 0.01 * self.stage.unit) as f32,
+        };
         let mut values = Vec::new();
         let ms = (0..self.options.rounds).map(|_| {
             let start = Instant::now();
-            values = self.values(effect, obstacles, Rays { count: row.rays, seed: 5 });
+            values = self.values(effect, obstacles, voxel, Rays { count: row.rays, seed: 5 });
             if row.smoothed {
                 let noisy: Vec<[f32; 1]> = values.iter().map(|&value| [value]).collect();
                 // Fog knows no surfaces.
                 let smoothed = match effect {
                     Effect::Fog => blur(self.frame, &noisy, edges.passes),
+                    // Light is no share of rays.
+                    Effect::Indirect | Effect::IndirectOfPicture => smooth(self.frame, &noisy, &edges),
                     _ => smooth_shares(self.frame, &noisy, row.rays, &edges),
                 };
                 values = smoothed.iter().map(|value| value[0]).collect();
@@ -105,6 +138,11 @@ impl Run<'_> {
             ..row
         }
     }
+}
+
+/// Light without its colour, up to white.
+fn grey_of(light: Vec<Vec3>) -> Vec<f32> {
+    light.into_iter().map(|light| (light.element_sum() / 3.0).min(1.0)).collect()
 }
 
 /// Converged answers.
@@ -126,13 +164,21 @@ pub(super) fn errors(
     let base = worlds.iter().find(|(voxel, _)| *voxel == options.base());
     let Some((base_voxel, base_world)) = base else { return Err(failed("shadow", "no voxel's edge was given")) };
     let mut rows = Vec::new();
+    let mut of_light = None;
     for effect in Effect::ALL {
         let say = |what: &str| progress.say(format!("{}: {}, {what}", stage.scene.name, effect.name()));
         let converged = Rays { count: options.converged, seed: 77 };
-        say("the converged answer");
-        let exact = Exact {
-            octree: run.values(effect, &octree, converged),
-            triangles: run.values(effect, &stage.in_triangles(options.levels), converged),
+        // The picture's colours are a shortcut to those of the octree.
+        let exact = match (effect, of_light.take()) {
+            (Effect::IndirectOfPicture, Some(exact)) => exact,
+            _ => {
+                say("the converged answer");
+                let leaf = stage.leaf(options.levels) as f32;
+                Exact {
+                    octree: run.values(effect, &octree, leaf, converged),
+                    triangles: run.values(effect, &stage.in_triangles(options.levels), leaf, converged),
+                }
+            }
         };
         // All rays to a point are one.
         let counts = if effect == Effect::HardShadow { &[1][..] } else { &options.rays[..] };
@@ -164,6 +210,10 @@ pub(super) fn errors(
                 });
             }
         };
+        if effect == Effect::IndirectOfPicture {
+            measure(Some((*base_voxel, base_world)), None, true);
+            continue;
+        }
         say("through the octree");
         measure(None, None, false);
         // Fog has no surface that a ray begins at.
@@ -179,6 +229,7 @@ pub(super) fn errors(
         if screen {
             measure(Some((*base_voxel, base_world)), None, false);
         }
+        of_light = (effect == Effect::Indirect).then_some(exact);
     }
     Ok(rows)
 }

@@ -1,5 +1,6 @@
 //! `esvo bench shadow`: what a volume of one bit a voxel costs, and how wrong its shortcuts are.
 
+mod answers;
 #[cfg(feature = "wgpu")]
 mod device;
 #[cfg(not(feature = "wgpu"))]
@@ -9,6 +10,7 @@ mod errors;
 mod leaks;
 mod models;
 mod output;
+mod picture_time;
 mod pictures;
 mod plot;
 mod rates;
@@ -32,6 +34,9 @@ pub use tables::{to_markdown, to_text};
 
 /// How [`RateRow::tracer`] begins where every voxel on a ray is looked at.
 const WALK: &str = "every voxel";
+
+/// Share of pixels that a device may have otherwise than the processor: sines and roots are rounded otherwise, and a few rays go elsewhere.
+const MOST_DIFFERENT: f64 = 0.01;
 
 /// Version of the record.
 pub const SCHEMA: u32 = 1;
@@ -57,6 +62,9 @@ pub struct ShadowOptions {
     pub leak_rays: u64,
     /// Voxels along each axis of the world that objects move in.
     pub world: [u32; 3],
+    /// Width and height of the picture of that world of which each pass is timed; 0, 0: none.
+    #[serde(default)]
+    pub picture: (u32, u32),
     /// Whether pictures are made.
     pub pictures: bool,
     /// The folder that is searched first for real meshes. Not in records.
@@ -77,6 +85,7 @@ impl Default for ShadowOptions {
             rounds: 3,
             leak_rays: 10_000_000,
             world: [2000, 2000, 500],
+            picture: (1920, 1080),
             pictures: true,
             scenes_dir: None,
         }
@@ -98,6 +107,9 @@ pub struct ShadowReport {
     pub world: WorldRow,
     /// Objects that move in it.
     pub moving: Vec<MovingRow>,
+    /// What each pass of a picture of it takes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub picture: Option<PictureTime>,
     /// Rays that leave closed rooms.
     pub leaks: Vec<LeakRow>,
     /// The scenes.
@@ -160,6 +172,45 @@ pub struct MovingRow {
     pub single_bytes: f64,
     /// Whether the volume was at the end bit for bit as one made from nothing.
     pub as_if_from_nothing: bool,
+}
+
+/// A picture with all effects, and what each pass takes.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+pub struct PictureTime {
+    /// Width and height.
+    pub size: (u32, u32),
+    /// Number of lamps; each has soft shadows and shines in fog.
+    pub lamps: u32,
+    /// Rays of ambient occlusion for each pixel.
+    pub occlusion_rays: u32,
+    /// Rays to each lamp whose light comes there, for each pixel.
+    pub lamp_rays: u32,
+    /// Rays that are mirrored, for each pixel.
+    pub reflection_rays: u32,
+    /// Places in fog for each pixel; from each one ray to each lamp whose light comes there.
+    pub fog_places: u32,
+    /// On the processor and on a device.
+    pub rows: Vec<PictureRow>,
+}
+
+/// A picture's passes as one device has them.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+pub struct PictureRow {
+    /// The processor with its threads, or the device.
+    pub tracer: String,
+    /// The passes, in order.
+    pub passes: Vec<PassRow>,
+    /// Share of pixels whose light is not that of the processor, by more than a hundredth of white.
+    pub different: f64,
+}
+
+/// A pass of a picture.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+pub struct PassRow {
+    /// Its name.
+    pub pass: String,
+    /// Milliseconds, once for each round.
+    pub ms: Vec<f64>,
 }
 
 /// Rays from inside of closed rooms to outside.
@@ -281,16 +332,19 @@ impl ShadowReport {
     }
 
     /// Whether no ray that meets every voxel left a room, samples did, every volume was as if made from nothing, and every voxel gave the same answer
-    /// whatever the mips and on a device.
+    /// whatever the mips and on a device, where the picture is the same, too.
     pub fn passed(&self) -> bool {
         let tight = self.leaks.iter().filter(|row| row.step.is_none()).all(|row| row.leaks == 0);
         let longest = self.leaks.iter().filter_map(|row| row.step).fold(0.0, f64::max);
         let control = self.leaks.iter().filter(|row| row.step == Some(longest)).all(|row| row.leaks > 0);
         let walks = self.scenes.iter().flat_map(|scene| &scene.rates).filter(|row| row.tracer.starts_with(WALK));
         let one_answer = walks.clone().count() > 0 && walks.clone().all(|row| row.different == 0);
+        let one_picture =
+            self.picture.iter().flat_map(|picture| &picture.rows).all(|row| row.different < MOST_DIFFERENT);
         // Without a scene no ray was timed.
         tight
             && control
+            && one_picture
             && (one_answer || self.scenes.is_empty())
             && self.moving.iter().all(|row| row.as_if_from_nothing)
     }

@@ -3,8 +3,11 @@
 use esvo_shadow::trace::Ray;
 use esvo_shadow::{Extent, Volume};
 
-use super::RateRow;
+use glam::Vec3;
+
+use super::picture_time::Scene;
 use super::stage::failed;
+use super::{PictureRow, RateRow};
 use crate::BenchError;
 
 /// No device.
@@ -24,6 +27,10 @@ impl Device {
     }
 
     pub(super) fn send(&self, (): &mut (), _: &Volume, _: &[Extent]) -> Result<f64, BenchError> {
+        match *self {}
+    }
+
+    pub(super) fn picture(&self, _: &Scene, _: u32, _: &[Vec3]) -> Result<PictureRow, BenchError> {
         match *self {}
     }
 

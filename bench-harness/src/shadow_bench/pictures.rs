@@ -58,6 +58,12 @@ impl Pictures {
         Ok(())
     }
 
+    /// The large world.
+    pub(super) fn world(&mut self, frame: &Frame, light: &[Vec3]) {
+        let what = "ten lamps, their fog, ambient occlusion and reflections";
+        self.put_of("world", "all", what, to_picture(frame, light));
+    }
+
     /// A scene of voxel models, some of which move, before and after they have moved.
     pub(super) fn courtyard(&mut self) -> Result<(), BenchError> {
         let error = |e: &dyn ToString| failed("models", e.to_string());
@@ -112,8 +118,12 @@ impl Pictures {
     }
 
     fn put(&mut self, shown: &Shown, name: &str, what: &str, picture: Picture) {
-        let file = format!("{}-{name}.png", slug(shown.name));
-        self.notes.push(PictureNote { what: format!("{}: {what}", shown.name), file: file.clone() });
+        self.put_of(shown.name, name, what, picture);
+    }
+
+    fn put_of(&mut self, of: &str, name: &str, what: &str, picture: Picture) {
+        let file = format!("{}-{name}.png", slug(of));
+        self.notes.push(PictureNote { what: format!("{of}: {what}"), file: file.clone() });
         self.made.push(NamedPicture { name: file, picture });
     }
 

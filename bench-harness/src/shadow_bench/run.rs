@@ -3,6 +3,7 @@
 use std::time::Instant;
 
 use super::device::Device;
+use super::picture_time::picture_time;
 use super::pictures::Pictures;
 use super::stage::Stage;
 use super::{SCHEMA, SceneShadows, ShadowOptions, ShadowOutcome, ShadowReport, VolumeRow, errors, leaks, rates, world};
@@ -14,6 +15,10 @@ use crate::{BenchError, Progress};
 /// The most voxels of the world that objects move in: bytes of 2 GB, with a copy to compare with.
 const MOST_VOXELS: u64 = 1 << 33;
 
+/// The most pixels of a picture.
+const MOST_PIXELS: u64 = 1 << 23;
+/// The size of a picture of the world that is not made: records from before there was one have it.
+const NO_PICTURE: (u32, u32) = (0, 0);
 /// The most rays for each pixel.
 const MOST_RAYS: u32 = 1 << 16;
 /// The most rays in closed rooms: days of work.
@@ -43,9 +48,19 @@ pub fn run_shadow_bench(options: &ShadowOptions, progress: &Progress) -> Result<
     }
     let device = device.ok();
     let moving = world::moving(&mut large, device.as_ref(), progress)?;
+    let mut pictures = Pictures::new(options.size);
+    let picture = match options.picture {
+        NO_PICTURE => None,
+        _ => {
+            let (time, shown, light) = picture_time(&large, device.as_ref(), options, progress)?;
+            if options.pictures {
+                pictures.world(&shown.frame, &light);
+            }
+            Some(time)
+        }
+    };
     drop(large);
     let leaks = leaks::leaks(options.leak_rays, progress)?;
-    let mut pictures = Pictures::new(options.size);
     let mut scenes = Vec::new();
     for entry in stages {
         progress.say(format!("{}: reading the mesh", entry.name));
@@ -95,6 +110,7 @@ pub fn run_shadow_bench(options: &ShadowOptions, progress: &Progress) -> Result<
         left_out,
         world: row,
         moving,
+        picture,
         leaks,
         scenes,
         pictures: pictures.notes,
@@ -138,9 +154,12 @@ fn check(options: &ShadowOptions) -> Result<(), BenchError> {
         );
         return bad("--world", what);
     }
-    let (width, height) = options.size;
-    if width == 0 || height == 0 || u64::from(width) * u64::from(height) > 1 << 23 {
-        return bad("--size", format!("pictures of {width}x{height} were asked for; they have 1 to 8388608 pixels"));
+    for (option, (width, height)) in [("--size", options.size), ("--picture", options.picture)] {
+        let none = option == "--picture" && (width, height) == NO_PICTURE;
+        if !none && (width == 0 || height == 0) || u64::from(width) * u64::from(height) > MOST_PIXELS {
+            let what = format!("pictures of {width}x{height} were asked for; they have 1 to {MOST_PIXELS} pixels");
+            return bad(option, what);
+        }
     }
     Ok(())
 }

@@ -59,7 +59,7 @@ impl Stage {
     }
 
     /// Edge of the finest voxels, in units of the mesh.
-    fn leaf(&self, levels: u32) -> f64 {
+    pub(super) fn leaf(&self, levels: u32) -> f64 {
         let object = self.object();
         (object.from_cast(DVec3::new(2.0, 1.0, 1.0)) - object.from_cast(DVec3::ONE)).length()
             / f64::from(1u32 << levels)

@@ -49,7 +49,8 @@ pub(super) fn large_world(voxels: [u32; 3], progress: &Progress) -> Result<(Worl
     Ok((world, row))
 }
 
-fn height(x: f64, y: f64) -> f64 {
+/// How high the ground is, in metres.
+pub(super) fn height(x: f64, y: f64) -> f64 {
     4.0 + 1.6 * (x * 0.11).sin() * (y * 0.07).cos() + 0.5 * (x * 0.31 + y * 0.23).sin()
 }
 

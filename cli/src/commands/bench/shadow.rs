@@ -15,14 +15,14 @@ use crate::values::parse_size;
 /// Trace shadows, occlusion, reflections and fog through a volume of one bit a voxel, and measure how wrong its shortcuts are.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Measures a large world and objects that move in it; rays that leave closed rooms, which must be
-none if every voxel is looked at; rays a second with and without mips, beside the octree's caster;
-and for each effect the error to the converged answer of the exact octree, and to that of the
-triangles, against time: by the voxel's size, the number of rays, steps in the place of every
-voxel, rays that begin in the picture, and smoothing. Prints tables and writes report.json,
-tables.md, plots and pictures to results/<machine>/<date>-shadow/. Exit code 1 if a ray leaves a
-room, if the volume is wrong after objects have moved, or if rays have other answers with mips or
-on a GPU. Scenes are taken to be 40 m long.
+Measures a large world, objects that move in it, and a picture of it pass by pass; rays that leave
+closed rooms, which must be none if every voxel is looked at; rays a second with and without mips,
+beside the octree's caster; and for each effect the error to the converged answer of the exact
+octree, and to that of the triangles, against time: by the voxel's size, the number of rays, steps
+in the place of every voxel, rays that begin in the picture, and smoothing. Prints tables and
+writes report.json, tables.md, plots and pictures to results/<machine>/<date>-shadow/. Exit code 1
+if a ray leaves a room, if the volume is wrong after objects have moved, if rays have other answers
+with mips or on a GPU, or if a GPU's picture is another. Scenes are taken to be 40 m long.
 
 Examples:
   esvo bench shadow                                  SIBENIK at 2.5 to 20 cm
@@ -55,6 +55,9 @@ pub(crate) struct BenchShadowArguments {
     /// Voxels along each axis of the world that objects move in
     #[arg(long, value_name = "N", value_delimiter = ',', num_args = 1, default_value = "2000,2000,500")]
     world: Vec<u32>,
+    /// Size of the picture of that world, with ten lamps and all effects, of which each pass is timed
+    #[arg(long, value_name = "WxH", value_parser = parse_size, default_value = "1920x1080")]
+    picture: [u32; 2],
     /// Make no pictures
     #[arg(long)]
     no_pictures: bool,
@@ -83,6 +86,7 @@ pub(crate) fn run_bench_shadow(arguments: &BenchShadowArguments) -> Result<(), F
         rounds: arguments.rounds,
         leak_rays: arguments.leak_rays,
         world,
+        picture: arguments.picture.into(),
         pictures: !arguments.no_pictures,
         scenes_dir: arguments.scenes_dir.clone(),
     };
@@ -96,8 +100,7 @@ pub(crate) fn run_bench_shadow(arguments: &BenchShadowArguments) -> Result<(), F
     if report.passed() {
         Ok(())
     } else {
-        Err("a ray left a closed room, the volume was wrong after objects had moved, or rays had two answers"
-            .to_string()
-            .into())
+        let what = "a ray left a closed room, the volume was wrong after objects had moved, or rays or pictures had two answers";
+        Err(what.to_owned().into())
     }
 }
