@@ -35,7 +35,9 @@ pub(super) fn picture_time<'a>(
 ) -> Result<(PictureTime, Scene<'a>, Vec<Vec3>), BenchError> {
     let size = options.picture;
     progress.say(format!("a picture of {} x {} pixels of the world", size.0, size.1));
-    let settings = Settings { wanted: WANTED, counts: COUNTS, fog: 0.02, ..Settings::default() };
+    // In the evening, when lamps are seen.
+    let (ambient, sky) = (0.16, Vec3::new(0.1, 0.14, 0.24));
+    let settings = Settings { wanted: WANTED, counts: COUNTS, fog: 0.03, ambient, sky, ..Settings::default() };
     let scene = Scene { world, frame: frame(world, size), lamps: lamps(world), settings };
     let name = format!("processor, {} threads", rayon::current_num_threads());
     let (first, row) = measure(name, options.rounds, None, || {
@@ -96,7 +98,7 @@ fn place(world: &World, x: f32, y: f32, above: f32) -> Vec3 {
 
 /// From a hill over the houses.
 fn frame(world: &World, size: (u32, u32)) -> Frame {
-    let (from, to) = (place(world, 0.16, 0.1, 6.0), place(world, 0.5, 0.5, 0.5));
+    let (from, to) = (place(world, 0.16, 0.1, 6.0), place(world, 0.4, 0.36, 0.0));
     let forward = (to - from).normalize();
     let right = forward.cross(Vec3::Z).normalize();
     let half = 0.6 * Vec2::new(size.0 as f32 / size.1 as f32, 1.0);
@@ -115,7 +117,7 @@ fn frame(world: &World, size: (u32, u32)) -> Frame {
 fn lamps(world: &World) -> Vec<Lamp> {
     let lamp = |i: u32| {
         let (column, row) = ((i % 4) as f32, (i / 4) as f32);
-        let color = if i % 3 == 1 { Vec3::new(6.0, 8.0, 12.0) } else { Vec3::new(12.0, 8.0, 4.0) };
+        let color = if i % 3 == 1 { Vec3::new(10.0, 13.0, 20.0) } else { Vec3::new(20.0, 13.0, 6.0) };
         let position = place(world, 0.24 + 0.12 * column, 0.22 + 0.12 * row, 2.6);
         Lamp { position, radius: 0.15, color, reach: REACH, cone: None }
     };

@@ -1,5 +1,6 @@
 //! Filters against the noise of few rays: within a picture, and over the pictures of a film.
 
+use glam::Vec3;
 use rayon::prelude::*;
 
 use super::frame::{Frame, Surface};
@@ -17,12 +18,15 @@ pub struct Edges {
 
 /// Averages each pixel's value with those of near pixels that show the same surface. Values of pixels without a surface are not touched.
 pub fn smooth<const N: usize>(frame: &Frame, values: &[[f32; N]], edges: &Edges) -> Vec<[f32; N]> {
-    filter(frame, values, edges.passes, &|at, other| belongs(frame, edges, at, other))
+    if edges.passes == 0 {
+        return values.to_vec();
+    }
+    filter(frame, values, edges.passes, &SameSurface::new(frame, edges))
 }
 
 /// Averages each pixel's value with those of near pixels, whatever they show: for fog, which knows no surfaces. `passes` as in [`Edges`].
 pub fn blur<const N: usize>(frame: &Frame, values: &[[f32; N]], passes: u32) -> Vec<[f32; N]> {
-    filter(frame, values, passes, &|_, _| 1.0)
+    filter(frame, values, passes, &Everything)
 }
 
 /// As [`smooth`] for shares of rays that got through, from 0 to 1, of `rays` rays each: edges of shadows stay. Of `n` rays, each of which gets through with
@@ -32,26 +36,11 @@ pub fn smooth_shares<const N: usize>(frame: &Frame, values: &[[f32; N]], rays: u
     if edges.passes == 0 {
         return values.to_vec();
     }
-    let belongs = |at: usize, other: usize| belongs(frame, edges, at, other);
-    let share = |value: &[f32; N]| [value.iter().sum::<f32>() / N.max(1) as f32];
-    let shares: Vec<[f32; 1]> = values.par_iter().map(share).collect();
-    let means = filter_once(frame, &shares, 1, &EVEN, &belongs);
-    let shares: Vec<Share> =
-        shares.par_iter().zip(means).map(|([share], [mean])| Share::new(*share, mean, rays)).collect();
-    filter(frame, values, edges.passes, &|at, other| match belongs(at, other) {
-        0.0 => 0.0,
-        weight => weight * shares[at].weight(&shares[other]),
-    })
-}
-
-/// The share of a pixel's rays that get through.
-#[derive(Clone, Copy)]
-struct Share {
-    own: f32,
-    /// Of all pixels around it.
-    mean: f32,
-    /// One over the noise of a mean.
-    strictness: f32,
+    let surfaces = SameSurface::new(frame, edges);
+    let own: Vec<f32> = values.par_iter().map(|value| value.iter().sum::<f32>() / N.max(1) as f32).collect();
+    let [mean] = filter_once(frame, &[own.clone()], 1, &EVEN, &surfaces);
+    let strictness = mean.par_iter().map(|mean| strictness(*mean, rays)).collect();
+    filter(frame, values, edges.passes, &SameShare { surfaces, own, mean, strictness })
 }
 
 /// Pixels that a mean is taken over.
@@ -59,76 +48,149 @@ const AROUND: f32 = 25.0;
 /// How many times its noise a pixel's own share may differ to count by 1 / e. Means may by once their noise.
 const OWN: f32 = 3.0;
 
-impl Share {
-    fn new(own: f32, mean: f32, rays: u32) -> Self {
-        // One ray more that gets through and one that does not: that few rays all do is no proof that others would.
-        let all = AROUND * rays.max(1) as f32;
-        let chance = (mean * all + 1.0) / (all + 2.0);
-        Self { own, mean, strictness: (all / (chance * (1.0 - chance))).sqrt() }
-    }
-
-    fn weight(&self, other: &Self) -> f32 {
-        let mean = (self.mean - other.mean) * self.strictness;
-        // A share of fewer rays has more noise by the root.
-        let own = (self.own - other.own) * self.strictness / (OWN * AROUND.sqrt());
-        (-mean * mean - own * own).exp()
-    }
+/// One over the noise of a mean of shares.
+fn strictness(mean: f32, rays: u32) -> f32 {
+    // One ray more that gets through and one that does not: that few rays all do is no proof that others would.
+    let all = AROUND * rays.max(1) as f32;
+    let chance = (mean * all + 1.0) / (all + 2.0);
+    (all / (chance * (1.0 - chance))).sqrt()
 }
 
 /// Weights of a row of five, and of five rows.
 const ROW: [f32; 3] = [6.0 / 16.0, 4.0 / 16.0, 1.0 / 16.0];
 const EVEN: [f32; 3] = [1.0; 3];
 
-/// `weight`: how much the value of another pixel counts for a pixel. Its own must count.
-fn filter<const N: usize>(
-    frame: &Frame,
-    values: &[[f32; N]],
-    passes: u32,
-    weight: &(impl Fn(usize, usize) -> f32 + Sync),
-) -> Vec<[f32; N]> {
-    let mut values = values.to_vec();
-    for pass in 0..passes {
-        values = filter_once(frame, &values, 1 << pass, &ROW, weight);
-    }
-    values
+/// How much the values of some pixels in a row count for others.
+trait Weights: Sync {
+    /// `weights[i]` becomes the weight that pixel `other + i` has for pixel `at + i`, at most 1.
+    fn weigh(&self, at: usize, other: usize, weights: &mut [f32]);
 }
 
+struct Everything;
+
+impl Weights for Everything {
+    fn weigh(&self, _: usize, _: usize, weights: &mut [f32]) {
+        weights.fill(1.0);
+    }
+}
+
+/// Pixels of the same surface count by 1, others not at all. Numbers of one kind lie side by side, so that the processor takes several pixels at once.
+struct SameSurface {
+    places: [Vec<f32>; 3],
+    /// Not a number where there is no surface: whatever is compared with it is false.
+    normals: [Vec<f32>; 3],
+    distance: f32,
+    cosine: f32,
+}
+
+impl SameSurface {
+    fn new(frame: &Frame, edges: &Edges) -> Self {
+        let of = |value: fn(&Surface) -> Vec3, axis: usize| {
+            let number = |surface: &Option<Surface>| surface.as_ref().map_or(f32::NAN, |surface| value(surface)[axis]);
+            frame.surfaces.par_iter().map(number).collect()
+        };
+        Self {
+            places: std::array::from_fn(|axis| of(|surface| surface.position, axis)),
+            normals: std::array::from_fn(|axis| of(|surface| surface.normal, axis)),
+            distance: edges.distance,
+            cosine: edges.cosine,
+        }
+    }
+}
+
+impl Weights for SameSurface {
+    fn weigh(&self, at: usize, other: usize, weights: &mut [f32]) {
+        let count = weights.len();
+        let [x, y, z] = self.places.each_ref().map(|all| (&all[at..at + count], &all[other..other + count]));
+        let [u, v, w] = self.normals.each_ref().map(|all| (&all[at..at + count], &all[other..other + count]));
+        for (i, weight) in weights.iter_mut().enumerate() {
+            let off = (x.1[i] - x.0[i]) * u.0[i] + (y.1[i] - y.0[i]) * v.0[i] + (z.1[i] - z.0[i]) * w.0[i];
+            let cosine = u.0[i] * u.1[i] + v.0[i] * v.1[i] + w.0[i] * w.1[i];
+            *weight = if (off.abs() <= self.distance) & (cosine >= self.cosine) { 1.0 } else { 0.0 };
+        }
+    }
+}
+
+/// Pixels of the same surface count the less, the farther their share of rays is off.
+struct SameShare {
+    surfaces: SameSurface,
+    own: Vec<f32>,
+    mean: Vec<f32>,
+    strictness: Vec<f32>,
+}
+
+impl Weights for SameShare {
+    fn weigh(&self, at: usize, other: usize, weights: &mut [f32]) {
+        self.surfaces.weigh(at, other, weights);
+        let count = weights.len();
+        let strictness = &self.strictness[at..at + count];
+        let [own, mean] =
+            [&self.own, &self.mean].map(|shares| (&shares[at..at + count], &shares[other..other + count]));
+        for (i, weight) in weights.iter_mut().enumerate() {
+            let mean = (mean.0[i] - mean.1[i]) * strictness[i];
+            // A share of fewer rays has more noise by the root.
+            let own = (own.0[i] - own.1[i]) * strictness[i] * (1.0 / (OWN * 5.0));
+            // Nearly the exponential of its negative, and 0 where that is small.
+            let left = (1.0 - (mean * mean + own * own) * 0.125).max(0.0);
+            let fourth = (left * left) * (left * left);
+            *weight *= fourth * fourth;
+        }
+    }
+}
+
+/// A number of each pixel, kind by kind.
+type Planes<const N: usize> = [Vec<f32>; N];
+
+fn filter<const N: usize>(frame: &Frame, values: &[[f32; N]], passes: u32, weights: &impl Weights) -> Vec<[f32; N]> {
+    let mut planes: Planes<N> = std::array::from_fn(|n| values.par_iter().map(|value| value[n]).collect());
+    for pass in 0..passes {
+        planes = filter_once(frame, &planes, 1 << pass, &ROW, weights);
+    }
+    (0..values.len()).into_par_iter().map(|at| std::array::from_fn(|n| planes[n][at])).collect()
+}
+
+/// Each pixel's mean of 5 x 5 pixels, `apart` from one to the next. Its own value counts in any case.
 fn filter_once<const N: usize>(
     frame: &Frame,
-    values: &[[f32; N]],
-    apart: i64,
+    planes: &Planes<N>,
+    apart: usize,
     row: &[f32; 3],
-    weight: &(impl Fn(usize, usize) -> f32 + Sync),
-) -> Vec<[f32; N]> {
-    let (width, height) = (i64::from(frame.eye.size.0), i64::from(frame.eye.size.1));
-    let pixel = |at: usize| {
-        let (x, y) = (at as i64 % width, at as i64 / width);
-        let (mut sum, mut weights) = ([0.0; N], 0.0);
-        for (j, i) in (-2..=2i64).flat_map(|j| (-2..=2i64).map(move |i| (j, i))) {
-            let (x, y) = (x + i * apart, y + j * apart);
-            if x < 0 || y < 0 || x >= width || y >= height {
+    weights: &impl Weights,
+) -> Planes<N> {
+    let (width, height) = (frame.eye.size.0 as usize, frame.eye.size.1 as usize);
+    let filtered = |y: usize| {
+        let mut sums: Planes<N> = std::array::from_fn(|_| vec![0.0; width]);
+        let (mut all, mut some) = (vec![0.0f32; width], vec![0.0f32; width]);
+        for (j, i) in (-2..=2isize).flat_map(|j| (-2..=2isize).map(move |i| (j, i))) {
+            let (dx, dy) = (i * apart as isize, j * apart as isize);
+            let Some(other_y) = y.checked_add_signed(dy).filter(|y| *y < height) else { continue };
+            // Pixels that have one there.
+            let (first, last) = (dx.min(0).unsigned_abs(), width.saturating_sub(dx.max(0).unsigned_abs()));
+            if first >= last {
                 continue;
             }
-            let other = (y * width + x) as usize;
-            let weight = weight(at, other) * row[i.unsigned_abs() as usize] * row[j.unsigned_abs() as usize];
-            if weight > 0.0 {
-                (0..N).for_each(|channel| sum[channel] += weight * values[other][channel]);
-                weights += weight;
+            let other = (other_y * width + first).wrapping_add_signed(dx);
+            let some = &mut some[first..last];
+            match (j, i) {
+                (0, 0) => some.fill(1.0),
+                _ => weights.weigh(y * width + first, other, some),
+            }
+            let share = row[i.unsigned_abs()] * row[j.unsigned_abs()];
+            all[first..last].iter_mut().zip(&*some).for_each(|(all, weight)| *all += share * weight);
+            for (sums, values) in sums.iter_mut().zip(planes) {
+                let values = &values[other..other + some.len()];
+                for ((sum, weight), value) in sums[first..last].iter_mut().zip(&*some).zip(values) {
+                    *sum += share * weight * value;
+                }
             }
         }
-        sum.map(|sum| sum / weights)
+        for sums in &mut sums {
+            sums.iter_mut().zip(&all).for_each(|(sum, all)| *sum /= all);
+        }
+        sums
     };
-    (0..values.len()).into_par_iter().map(pixel).collect()
-}
-
-/// 1 if two pixels show the same surface, else 0.
-fn belongs(frame: &Frame, edges: &Edges, at: usize, other: usize) -> f32 {
-    let is_same = at == other
-        || match (&frame.surfaces[at], &frame.surfaces[other]) {
-            (Some(surface), Some(there)) => same(surface, there, edges),
-            _ => false,
-        };
-    f32::from(u8::from(is_same))
+    let rows: Vec<Planes<N>> = (0..height).into_par_iter().map(filtered).collect();
+    std::array::from_fn(|n| rows.iter().flat_map(|row| row[n].iter().copied()).collect())
 }
 
 fn same(surface: &Surface, other: &Surface, edges: &Edges) -> bool {
