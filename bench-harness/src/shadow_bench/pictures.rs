@@ -54,6 +54,12 @@ impl Pictures {
         let lamp = stage.lamp(&frame, &exact, 0.0);
         let shown = Shown { name: &stage.scene.name, frame: &frame, world: &world, unit: stage.unit as f32, lamp };
         self.in_order(&shown);
+        let frame = stage.frame_of_triangles(self.size)?;
+        let shown = Shown { frame: &frame, ..shown };
+        let wanted = Wanted { occlusion: true, shadows: true, fog: true, ..Wanted::default() };
+        let settings = Settings { wanted, ..Settings::default() };
+        let what = "surfaces from triangles, of materials without textures; ambient occlusion, shadows and fog through the same volume";
+        self.put(&shown, "13-from-triangles", what, composed(&shown, 0.3, settings));
         self.levels(&shown);
         Ok(())
     }

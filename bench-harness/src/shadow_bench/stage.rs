@@ -99,6 +99,27 @@ impl Stage {
         frame(&self.octree, &[self.object()], &self.view().camera, size).map_err(|e| failed(&self.scene.name, e))
     }
 
+    /// The same, seen among the triangles: their normals, and the colours of their materials without textures.
+    pub(super) fn frame_of_triangles(&self, size: (u32, u32)) -> Result<Frame, BenchError> {
+        let eye = Eye::of(&self.view().camera, size).map_err(|e| failed(&self.scene.name, e))?;
+        let mesh = &self.scene.mesh;
+        let meet = |from: Vec3, direction: Vec3| {
+            let (origin, direction) = (from.as_dvec3(), direction.as_dvec3());
+            let hit = self.triangles.cast_exact_ray(&ExactRay { origin, direction, t_min: 0.0, t_max: f64::INFINITY });
+            if hit.is_miss() {
+                return None;
+            }
+            let triangle = hit.triangle as usize;
+            let [a, b, c] = mesh.triangles[triangle].map(|vertex| DVec3::from(mesh.positions[vertex as usize]));
+            let normal = (b - a).cross(c - a).normalize_or(-direction).as_vec3();
+            let material =
+                mesh.triangle_materials.get(triangle).and_then(|&number| mesh.materials.get(number as usize));
+            let color = material.map_or(Vec3::splat(0.8), |material| Vec3::from_slice(&material.base_color));
+            Some((hit.t as f32, normal, color))
+        };
+        Ok(Frame::of_rays(eye, &meet))
+    }
+
     /// A lamp that the eye sees: a few metres ahead of it, as high as nothing is in the way.
     pub(super) fn lamp(&self, frame: &Frame, obstacles: &impl Obstacles, radius: f64) -> Lamp {
         let (eye, unit) = (&frame.eye, self.unit as f32);
@@ -206,5 +227,34 @@ impl Obstacles for InTriangles<'_> {
             (!hit.is_miss()).then_some(hit.t as f32)
         };
         queries.iter().map(first).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene;
+
+    /// Surfaces from triangles lie where the octree has them, with normals towards the eye.
+    #[test]
+    fn surfaces_from_triangles_are_those_of_the_octree() {
+        let manifest = scene::manifest(None).unwrap();
+        let entry = scene::entry(&manifest, "fairy").unwrap();
+        let levels = 9;
+        let stage = Stage::new(Scene::load(entry, None, 1).unwrap(), levels).unwrap();
+        let (octree, triangles) = (stage.frame((60, 40)).unwrap(), stage.frame_of_triangles((60, 40)).unwrap());
+        let leaf = stage.leaf(levels) as f32;
+        let (mut both, mut near, mut same) = (0, 0, 0);
+        for (a, b) in octree.surfaces.iter().zip(&triangles.surfaces) {
+            let (Some(a), Some(b)) = (a, b) else { continue };
+            both += 1;
+            // Along a surface that is seen at a flat angle they may be far apart.
+            let off = (a.position - b.position).dot(b.normal).abs();
+            near += usize::from(off < 10.0 * leaf);
+            same += usize::from(off < leaf && a.normal.dot(b.normal) > 0.5);
+            assert!((b.normal.length() - 1.0).abs() < 1e-4 && b.normal.dot(b.position - octree.eye.position) <= 0.0);
+        }
+        // The rest are blades of grass, of which a ray meets one or the next.
+        assert!(both > 1500 && near * 50 > both * 49 && same * 3 > both * 2, "{near} near and {same} equal of {both}");
     }
 }

@@ -37,8 +37,9 @@ pub fn smooth_shares<const N: usize>(frame: &Frame, values: &[[f32; N]], rays: u
         return values.to_vec();
     }
     let surfaces = SameSurface::new(frame, edges);
-    let own: Vec<f32> = values.par_iter().map(|value| value.iter().sum::<f32>() / N.max(1) as f32).collect();
-    let [mean] = filter_once(frame, &[own.clone()], 1, &EVEN, &surfaces);
+    let own: Planes<1> = [values.par_iter().map(|value| value.iter().sum::<f32>() / N.max(1) as f32).collect()];
+    let [mean] = filter_once(frame, &own, 1, &EVEN, &surfaces);
+    let [own] = own;
     let strictness = mean.par_iter().map(|mean| strictness(*mean, rays)).collect();
     filter(frame, values, edges.passes, &SameShare { surfaces, own, mean, strictness })
 }
