@@ -1,5 +1,6 @@
 //! Rays through a volume: every voxel that a ray touches, or samples in fixed steps.
 
+pub mod batch;
 mod ray;
 mod steps;
 mod walk;

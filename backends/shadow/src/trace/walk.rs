@@ -47,29 +47,29 @@ struct Time {
 }
 
 /// A ray that goes up on all axes.
-struct Walk<'a, O: ?Sized> {
+pub(super) struct Walk<'a, O: ?Sized> {
     volume: &'a O,
-    origin: [i32; 3],
-    direction: [i32; 3],
+    pub(super) origin: [i32; 3],
+    pub(super) direction: [i32; 3],
     /// -1 on axes that are mirrored, 0 on others: `c ^ flip` is the cell in the volume.
-    flip: [i32; 3],
-    major: usize,
+    pub(super) flip: [i32; 3],
+    pub(super) major: usize,
     /// Distance to the ray's end along the major axis.
-    reach: i32,
+    pub(super) reach: i32,
     /// The voxel of the origin; on axes on which the origin lies between two, the upper one.
-    start: [i32; 3],
+    pub(super) start: [i32; 3],
     /// Axes on which the ray lies between two voxels all the way.
-    between: [bool; 3],
+    pub(super) between: [bool; 3],
     /// The greatest voxel on each axis.
-    last: [i32; 3],
-    coarsest: u32,
+    pub(super) last: [i32; 3],
+    pub(super) coarsest: u32,
     fidelity: Fidelity,
 }
 
 const UNIT: i32 = 1 << FRACTION_BITS;
 
 impl<'a, O: Occupancy + ?Sized> Walk<'a, O> {
-    fn new(volume: &'a O, ray: &Ray, fidelity: Fidelity) -> Self {
+    pub(super) fn new(volume: &'a O, ray: &Ray, fidelity: Fidelity) -> Self {
         let flip = ray.direction.map(|d| d >> 31);
         let up = |value: i32, axis: usize| (value ^ flip[axis]) - flip[axis];
         let origin: [i32; 3] = std::array::from_fn(|axis| up(ray.origin[axis], axis));
@@ -109,9 +109,7 @@ impl<'a, O: Occupancy + ?Sized> Walk<'a, O> {
         let mut level = self.coarsest;
         let mut cell = self.start.map(|c| c >> level);
         let mut time = Time { numerator: 0, denominator: self.on_major(self.direction) };
-        if (0..3).any(|axis| self.origin[axis] & (UNIT - 1) == 0)
-            && let Some(voxel) = self.touched(cell, level, time, steps)
-        {
+        if let Some(voxel) = self.touched_at_origin(steps) {
             return Some((voxel, 0, time));
         }
         loop {
@@ -180,8 +178,17 @@ impl<'a, O: Occupancy + ?Sized> Walk<'a, O> {
         }
     }
 
+    /// A full voxel that the origin touches, if it lies in a plane between voxels. If it lies within one, the walk begins with that.
+    pub(super) fn touched_at_origin(&self, steps: &mut u32) -> Option<[i32; 3]> {
+        if (0..3).all(|axis| self.origin[axis] & (UNIT - 1) != 0) {
+            return None;
+        }
+        let time = Time { numerator: 0, denominator: self.on_major(self.direction) };
+        self.touched(self.start.map(|c| c >> self.coarsest), self.coarsest, time, steps)
+    }
+
     /// What of three values is that of the major axis. An index would keep them out of registers.
-    fn on_major<T>(&self, [x, y, z]: [T; 3]) -> T {
+    pub(super) fn on_major<T>(&self, [x, y, z]: [T; 3]) -> T {
         match self.major {
             0 => x,
             1 => y,

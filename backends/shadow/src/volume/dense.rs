@@ -223,4 +223,7 @@ impl Occupancy for Volume {
     fn bounds(&self) -> Option<[[i32; 3]; 2]> {
         Some([[0; 3], self.voxels.map(|n| n as i32)])
     }
+    fn dense(&self) -> Option<&Volume> {
+        Some(self)
+    }
 }

@@ -19,6 +19,11 @@ pub trait Occupancy {
 
     /// Least voxel, and one past the greatest, along each axis; nothing is outside. `None`: the world has no bounds.
     fn bounds(&self) -> Option<[[i32; 3]; 2]>;
+
+    /// The volume, if this is one: lists of rays are traced faster through it.
+    fn dense(&self) -> Option<&Volume> {
+        None
+    }
 }
 
 /// The bit of a voxel, or of a cell, in the byte of the eight: `x + 2 y + 4 z` of what is odd in its place.

@@ -1,0 +1,265 @@
+//! Sixteen rays at once, each with a cell and a time of its own: the walk of `walk.rs`, without jumps.
+//!
+//! A step looks at the byte of each lane's cell, or at that which has its bit if the cell is a voxel. Where the cell is full, the lane goes down to
+//! the cell of the level below that the ray is in, whose bit the same byte has. Where there is no voxel then, it goes to the next cell along the ray. These are two
+//! steps of the walk, in its order, and so the cells at which rays end are the walk's.
+//!
+//! Lanes that meet what is rare, planes of several axes at once, end there, and the walk traces their rays.
+
+use fearless_simd::prelude::*;
+use fearless_simd::{Bytes as _, i32x16, mask32x16, u32x16};
+
+use super::{FREE, List, fault};
+use super::stage::{FIELDS, Field, LANES, Staged};
+use crate::trace::{FRACTION_BITS, MAX_LEVEL};
+use crate::volume::{Occupancy, Volume};
+
+type Ints<S> = i32x16<S>;
+type Mask<S> = mask32x16<S>;
+
+/// What a lane found.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum End {
+    /// Nothing.
+    Miss,
+    /// A full cell, in mirrored space: its least corner in 1/256 of a voxel and its level, and the numerator and denominator of the time.
+    Hit([i32; 3], u32, [i32; 2]),
+    /// What the walk must trace.
+    Rare,
+}
+
+/// The bytes of all levels, by the level above the voxels' that they are cells of.
+struct Bytes<'a> {
+    levels: [&'a [u8]; 8],
+    /// Voxels along each axis, less one.
+    last: [i32; 3],
+}
+
+impl<'a> Bytes<'a> {
+    fn new(volume: &'a Volume) -> Self {
+        let mut levels: [&[u8]; 8] = [&[]; 8];
+        for mip in 0..=volume.mips().min(MAX_LEVEL - 1) {
+            levels[mip as usize + 1] = volume.level(mip).1;
+        }
+        Self { levels, last: volume.voxels().map(|n| n as i32 - 1) }
+    }
+
+    /// The byte at each place, 0 where there is none.
+    #[inline(always)]
+    fn gather<S: Simd>(&self, simd: S, level: Ints<S>, at: Ints<S>) -> Ints<S> {
+        let (level, at): ([i32; LANES], [i32; LANES]) = (level.into(), at.into());
+        let mut found = [0; LANES];
+        for lane in 0..LANES {
+            let bytes = self.levels[level[lane] as usize & 7];
+            found[lane] = bytes.get(at[lane] as u32 as usize).map_or(0, |&byte| i32::from(byte));
+        }
+        Ints::simd_from(simd, found)
+    }
+}
+
+/// Rays on their way, in mirrored space.
+struct State<S: Simd> {
+    simd: S,
+    running: Mask<S>,
+    fields: [Ints<S>; FIELDS],
+}
+
+/// Traces the rays of a list. `COARSE`: whether fidelity falls along the rays.
+#[inline(always)]
+pub(super) fn trace<S: Simd, P: FnMut(usize, End), const COARSE: bool>(simd: S, list: &mut List<'_, P>) {
+    let List { volume, fidelity, .. } = *list;
+    let coarsest = fidelity.coarsest.min(volume.coarsest()).min(MAX_LEVEL);
+    // No ray is longer.
+    let fine_until = fidelity.fine_until.min(1 << 20) as i32;
+    let mut staged = Staged::new();
+    let bytes = Bytes::new(volume);
+    let mut state = State { simd, running: Mask::splat(simd, false), fields: [Ints::splat(simd, 0); FIELDS] };
+    let mut more = true;
+    loop {
+        let running = state.running.to_bitmask() as u32;
+        if running.count_ones() <= LANES as u32 - FREE {
+            if more && staged.left() < LANES {
+                list.stage(&mut staged);
+                more = staged.left() >= LANES;
+            }
+            state.fill(running, &mut staged);
+            if state.running.to_bitmask() == 0 {
+                return;
+            }
+        }
+        let ends = state.step::<COARSE>(&bytes, coarsest, fine_until);
+        let mut bits = (ends.hit | ends.miss | ends.rare).to_bitmask() as u32;
+        if bits == 0 {
+            continue;
+        }
+        let (hit, rare) = (ends.hit.to_bitmask() as u32, ends.rare.to_bitmask() as u32);
+        let numbers: [i32; LANES] = state.get(Field::Number).into();
+        let [x, y, z] = state.on_axes(Field::Corner);
+        let corner: [[i32; LANES]; 3] = [x.into(), y.into(), z.into()];
+        let level: [i32; LANES] = state.get(Field::Level).into();
+        let time: [[i32; LANES]; 2] = [state.get(Field::Numerator).into(), state.get(Field::Denominator).into()];
+        while bits != 0 {
+            let lane = bits.trailing_zeros() as usize;
+            bits &= bits - 1;
+            let end = if rare >> lane & 1 == 1 {
+                End::Rare
+            } else if hit >> lane & 1 == 1 {
+                let corner = [corner[0][lane], corner[1][lane], corner[2][lane]];
+                End::Hit(corner, level[lane] as u32, [time[0][lane], time[1][lane]])
+            } else {
+                End::Miss
+            };
+            (list.put)(numbers[lane] as usize, end);
+        }
+    }
+}
+
+#[inline(always)]
+fn number<S: Simd>(simd: S, x: i32) -> Ints<S> {
+    Ints::splat(simd, x)
+}
+
+/// What of three values is that of the axis whose mask is set; that of the third, if it is neither of the first two.
+#[inline(always)]
+fn choose<S: Simd>(first: Mask<S>, second: Mask<S>, [x, y, z]: [Ints<S>; 3]) -> Ints<S> {
+    first.select(x, second.select(y, z))
+}
+
+/// Lanes whose rays end in a step.
+struct Ends<S: Simd> {
+    hit: Mask<S>,
+    miss: Mask<S>,
+    rare: Mask<S>,
+}
+
+impl<S: Simd> State<S> {
+    #[inline(always)]
+    fn get(&self, field: Field) -> Ints<S> {
+        self.fields[field as usize]
+    }
+
+    #[inline(always)]
+    fn on_axes(&self, field: Field) -> [Ints<S>; 3] {
+        // `map` would call a function that is compiled without the vectors' instructions.
+        let first = field as usize;
+        [self.fields[first], self.fields[first + 1], self.fields[first + 2]]
+    }
+
+    /// Puts staged rays into the lanes that have none.
+    #[inline(always)]
+    fn fill(&mut self, running: u32, staged: &mut Staged) {
+        let free = !running & 0xffff;
+        let count = (free.count_ones() as usize).min(staged.left());
+        if count == 0 {
+            return;
+        }
+        // Of the free lanes the first ones, if not enough rays are left for all.
+        let mut fresh = free;
+        while fresh.count_ones() as usize > count {
+            fresh &= !(1 << (31 - fresh.leading_zeros()));
+        }
+        let mask = Mask::from_bitmask(self.simd, u64::from(fresh));
+        for field in 0..FIELDS {
+            if fault::made(fault::OLD_LIMIT) && field == Field::Limit as usize {
+                continue;
+            }
+            let new = Ints::simd_from(self.simd, staged.next(field)).expand(mask);
+            self.fields[field] = mask.select(new, self.fields[field]);
+        }
+        self.running |= mask;
+        staged.take(count);
+    }
+
+    #[inline(always)]
+    fn step<const COARSE: bool>(&mut self, bytes: &Bytes, coarsest: u32, fine_until: i32) -> Ends<S> {
+        let simd = self.simd;
+        let zero = number(simd, 0);
+        let (corner, origin) = (self.on_axes(Field::Corner), self.on_axes(Field::Origin));
+        let direction = self.on_axes(Field::Direction);
+        let (flip, limit) = (self.on_axes(Field::Flip), self.on_axes(Field::Limit));
+        let (numerator, denominator, level) =
+            (self.get(Field::Numerator), self.get(Field::Denominator), self.get(Field::Level));
+
+        // The byte of the cell, or of the voxel's cell.
+        let byte_level = level.max(number(simd, 1));
+        let shift = byte_level + FRACTION_BITS as i32;
+        let mut index = zero;
+        let mut inside = Mask::splat(simd, true);
+        for axis in [2, 1, 0] {
+            let place = (corner[axis] ^ flip[axis]) >> shift;
+            let last = number(simd, bytes.last[axis]) >> byte_level;
+            inside &= place.bitcast::<u32x16<S>>().simd_le(last.bitcast::<u32x16<S>>());
+            index = index * (last + 1) + place;
+        }
+        let byte = inside.select(bytes.gather(simd, byte_level, index), zero);
+
+        // Down one level where there are voxels.
+        let is_full = byte.simd_gt(zero);
+        let mut descends = is_full & level.simd_gt(zero);
+        let mut hit_above = Mask::splat(simd, false);
+        if COARSE {
+            let [x, y, z] = corner;
+            let major = self.get(Field::Major);
+            let on_major = major.simd_eq(zero).select(x, major.simd_eq(number(simd, 1)).select(y, z));
+            let voxels = ((on_major >> FRACTION_BITS) - self.get(Field::Start)).max(zero);
+            let fine = number(simd, fine_until);
+            let is_fine = voxels.simd_ge((fine << level) - fine);
+            hit_above = descends & is_fine;
+            descends &= !is_fine;
+        }
+        let half = number(simd, 128) << level;
+        let mut child = corner;
+        let mut on_plane = Mask::splat(simd, false);
+        for axis in 0..3 {
+            let middle = corner[axis] - origin[axis] + half;
+            let ahead = middle * denominator - numerator * direction[axis];
+            let upper = descends & !ahead.simd_gt(zero);
+            child[axis] = corner[axis] + upper.select(half, zero);
+            on_plane |= ahead.simd_eq(zero);
+        }
+        on_plane &= descends;
+        let level = level - descends.select(number(simd, 1), zero);
+        let bit_shift = shift - 1;
+        let mut octant = zero;
+        for axis in 0..3 {
+            octant |= (((child[axis] ^ flip[axis]) >> bit_shift) & 1) << axis as u32;
+        }
+        let is_full = ((byte >> octant) & 1).simd_gt(zero);
+        let hit = (is_full & level.simd_eq(zero)) | hit_above;
+
+        // To the next cell where there is none.
+        let size = number(simd, 256) << level;
+        let goes = !(is_full | hit_above);
+        let mut ahead = [zero; 3];
+        for axis in 0..3 {
+            ahead[axis] = child[axis] - origin[axis] + size;
+        }
+        let xy = ahead[0] * direction[1] - ahead[1] * direction[0];
+        let xz = ahead[0] * direction[2] - ahead[2] * direction[0];
+        let yz = ahead[1] * direction[2] - ahead[2] * direction[1];
+        let x = zero.simd_gt(xy) & zero.simd_gt(xz);
+        let y = xy.simd_gt(zero) & zero.simd_gt(yz);
+        let z = xz.simd_gt(zero) & yz.simd_gt(zero);
+        let tie = goes & !(x | y | z);
+        let reached = choose(x, y, ahead);
+        let miss = goes & (reached.simd_gt(choose(x, y, limit)));
+        let mut stepped = child;
+        for (axis, first) in [x, y, z].into_iter().enumerate() {
+            stepped[axis] += (first & goes).select(size, zero);
+        }
+        let leaves = goes & (choose(x, y, stepped) & size).simd_eq(zero);
+        let up = (leaves & level.simd_lt(number(simd, coarsest as i32))).select(number(simd, 1), zero);
+        let mask = -(size << up);
+        for axis in 0..3 {
+            self.fields[Field::Corner as usize + axis] = stepped[axis] & mask;
+        }
+        self.fields[Field::Numerator as usize] = goes.select(reached, numerator);
+        self.fields[Field::Denominator as usize] = goes.select(choose(x, y, direction), denominator);
+        self.fields[Field::Level as usize] = level + up;
+
+        let rare = if fault::made(fault::TIES) { tie & on_plane } else { tie | on_plane };
+        let ends = Ends { hit: hit & self.running, miss: miss & self.running, rare: rare & self.running };
+        self.running &= !(ends.hit | ends.miss | ends.rare);
+        ends
+    }
+}

@@ -1,0 +1,177 @@
+//! Lists of rays.
+
+mod lanes;
+mod stage;
+#[cfg(test)]
+mod tests;
+
+use fearless_simd::prelude::*;
+use fearless_simd::{Fallback, Level};
+
+use self::lanes::End;
+use self::stage::Staged;
+use super::walk::Walk;
+use super::{Fidelity, Hit, Ray, first_hit, is_blocked};
+use crate::trace::FRACTION_BITS;
+use crate::volume::{Occupancy, Volume};
+
+/// Lanes without a ray that wait for others before they get the next ones. Measured with AVX2.
+const FREE: u32 = 1;
+
+/// Mistakes that tests make to see that they are found.
+mod fault {
+    /// Planes that are crossed at once are taken for one.
+    pub(super) const TIES: u8 = 1;
+    /// A ray ends where the one before it in its lane did.
+    pub(super) const OLD_LIMIT: u8 = 2;
+
+    #[cfg(test)]
+    thread_local! {
+        /// The mistake that this thread makes.
+        pub(super) static FAULT: std::cell::Cell<u8> = const { std::cell::Cell::new(0) };
+    }
+
+    /// Whether this mistake is to be made. Never, but in tests.
+    #[inline(always)]
+    pub(super) fn made(_fault: u8) -> bool {
+        #[cfg(test)]
+        return FAULT.get() == _fault;
+        #[cfg(not(test))]
+        false
+    }
+}
+
+/// Vectors that there is code for.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Vectors {
+    /// Plain arrays.
+    Arrays,
+    Avx2,
+    Avx512,
+}
+
+/// The first full voxel that each ray touches, as [`first_hit`] finds it.
+pub fn first_hits<O: Occupancy + ?Sized>(volume: &O, rays: &[Ray], fidelity: Fidelity) -> Vec<Option<Hit>> {
+    if let (Some(dense), Some(vectors)) = (volume.dense(), best()) {
+        return first_with(vectors, dense, rays, fidelity);
+    }
+    rays.iter().map(|ray| first_hit(volume, ray, fidelity).hit).collect()
+}
+
+/// Whether each ray touches a full voxel, as [`is_blocked`] says.
+pub fn blocked<O: Occupancy + ?Sized>(volume: &O, rays: &[Ray], fidelity: Fidelity) -> Vec<bool> {
+    if let (Some(dense), Some(vectors)) = (volume.dense(), best()) {
+        return blocked_with(vectors, dense, rays, fidelity);
+    }
+    rays.iter().map(|ray| is_blocked(volume, ray, fidelity).0).collect()
+}
+
+fn best() -> Option<Vectors> {
+    #[cfg(target_arch = "x86_64")]
+    {
+        let level = Level::new();
+        if level.as_avx512().is_some() {
+            return Some(Vectors::Avx512);
+        }
+        if level.as_avx2().is_some() {
+            return Some(Vectors::Avx2);
+        }
+    }
+    None
+}
+
+fn first_with(vectors: Vectors, volume: &Volume, rays: &[Ray], fidelity: Fidelity) -> Vec<Option<Hit>> {
+    let mut hits = vec![None; rays.len()];
+    let put = |number: usize, end: End| {
+        let ray = &rays[number];
+        hits[number] = match end {
+            End::Miss => None,
+            End::Rare => first_hit(volume, ray, fidelity).hit,
+            End::Hit(corner, level, [numerator, denominator]) => {
+                let flip = ray.direction.map(|d| d >> 31);
+                let cell = std::array::from_fn(|axis| (corner[axis] ^ flip[axis]) >> (FRACTION_BITS + level));
+                Some(Hit { cell, level, distance: ray.distance_of_crossing(numerator, denominator) })
+            }
+        };
+    };
+    run(vectors, List { volume, rays, fidelity, next: 0, put });
+    hits
+}
+
+fn blocked_with(vectors: Vectors, volume: &Volume, rays: &[Ray], fidelity: Fidelity) -> Vec<bool> {
+    let mut blocked = vec![false; rays.len()];
+    let put = |number: usize, end: End| {
+        blocked[number] = match end {
+            End::Miss => false,
+            End::Hit(..) => true,
+            End::Rare => is_blocked(volume, &rays[number], fidelity).0,
+        };
+    };
+    run(vectors, List { volume, rays, fidelity, next: 0, put });
+    blocked
+}
+
+/// Rays that are traced, and where their ends are put.
+struct List<'a, P> {
+    volume: &'a Volume,
+    rays: &'a [Ray],
+    fidelity: Fidelity,
+    /// The first ray that is not staged.
+    next: usize,
+    put: P,
+}
+
+impl<P: FnMut(usize, End)> List<'_, P> {
+    /// Stages rays, as many as there is room for, if so many are left.
+    fn stage(&mut self, staged: &mut Staged) {
+        let mut room = staged.make_room();
+        while room > 0 && self.next < self.rays.len() {
+            let number = self.next;
+            self.next += 1;
+            let walk = Walk::new(self.volume, &self.rays[number], self.fidelity);
+            if walk.between != [false; 3] {
+                (self.put)(number, End::Rare);
+            } else if let Some(voxel) = walk.touched_at_origin(&mut 0) {
+                let corner = voxel.map(|c| c << FRACTION_BITS);
+                (self.put)(number, End::Hit(corner, 0, [0, walk.on_major(walk.direction)]));
+            } else {
+                staged.push(number as u32, &walk);
+                room -= 1;
+            }
+        }
+    }
+}
+
+fn run<P: FnMut(usize, End)>(vectors: Vectors, list: List<'_, P>) {
+    #[cfg(target_arch = "x86_64")]
+    match vectors {
+        Vectors::Avx512 => {
+            if let Some(simd) = Level::new().as_avx512() {
+                return run_on(simd, list);
+            }
+        }
+        Vectors::Avx2 => {
+            if let Some(simd) = Level::new().as_avx2() {
+                return run_on(simd, list);
+            }
+        }
+        Vectors::Arrays => {}
+    }
+    run_on(Fallback::new(), list);
+}
+
+fn run_on<S: Simd, P: FnMut(usize, End)>(simd: S, list: List<'_, P>) {
+    match list.fidelity.fine_until {
+        0 => trace::<S, P, false>(simd, list),
+        _ => trace::<S, P, true>(simd, list),
+    }
+}
+
+/// A function of its own, so that it is compiled once.
+#[inline(never)]
+fn trace<S: Simd, P: FnMut(usize, End), const COARSE: bool>(simd: S, mut list: List<'_, P>) {
+    simd.vectorize(
+        #[inline(always)]
+        || lanes::trace::<S, P, COARSE>(simd, &mut list),
+    );
+}
