@@ -1,5 +1,7 @@
 //! The volume: all bytes of a bounded world.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use super::{Occupancy, octant};
@@ -20,16 +22,22 @@ pub const MAX_MIPS: u32 = 5;
 pub struct Volume {
     voxels: [u32; 3],
     levels: Vec<Level>,
-}
-
-/// Bytes of one level, x fastest.
-#[derive(Clone, PartialEq, Eq, Debug)]
-struct Level {
-    size: [usize; 3],
+    /// Those of all levels, one after the other, and [`PADDING`].
     bytes: Vec<u8>,
 }
 
+/// Zeros after the last byte, so that four bytes can be read from the place of each.
+pub(crate) const PADDING: usize = 3;
+
+/// Where the bytes of one level are; x is fastest.
+#[derive(Clone, PartialEq, Eq, Debug)]
+struct Level {
+    size: [usize; 3],
+    bytes: Range<usize>,
+}
+
 impl Level {
+    /// Place of a cell's byte among those of the level.
     fn at(&self, cell: [usize; 3]) -> usize {
         cell[0] + self.size[0] * (cell[1] + self.size[1] * cell[2])
     }
@@ -64,15 +72,18 @@ impl Volume {
             return Err(ShadowError::Mips(mips));
         }
         let bytes_needed = Self::bytes_needed(voxels, mips);
+        let mut end = 0;
         let level = |level| {
             let size = level_size(voxels, level).map(|n| n as usize);
-            let count = size.iter().product();
-            let mut bytes = Vec::new();
-            bytes.try_reserve_exact(count).map_err(|_| ShadowError::Memory(bytes_needed))?;
-            bytes.resize(count, 0);
-            Ok(Level { size, bytes })
+            let start = end;
+            end += size.iter().product::<usize>();
+            Level { size, bytes: start..end }
         };
-        Ok(Self { voxels, levels: (0..=mips).map(level).collect::<Result<_, ShadowError>>()? })
+        let levels = (0..=mips).map(level).collect();
+        let mut bytes = Vec::new();
+        bytes.try_reserve_exact(end + PADDING).map_err(|_| ShadowError::Memory(bytes_needed))?;
+        bytes.resize(end + PADDING, 0);
+        Ok(Self { voxels, levels, bytes })
     }
 
     /// Voxels along each axis.
@@ -87,7 +98,7 @@ impl Volume {
 
     /// Bytes of all levels.
     pub fn bytes(&self) -> u64 {
-        self.levels.iter().map(|level| level.bytes.len() as u64).sum()
+        (self.bytes.len() - PADDING) as u64
     }
 
     /// The bytes of the base level (0) or a mip, x fastest, and how many there are along each axis.
@@ -96,7 +107,17 @@ impl Volume {
     /// If there is no such mip.
     pub fn level(&self, mip: u32) -> ([usize; 3], &[u8]) {
         let level = &self.levels[mip as usize];
-        (level.size, &level.bytes)
+        (level.size, &self.bytes[level.bytes.clone()])
+    }
+
+    /// The bytes of all levels, one after the other, and [`PADDING`].
+    pub(crate) fn all_bytes(&self) -> &[u8] {
+        &self.bytes
+    }
+
+    /// Place of the first byte of the base level (0) or a mip among [`all_bytes`](Self::all_bytes).
+    pub(crate) fn start_of(&self, mip: u32) -> usize {
+        self.levels[mip as usize].bytes.start
     }
 
     /// All base cells.
@@ -117,12 +138,12 @@ impl Volume {
                 continue;
             }
             let mut cell = voxel;
-            for level in &mut self.levels {
+            for level in &self.levels {
                 let bit = 1 << octant(cell);
                 cell = cell.map(|c| c >> 1);
-                let at = level.at(cell.map(|c| c as usize));
-                let before = level.bytes[at];
-                level.bytes[at] |= bit;
+                let byte = &mut self.bytes[level.bytes.start + level.at(cell.map(|c| c as usize))];
+                let before = *byte;
+                *byte |= bit;
                 if before != 0 {
                     // The levels above know of this byte.
                     break;
@@ -139,11 +160,11 @@ impl Volume {
             return;
         }
         let voxels = self.voxels.map(|n| n as i32);
-        let base = &mut self.levels[0];
+        let base = &self.levels[0];
         for z in part.low[2]..part.high[2] {
             for y in part.low[1]..part.high[1] {
                 let at = base.at([part.low[0] as usize, y as usize, z as usize]);
-                let row = &mut base.bytes[at..at + part.size()[0]];
+                let row = &mut self.bytes[at..at + part.size()[0]];
                 write([part.low[0], y, z], row);
                 let mut keep = 0xff;
                 for (axis, place, odd) in [(1, y, 0x33), (2, z, 0x0f)] {
@@ -167,8 +188,9 @@ impl Volume {
         let mut part = *extent;
         for mip in 1..self.levels.len() {
             part = part.parents();
-            let (below, above) = self.levels.split_at_mut(mip);
-            let (below, above) = (&below[mip - 1], &mut above[0]);
+            let (below, above) = (&self.levels[mip - 1], &self.levels[mip]);
+            let (bytes, bytes_above) = self.bytes.split_at_mut(above.bytes.start);
+            let bytes_below = &bytes[below.bytes.clone()];
             let [width, height, _] = above.size;
             let layer = |(z, bytes): (usize, &mut [u8])| {
                 for y in part.low[1] as usize..part.high[1] as usize {
@@ -181,7 +203,7 @@ impl Volume {
                         }
                         let start = below.at([2 * part.low[0] as usize, y, z]);
                         let end = below.at([(2 * part.high[0] as usize).min(below.size[0]), y, z]);
-                        for (byte, pair) in row.iter_mut().zip(below.bytes[start..end].chunks(2)) {
+                        for (byte, pair) in row.iter_mut().zip(bytes_below[start..end].chunks(2)) {
                             let odd = pair.get(1).is_some_and(|&byte| byte != 0);
                             *byte |= (u8::from(pair[0] != 0) | u8::from(odd) << 1) << (2 * j + 4 * k);
                         }
@@ -192,9 +214,9 @@ impl Volume {
             let first = part.low[2] as usize;
             let numbered = |(i, bytes)| layer((first + i, bytes));
             if part.cells() > 1 << 16 {
-                above.bytes[layers].par_chunks_mut(width * height).enumerate().for_each(numbered);
+                bytes_above[layers].par_chunks_mut(width * height).enumerate().for_each(numbered);
             } else {
-                above.bytes[layers].chunks_mut(width * height).enumerate().for_each(numbered);
+                bytes_above[layers].chunks_mut(width * height).enumerate().for_each(numbered);
             }
         }
     }
@@ -217,7 +239,7 @@ impl Occupancy for Volume {
         if byte[0] >= level.size[0] || byte[1] >= level.size[1] || byte[2] >= level.size[2] {
             return false;
         }
-        level.bytes[level.at(byte)] & mask != 0
+        self.bytes[level.bytes.start + level.at(byte)] & mask != 0
     }
 
     fn bounds(&self) -> Option<[[i32; 3]; 2]> {

@@ -7,15 +7,16 @@
 //! Lanes that meet what is rare, planes of several axes at once, end there, and the walk traces their rays.
 
 use fearless_simd::prelude::*;
-use fearless_simd::{Bytes as _, i32x16, mask32x16, u32x16};
+use fearless_simd::{Bytes as _, i32x8, mask32x8, u32x8};
 
 use super::{FREE, List, fault};
+use super::gather::Gather;
 use super::stage::{FIELDS, Field, LANES, Staged};
 use crate::trace::{FRACTION_BITS, MAX_LEVEL};
 use crate::volume::{Occupancy, Volume};
 
-type Ints<S> = i32x16<S>;
-type Mask<S> = mask32x16<S>;
+type Ints<S> = i32x8<S>;
+type Mask<S> = mask32x8<S>;
 
 /// What a lane found.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -28,37 +29,30 @@ pub(super) enum End {
     Rare,
 }
 
-/// The bytes of all levels, by the level above the voxels' that they are cells of.
-struct Bytes<'a> {
-    levels: [&'a [u8]; 8],
+/// Where the bytes of the levels are.
+struct Bytes<'a, S: Gather> {
+    all: &'a [u8],
+    /// Place of the first byte of cells of each level from 1 on.
+    starts: Ints<S>,
     /// Voxels along each axis, less one.
-    last: [i32; 3],
+    last: [Ints<S>; 3],
 }
 
-impl<'a> Bytes<'a> {
-    fn new(volume: &'a Volume) -> Self {
-        let mut levels: [&[u8]; 8] = [&[]; 8];
-        for mip in 0..=volume.mips().min(MAX_LEVEL - 1) {
-            levels[mip as usize + 1] = volume.level(mip).1;
-        }
-        Self { levels, last: volume.voxels().map(|n| n as i32 - 1) }
-    }
-
-    /// The byte at each place, 0 where there is none.
+impl<'a, S: Gather> Bytes<'a, S> {
     #[inline(always)]
-    fn gather<S: Simd>(&self, simd: S, level: Ints<S>, at: Ints<S>) -> Ints<S> {
-        let (level, at): ([i32; LANES], [i32; LANES]) = (level.into(), at.into());
-        let mut found = [0; LANES];
-        for lane in 0..LANES {
-            let bytes = self.levels[level[lane] as usize & 7];
-            found[lane] = bytes.get(at[lane] as u32 as usize).map_or(0, |&byte| i32::from(byte));
+    fn new(simd: S, volume: &'a Volume) -> Self {
+        let mut starts = [0; LANES];
+        for mip in 0..=volume.mips().min(MAX_LEVEL - 1) {
+            starts[mip as usize + 1] = volume.start_of(mip) as i32;
         }
-        Ints::simd_from(simd, found)
+        let [x, y, z] = volume.voxels();
+        let last = [number(simd, x as i32 - 1), number(simd, y as i32 - 1), number(simd, z as i32 - 1)];
+        Self { all: volume.all_bytes(), starts: Ints::simd_from(simd, starts), last }
     }
 }
 
 /// Rays on their way, in mirrored space.
-struct State<S: Simd> {
+struct State<S: Gather> {
     simd: S,
     running: Mask<S>,
     fields: [Ints<S>; FIELDS],
@@ -66,38 +60,75 @@ struct State<S: Simd> {
 
 /// Traces the rays of a list. `COARSE`: whether fidelity falls along the rays.
 #[inline(always)]
-pub(super) fn trace<S: Simd, P: FnMut(usize, End), const COARSE: bool>(simd: S, list: &mut List<'_, P>) {
+pub(super) fn trace<S: Gather, P: FnMut(usize, End), const COARSE: bool>(simd: S, list: &mut List<'_, P>) {
     let List { volume, fidelity, .. } = *list;
     let coarsest = fidelity.coarsest.min(volume.coarsest()).min(MAX_LEVEL);
     // No ray is longer.
     let fine_until = fidelity.fine_until.min(1 << 20) as i32;
     let mut staged = Staged::new();
-    let bytes = Bytes::new(volume);
-    let mut state = State { simd, running: Mask::splat(simd, false), fields: [Ints::splat(simd, 0); FIELDS] };
+    let bytes = Bytes::new(simd, volume);
+    let mut groups = [State::new(simd), State::new(simd)];
     let mut more = true;
     loop {
-        let running = state.running.to_bitmask() as u32;
-        if running.count_ones() <= LANES as u32 - FREE {
-            if more && staged.left() < LANES {
-                list.stage(&mut staged);
-                more = staged.left() >= LANES;
-            }
-            state.fill(running, &mut staged);
-            if state.running.to_bitmask() == 0 {
-                return;
+        for group in &mut groups {
+            let running = group.running.to_bitmask() as u32;
+            if running.count_ones() <= LANES as u32 - FREE {
+                if more && staged.left() < LANES {
+                    list.stage(&mut staged);
+                    more = staged.left() >= LANES;
+                }
+                group.fill(running, &mut staged);
             }
         }
-        let ends = state.step::<COARSE>(&bytes, coarsest, fine_until);
+        let [a, b] = &mut groups;
+        if !(a.running | b.running).any_true() {
+            return;
+        }
+        // Steps of two groups do not wait for one another.
+        let ends = [a.step::<COARSE>(&bytes, coarsest, fine_until), b.step::<COARSE>(&bytes, coarsest, fine_until)];
+        for (group, ends) in groups.iter().zip(&ends) {
+            group.put(ends, list);
+        }
+    }
+}
+
+#[inline(always)]
+fn number<S: Gather>(simd: S, x: i32) -> Ints<S> {
+    Ints::splat(simd, x)
+}
+
+/// What of three values is that of the axis whose mask is set; that of the third, if it is neither of the first two.
+#[inline(always)]
+fn choose<S: Gather>(first: Mask<S>, second: Mask<S>, [x, y, z]: [Ints<S>; 3]) -> Ints<S> {
+    first.select(x, second.select(y, z))
+}
+
+/// Lanes whose rays end in a step.
+struct Ends<S: Gather> {
+    hit: Mask<S>,
+    miss: Mask<S>,
+    rare: Mask<S>,
+}
+
+impl<S: Gather> State<S> {
+    #[inline(always)]
+    fn new(simd: S) -> Self {
+        Self { simd, running: Mask::splat(simd, false), fields: [number(simd, 0); FIELDS] }
+    }
+
+    /// Puts the ends of rays where they belong.
+    #[inline(always)]
+    fn put<P: FnMut(usize, End)>(&self, ends: &Ends<S>, list: &mut List<'_, P>) {
         let mut bits = (ends.hit | ends.miss | ends.rare).to_bitmask() as u32;
         if bits == 0 {
-            continue;
+            return;
         }
         let (hit, rare) = (ends.hit.to_bitmask() as u32, ends.rare.to_bitmask() as u32);
-        let numbers: [i32; LANES] = state.get(Field::Number).into();
-        let [x, y, z] = state.on_axes(Field::Corner);
+        let numbers: [i32; LANES] = self.get(Field::Number).into();
+        let [x, y, z] = self.on_axes(Field::Corner);
         let corner: [[i32; LANES]; 3] = [x.into(), y.into(), z.into()];
-        let level: [i32; LANES] = state.get(Field::Level).into();
-        let time: [[i32; LANES]; 2] = [state.get(Field::Numerator).into(), state.get(Field::Denominator).into()];
+        let level: [i32; LANES] = self.get(Field::Level).into();
+        let time: [[i32; LANES]; 2] = [self.get(Field::Numerator).into(), self.get(Field::Denominator).into()];
         while bits != 0 {
             let lane = bits.trailing_zeros() as usize;
             bits &= bits - 1;
@@ -112,27 +143,7 @@ pub(super) fn trace<S: Simd, P: FnMut(usize, End), const COARSE: bool>(simd: S, 
             (list.put)(numbers[lane] as usize, end);
         }
     }
-}
 
-#[inline(always)]
-fn number<S: Simd>(simd: S, x: i32) -> Ints<S> {
-    Ints::splat(simd, x)
-}
-
-/// What of three values is that of the axis whose mask is set; that of the third, if it is neither of the first two.
-#[inline(always)]
-fn choose<S: Simd>(first: Mask<S>, second: Mask<S>, [x, y, z]: [Ints<S>; 3]) -> Ints<S> {
-    first.select(x, second.select(y, z))
-}
-
-/// Lanes whose rays end in a step.
-struct Ends<S: Simd> {
-    hit: Mask<S>,
-    miss: Mask<S>,
-    rare: Mask<S>,
-}
-
-impl<S: Simd> State<S> {
     #[inline(always)]
     fn get(&self, field: Field) -> Ints<S> {
         self.fields[field as usize]
@@ -148,7 +159,7 @@ impl<S: Simd> State<S> {
     /// Puts staged rays into the lanes that have none.
     #[inline(always)]
     fn fill(&mut self, running: u32, staged: &mut Staged) {
-        let free = !running & 0xffff;
+        let free = !running & ((1 << LANES) - 1);
         let count = (free.count_ones() as usize).min(staged.left());
         if count == 0 {
             return;
@@ -171,7 +182,7 @@ impl<S: Simd> State<S> {
     }
 
     #[inline(always)]
-    fn step<const COARSE: bool>(&mut self, bytes: &Bytes, coarsest: u32, fine_until: i32) -> Ends<S> {
+    fn step<const COARSE: bool>(&mut self, bytes: &Bytes<S>, coarsest: u32, fine_until: i32) -> Ends<S> {
         let simd = self.simd;
         let zero = number(simd, 0);
         let (corner, origin) = (self.on_axes(Field::Corner), self.on_axes(Field::Origin));
@@ -187,11 +198,12 @@ impl<S: Simd> State<S> {
         let mut inside = Mask::splat(simd, true);
         for axis in [2, 1, 0] {
             let place = (corner[axis] ^ flip[axis]) >> shift;
-            let last = number(simd, bytes.last[axis]) >> byte_level;
-            inside &= place.bitcast::<u32x16<S>>().simd_le(last.bitcast::<u32x16<S>>());
+            let last = bytes.last[axis] >> byte_level;
+            inside &= place.bitcast::<u32x8<S>>().simd_le(last.bitcast::<u32x8<S>>());
             index = index * (last + 1) + place;
         }
-        let byte = inside.select(bytes.gather(simd, byte_level, index), zero);
+        index += simd.pick(bytes.starts, byte_level);
+        let byte = inside.select(simd.gather(bytes.all, index) & 0xff, zero);
 
         // Down one level where there are voxels.
         let is_full = byte.simd_gt(zero);

@@ -1,5 +1,6 @@
 //! Lists of rays.
 
+mod gather;
 mod lanes;
 mod stage;
 #[cfg(test)]
@@ -8,6 +9,7 @@ mod tests;
 use fearless_simd::prelude::*;
 use fearless_simd::{Fallback, Level};
 
+use self::gather::Gather;
 use self::lanes::End;
 use self::stage::Staged;
 use super::walk::Walk;
@@ -47,7 +49,6 @@ enum Vectors {
     /// Plain arrays.
     Arrays,
     Avx2,
-    Avx512,
 }
 
 /// The first full voxel that each ray touches, as [`first_hit`] finds it.
@@ -70,9 +71,6 @@ fn best() -> Option<Vectors> {
     #[cfg(target_arch = "x86_64")]
     {
         let level = Level::new();
-        if level.as_avx512().is_some() {
-            return Some(Vectors::Avx512);
-        }
         if level.as_avx2().is_some() {
             return Some(Vectors::Avx2);
         }
@@ -145,11 +143,6 @@ impl<P: FnMut(usize, End)> List<'_, P> {
 fn run<P: FnMut(usize, End)>(vectors: Vectors, list: List<'_, P>) {
     #[cfg(target_arch = "x86_64")]
     match vectors {
-        Vectors::Avx512 => {
-            if let Some(simd) = Level::new().as_avx512() {
-                return run_on(simd, list);
-            }
-        }
         Vectors::Avx2 => {
             if let Some(simd) = Level::new().as_avx2() {
                 return run_on(simd, list);
@@ -160,7 +153,7 @@ fn run<P: FnMut(usize, End)>(vectors: Vectors, list: List<'_, P>) {
     run_on(Fallback::new(), list);
 }
 
-fn run_on<S: Simd, P: FnMut(usize, End)>(simd: S, list: List<'_, P>) {
+fn run_on<S: Gather, P: FnMut(usize, End)>(simd: S, list: List<'_, P>) {
     match list.fidelity.fine_until {
         0 => trace::<S, P, false>(simd, list),
         _ => trace::<S, P, true>(simd, list),
@@ -169,7 +162,7 @@ fn run_on<S: Simd, P: FnMut(usize, End)>(simd: S, list: List<'_, P>) {
 
 /// A function of its own, so that it is compiled once.
 #[inline(never)]
-fn trace<S: Simd, P: FnMut(usize, End), const COARSE: bool>(simd: S, mut list: List<'_, P>) {
+fn trace<S: Gather, P: FnMut(usize, End), const COARSE: bool>(simd: S, mut list: List<'_, P>) {
     simd.vectorize(
         #[inline(always)]
         || lanes::trace::<S, P, COARSE>(simd, &mut list),

@@ -5,7 +5,7 @@ use crate::trace::FRACTION_BITS;
 use crate::volume::Volume;
 
 /// Rays that are traced at once.
-pub(super) const LANES: usize = 16;
+pub(super) const LANES: usize = 8;
 /// Rays that are made ready at once.
 const STAGED: usize = 128;
 
