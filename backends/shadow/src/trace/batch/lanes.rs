@@ -74,7 +74,7 @@ pub(super) fn trace<S: Gather, P: FnMut(usize, End), const COARSE: bool>(simd: S
             let running = group.running.to_bitmask() as u32;
             if running.count_ones() <= LANES as u32 - FREE {
                 if more && staged.left() < LANES {
-                    list.stage(&mut staged);
+                    list.stage(simd, &mut staged, coarsest);
                     more = staged.left() >= LANES;
                 }
                 group.fill(running, &mut staged);
@@ -174,7 +174,7 @@ impl<S: Gather> State<S> {
             if fault::made(fault::OLD_LIMIT) && field == Field::Limit as usize {
                 continue;
             }
-            let new = Ints::simd_from(self.simd, staged.next(field)).expand(mask);
+            let new = staged.next(self.simd, field).expand(mask);
             self.fields[field] = mask.select(new, self.fields[field]);
         }
         self.running |= mask;

@@ -6,12 +6,11 @@ mod stage;
 #[cfg(test)]
 mod tests;
 
-use fearless_simd::prelude::*;
 use fearless_simd::{Fallback, Level};
 
 use self::gather::Gather;
 use self::lanes::End;
-use self::stage::Staged;
+use self::stage::{LANES, Staged};
 use super::walk::Walk;
 use super::{Fidelity, Hit, Ray, first_hit, is_blocked};
 use crate::trace::FRACTION_BITS;
@@ -121,22 +120,37 @@ struct List<'a, P> {
 
 impl<P: FnMut(usize, End)> List<'_, P> {
     /// Stages rays, as many as there is room for, if so many are left.
-    fn stage(&mut self, staged: &mut Staged) {
-        let mut room = staged.make_room();
-        while room > 0 && self.next < self.rays.len() {
+    #[inline(always)]
+    fn stage<S: Gather>(&mut self, simd: S, staged: &mut Staged, coarsest: u32) {
+        for _ in 0..staged.make_room() {
             let number = self.next;
-            self.next += 1;
-            let walk = Walk::new(self.volume, &self.rays[number], self.fidelity);
-            if walk.between != [false; 3] {
-                (self.put)(number, End::Rare);
-            } else if let Some(voxel) = walk.touched_at_origin(&mut 0) {
-                let corner = voxel.map(|c| c << FRACTION_BITS);
-                (self.put)(number, End::Hit(corner, 0, [0, walk.on_major(walk.direction)]));
-            } else {
-                staged.push(number as u32, &walk);
-                room -= 1;
+            let rays = &self.rays[number..self.rays.len().min(number + LANES)];
+            if rays.is_empty() {
+                return;
             }
+            self.next += rays.len();
+            staged.add(simd, number, rays, self.volume, coarsest, |on_plane| self.at_planes(number, on_plane));
         }
+    }
+
+    /// Puts the ends of those rays, of eight from a number on, that end where they begin or are between voxels all the way, and says which these are.
+    #[cold]
+    fn at_planes(&mut self, number: usize, on_plane: u32) -> u32 {
+        let mut ended = 0;
+        for lane in (0..LANES).filter(|lane| on_plane >> lane & 1 == 1) {
+            let number = number + lane;
+            let walk = Walk::new(self.volume, &self.rays[number], self.fidelity);
+            let end = if walk.between != [false; 3] {
+                End::Rare
+            } else if let Some(voxel) = walk.touched_at_origin(&mut 0) {
+                End::Hit(voxel.map(|c| c << FRACTION_BITS), 0, [0, walk.on_major(walk.direction)])
+            } else {
+                continue;
+            };
+            (self.put)(number, end);
+            ended |= 1 << lane;
+        }
+        ended
     }
 }
 

@@ -1,10 +1,14 @@
 //! Rays made ready for lanes: their numbers beside each other.
 
-use super::super::walk::Walk;
-use crate::trace::FRACTION_BITS;
+use bytemuck::Zeroable;
+use fearless_simd::{i32x8, mask32x8};
+use fearless_simd::prelude::*;
+
+use super::gather::Gather;
+use crate::trace::{FRACTION_BITS, Ray};
 use crate::volume::Volume;
 
-/// Rays that are traced at once.
+/// Rays of a vector.
 pub(super) const LANES: usize = 8;
 /// Rays that are made ready at once.
 const STAGED: usize = 128;
@@ -52,47 +56,112 @@ impl Staged {
 
     /// A number of the rays that wait, the first ones.
     #[inline(always)]
-    pub(super) fn next(&self, field: usize) -> [i32; LANES] {
-        let mut numbers = [0; LANES];
-        numbers.copy_from_slice(&self.fields[field][self.first..self.first + LANES]);
-        numbers
+    pub(super) fn next<S: Simd>(&self, simd: S, field: usize) -> i32x8<S> {
+        i32x8::from_slice(simd, &self.fields[field][self.first..self.first + LANES])
     }
 
     pub(super) fn take(&mut self, count: usize) {
         self.first += count;
     }
 
-    /// Moves the rays that wait to the front, and says how many more there is room for.
+    /// Moves the rays that wait to the front, and says for how many vectors there is room behind them.
     pub(super) fn make_room(&mut self) -> usize {
         for field in &mut self.fields {
             field.copy_within(self.first..self.end, 0);
         }
         (self.first, self.end) = (0, self.end - self.first);
-        STAGED - self.end
+        (STAGED - self.end) / LANES
     }
 
-    /// Adds a ray at its origin.
-    pub(super) fn push(&mut self, number: u32, walk: &Walk<Volume>) {
-        let at = self.end;
-        self.end += 1;
-        let level = walk.coarsest;
-        let denominator = walk.on_major(walk.direction);
-        let mut put = |field: Field, axis: usize, value: i32| self.fields[field as usize + axis][at] = value;
+    /// Adds rays, eight or less, of a list in which the first of them has a number. `except` says which of those whose origins lie in a plane between
+    /// voxels are left out: it gets a bit for each and leaves the bits that are set in place.
+    #[inline(always)]
+    pub(super) fn add<S: Gather>(
+        &mut self,
+        simd: S,
+        number: usize,
+        rays: &[Ray],
+        volume: &Volume,
+        coarsest: u32,
+        except: impl FnOnce(u32) -> u32,
+    ) {
+        let mut eight = [Ray::zeroed(); LANES];
+        let all = (1u32 << rays.len()) - 1;
+        let rays: &[Ray] = if rays.len() == LANES {
+            rays
+        } else {
+            eight[..rays.len()].copy_from_slice(rays);
+            &eight
+        };
+        let [x, y, z, major, dx, dy, dz, end] = columns(simd, rays);
+        let (origins, directions) = ([x, y, z], [dx, dy, dz]);
+        let zero = i32x8::splat(simd, 0);
+        let (is_x, is_y) = (major.simd_eq(zero), major.simd_eq(i32x8::splat(simd, 1)));
+        let [mut flip, mut origin, mut direction, mut corner] = [[zero; 3]; 4];
+        let level = coarsest + FRACTION_BITS;
+        let mut on_plane = zero.simd_gt(zero);
         for axis in 0..3 {
-            put(Field::Corner, axis, (walk.start[axis] >> level) << level << FRACTION_BITS);
-            put(Field::Origin, axis, walk.origin[axis]);
-            put(Field::Direction, axis, walk.direction[axis]);
-            put(Field::Flip, axis, walk.flip[axis]);
-            // Below 2^38, and the quotient of whole numbers that a double has exactly is never rounded up to the next one: the divisor is below 2^16.
-            let reach = f64::from(walk.reach) * f64::from(walk.direction[axis]) / f64::from(denominator);
-            let leaves = (walk.last[axis] << FRACTION_BITS).wrapping_sub(walk.origin[axis]);
-            put(Field::Limit, axis, (reach as i32).min(leaves));
+            flip[axis] = directions[axis] >> 31;
+            origin[axis] = (origins[axis] ^ flip[axis]) - flip[axis];
+            direction[axis] = (directions[axis] ^ flip[axis]) - flip[axis];
+            corner[axis] = (origin[axis] >> level) << level;
+            on_plane |= (origin[axis] & 255).simd_eq(zero);
         }
-        put(Field::Number, 0, number as i32);
-        put(Field::Numerator, 0, 0);
-        put(Field::Denominator, 0, denominator);
-        put(Field::Level, 0, level as i32);
-        put(Field::Major, 0, walk.major as i32);
-        put(Field::Start, 0, walk.on_major(walk.start));
+        let up = is_x.select(flip[0], is_y.select(flip[1], flip[2]));
+        let start = is_x.select(origin[0], is_y.select(origin[1], origin[2]));
+        let reach = (end ^ up) - up - start;
+        let denominator = is_x.select(direction[0], is_y.select(direction[1], direction[2]));
+        let mut limit = [zero; 3];
+        let voxels = volume.voxels();
+        for axis in 0..3 {
+            // The last plane that is reached. Products are below 2^38, and a quotient that is not whole is at least 2^-16 below the next whole number, which a
+            // double never rounds away.
+            let (r, d, n): ([i32; LANES], [i32; LANES], [i32; LANES]) =
+                (reach.into(), direction[axis].into(), denominator.into());
+            let mut last = [0; LANES];
+            for lane in 0..LANES {
+                let quotient = f64::from(r[lane]) * f64::from(d[lane]) / f64::from(n[lane]);
+                // The low bits of a number from 2^52 on are those of the whole number.
+                last[lane] = (quotient.floor() + (1u64 << 52) as f64).to_bits() as i32;
+            }
+            let leaves = i32x8::splat(simd, voxels[axis] as i32 - 1);
+            let leaves = ((leaves | flip[axis]) << FRACTION_BITS) - origin[axis];
+            limit[axis] = i32x8::simd_from(simd, last).min(leaves);
+        }
+
+        let on_plane = on_plane.to_bitmask() as u32 & all;
+        let kept = if on_plane == 0 { all } else { all & !except(on_plane) };
+        let mask = mask32x8::from_bitmask(simd, u64::from(kept));
+        let numbers = i32x8::simd_from(simd, [0, 1, 2, 3, 4, 5, 6, 7]) + number as i32;
+        let at = self.end;
+        self.end += kept.count_ones() as usize;
+        let [[cx, cy, cz], [ox, oy, oz], [dx, dy, dz], [fx, fy, fz], [lx, ly, lz]] =
+            [corner, origin, direction, flip, limit];
+        let level = i32x8::splat(simd, coarsest as i32);
+        let fields: [i32x8<S>; FIELDS] = [
+            numbers, cx, cy, cz, ox, oy, oz, dx, dy, dz, fx, fy, fz, lx, ly, lz, zero, denominator, level, major,
+            start >> FRACTION_BITS,
+        ];
+        for (to, from) in self.fields.iter_mut().zip(fields) {
+            from.compress(mask).store_slice(&mut to[at..at + LANES]);
+        }
     }
+}
+
+/// The numbers of eight rays, each with those of all rays in a vector.
+#[inline(always)]
+fn columns<S: Simd>(simd: S, rays: &[Ray]) -> [i32x8<S>; 8] {
+    let numbers: &[i32] = bytemuck::cast_slice(rays);
+    let mut rows = [i32x8::splat(simd, 0); 8];
+    for (row, numbers) in rows.iter_mut().zip(numbers.chunks_exact(LANES)) {
+        *row = i32x8::from_slice(simd, numbers);
+    }
+    // Each round turns the six bits of the place of a number, row and column, by one.
+    for _ in 0..3 {
+        let before = rows;
+        for i in 0..4 {
+            (rows[2 * i], rows[2 * i + 1]) = before[i].interleave(before[i + 4]);
+        }
+    }
+    rows
 }
