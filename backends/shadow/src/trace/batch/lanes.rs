@@ -9,7 +9,7 @@
 use fearless_simd::prelude::*;
 use fearless_simd::{Bytes as _, i32x8, mask32x8, u32x8};
 
-use super::{FREE, List, fault};
+use super::{List, fault};
 use super::gather::Gather;
 use super::stage::{FIELDS, Field, LANES, Staged};
 use crate::trace::{FRACTION_BITS, MAX_LEVEL};
@@ -18,15 +18,30 @@ use crate::volume::{Occupancy, Volume};
 type Ints<S> = i32x8<S>;
 type Mask<S> = mask32x8<S>;
 
-/// What a lane found.
+/// Steps between two looks at which lanes have ended. Measured with AVX2.
+const STEPS: usize = 4;
+
+/// Number of a lane that has no ray yet.
+pub(super) const NOBODY: u32 = u32::MAX >> 1;
+
+/// The first full cell on a ray.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) enum End {
-    /// Nothing.
-    Miss,
-    /// A full cell, in mirrored space: its least corner in 1/256 of a voxel and its level, and the numerator and denominator of the time.
-    Hit([i32; 3], u32, [i32; 2]),
-    /// What the walk must trace.
-    Rare,
+pub(super) struct Met {
+    /// Its least corner, in 1/256 of a voxel, in mirrored space.
+    pub(super) corner: [i32; 3],
+    pub(super) level: u32,
+    /// Numerator and denominator.
+    pub(super) time: [i32; 2],
+}
+
+/// Where ends of rays are put.
+pub(super) trait Ends {
+    /// Whether it is asked where rays end.
+    const PLACES: bool;
+
+    /// Puts the end of a ray of a list: whether a cell is in its way, and which, if that is asked. Rays that nothing is in the way of may be left out.
+    /// Ends of rays on their way may be put before, as if nothing was in their way, and [`NOBODY`]'s.
+    fn put(&mut self, number: u32, is_hit: bool, met: Option<Met>);
 }
 
 /// Where the bytes of the levels are.
@@ -55,12 +70,16 @@ impl<'a, S: Gather> Bytes<'a, S> {
 struct State<S: Gather> {
     simd: S,
     running: Mask<S>,
+    /// Lanes whose rays have met a cell since they were filled.
+    hit: Mask<S>,
+    /// Lanes whose rays the walk must trace.
+    rare: Mask<S>,
     fields: [Ints<S>; FIELDS],
 }
 
 /// Traces the rays of a list. `COARSE`: whether fidelity falls along the rays.
 #[inline(always)]
-pub(super) fn trace<S: Gather, P: FnMut(usize, End), const COARSE: bool>(simd: S, list: &mut List<'_, P>) {
+pub(super) fn trace<S: Gather, L: Ends, const COARSE: bool>(simd: S, list: &mut List<'_, L>) {
     let List { volume, fidelity, .. } = *list;
     let coarsest = fidelity.coarsest.min(volume.coarsest()).min(MAX_LEVEL);
     // No ray is longer.
@@ -72,22 +91,24 @@ pub(super) fn trace<S: Gather, P: FnMut(usize, End), const COARSE: bool>(simd: S
     loop {
         for group in &mut groups {
             let running = group.running.to_bitmask() as u32;
-            if running.count_ones() <= LANES as u32 - FREE {
-                if more && staged.left() < LANES {
-                    list.stage(simd, &mut staged, coarsest);
-                    more = staged.left() >= LANES;
-                }
-                group.fill(running, &mut staged);
+            if running == (1 << LANES) - 1 {
+                continue;
             }
+            group.put(!running, list);
+            if more && staged.left() < LANES {
+                list.stage(simd, &mut staged, coarsest);
+                more = staged.left() >= LANES;
+            }
+            group.fill(running, &mut staged);
         }
         let [a, b] = &mut groups;
         if !(a.running | b.running).any_true() {
             return;
         }
-        // Steps of two groups do not wait for one another.
-        let ends = [a.step::<COARSE>(&bytes, coarsest, fine_until), b.step::<COARSE>(&bytes, coarsest, fine_until)];
-        for (group, ends) in groups.iter().zip(&ends) {
-            group.put(ends, list);
+        // Lanes that end wait for the others, since each look at who has ended costs as much as a step. Steps of two groups do not wait for one another.
+        for _ in 0..STEPS {
+            a.step::<COARSE>(&bytes, coarsest, fine_until);
+            b.step::<COARSE>(&bytes, coarsest, fine_until);
         }
     }
 }
@@ -103,44 +124,41 @@ fn choose<S: Gather>(first: Mask<S>, second: Mask<S>, [x, y, z]: [Ints<S>; 3]) -
     first.select(x, second.select(y, z))
 }
 
-/// Lanes whose rays end in a step.
-struct Ends<S: Gather> {
-    hit: Mask<S>,
-    miss: Mask<S>,
-    rare: Mask<S>,
-}
-
 impl<S: Gather> State<S> {
     #[inline(always)]
     fn new(simd: S) -> Self {
-        Self { simd, running: Mask::splat(simd, false), fields: [number(simd, 0); FIELDS] }
+        let none = Mask::splat(simd, false);
+        let mut fields = [number(simd, 0); FIELDS];
+        fields[Field::Number as usize] = number(simd, NOBODY as i32);
+        Self { simd, running: none, hit: none, rare: none, fields }
     }
 
-    /// Puts the ends of rays where they belong.
+    /// Puts the ends of lanes' rays where they belong.
     #[inline(always)]
-    fn put<P: FnMut(usize, End)>(&self, ends: &Ends<S>, list: &mut List<'_, P>) {
-        let mut bits = (ends.hit | ends.miss | ends.rare).to_bitmask() as u32;
-        if bits == 0 {
+    fn put<L: Ends>(&self, ended: u32, list: &mut List<'_, L>) {
+        let (hit, rare) = (self.hit.to_bitmask() as u32, self.rare.to_bitmask() as u32);
+        let numbers: [i32; LANES] = self.get(Field::Number).into();
+        if rare & ended != 0 {
+            let lanes = (0..LANES).filter(|lane| (rare & ended) >> lane & 1 == 1);
+            list.rare.extend(lanes.map(|lane| numbers[lane] as u32));
+        }
+        if !L::PLACES {
+            for lane in 0..LANES {
+                list.ends.put(numbers[lane] as u32, hit >> lane & 1 == 1, None);
+            }
             return;
         }
-        let (hit, rare) = (ends.hit.to_bitmask() as u32, ends.rare.to_bitmask() as u32);
-        let numbers: [i32; LANES] = self.get(Field::Number).into();
         let [x, y, z] = self.on_axes(Field::Corner);
         let corner: [[i32; LANES]; 3] = [x.into(), y.into(), z.into()];
         let level: [i32; LANES] = self.get(Field::Level).into();
         let time: [[i32; LANES]; 2] = [self.get(Field::Numerator).into(), self.get(Field::Denominator).into()];
+        let mut bits = ended & hit;
         while bits != 0 {
             let lane = bits.trailing_zeros() as usize;
             bits &= bits - 1;
-            let end = if rare >> lane & 1 == 1 {
-                End::Rare
-            } else if hit >> lane & 1 == 1 {
-                let corner = [corner[0][lane], corner[1][lane], corner[2][lane]];
-                End::Hit(corner, level[lane] as u32, [time[0][lane], time[1][lane]])
-            } else {
-                End::Miss
-            };
-            (list.put)(numbers[lane] as usize, end);
+            let corner = [corner[0][lane], corner[1][lane], corner[2][lane]];
+            let met = Met { corner, level: level[lane] as u32, time: [time[0][lane], time[1][lane]] };
+            list.ends.put(numbers[lane] as u32, true, Some(met));
         }
     }
 
@@ -178,11 +196,13 @@ impl<S: Gather> State<S> {
             self.fields[field] = mask.select(new, self.fields[field]);
         }
         self.running |= mask;
+        self.hit &= !mask;
+        self.rare &= !mask;
         staged.take(count);
     }
 
     #[inline(always)]
-    fn step<const COARSE: bool>(&mut self, bytes: &Bytes<S>, coarsest: u32, fine_until: i32) -> Ends<S> {
+    fn step<const COARSE: bool>(&mut self, bytes: &Bytes<S>, coarsest: u32, fine_until: i32) {
         let simd = self.simd;
         let zero = number(simd, 0);
         let (corner, origin) = (self.on_axes(Field::Corner), self.on_axes(Field::Origin));
@@ -207,7 +227,7 @@ impl<S: Gather> State<S> {
 
         // Down one level where there are voxels.
         let is_full = byte.simd_gt(zero);
-        let mut descends = is_full & level.simd_gt(zero);
+        let mut descends = self.running & is_full & level.simd_gt(zero);
         let mut hit_above = Mask::splat(simd, false);
         if COARSE {
             let [x, y, z] = corner;
@@ -241,7 +261,7 @@ impl<S: Gather> State<S> {
 
         // To the next cell where there is none.
         let size = number(simd, 256) << level;
-        let goes = !(is_full | hit_above);
+        let goes = self.running & !(is_full | hit_above);
         let mut ahead = [zero; 3];
         for axis in 0..3 {
             ahead[axis] = child[axis] - origin[axis] + size;
@@ -270,8 +290,8 @@ impl<S: Gather> State<S> {
         self.fields[Field::Level as usize] = level + up;
 
         let rare = if fault::made(fault::TIES) { tie & on_plane } else { tie | on_plane };
-        let ends = Ends { hit: hit & self.running, miss: miss & self.running, rare: rare & self.running };
-        self.running &= !(ends.hit | ends.miss | ends.rare);
-        ends
+        self.hit |= hit & self.running;
+        self.rare |= rare;
+        self.running &= !(hit | miss | rare);
     }
 }

@@ -9,15 +9,12 @@ mod tests;
 use fearless_simd::{Fallback, Level};
 
 use self::gather::Gather;
-use self::lanes::End;
+use self::lanes::{Ends, Met};
 use self::stage::{LANES, Staged};
 use super::walk::Walk;
 use super::{Fidelity, Hit, Ray, first_hit, is_blocked};
 use crate::trace::FRACTION_BITS;
 use crate::volume::{Occupancy, Volume};
-
-/// Lanes without a ray that wait for others before they get the next ones. Measured with AVX2.
-const FREE: u32 = 1;
 
 /// Mistakes that tests make to see that they are found.
 mod fault {
@@ -78,47 +75,71 @@ fn best() -> Option<Vectors> {
 }
 
 fn first_with(vectors: Vectors, volume: &Volume, rays: &[Ray], fidelity: Fidelity) -> Vec<Option<Hit>> {
-    let mut hits = vec![None; rays.len()];
-    let put = |number: usize, end: End| {
-        let ray = &rays[number];
-        hits[number] = match end {
-            End::Miss => None,
-            End::Rare => first_hit(volume, ray, fidelity).hit,
-            End::Hit(corner, level, [numerator, denominator]) => {
-                let flip = ray.direction.map(|d| d >> 31);
-                let cell = std::array::from_fn(|axis| (corner[axis] ^ flip[axis]) >> (FRACTION_BITS + level));
-                Some(Hit { cell, level, distance: ray.distance_of_crossing(numerator, denominator) })
-            }
-        };
-    };
-    run(vectors, List { volume, rays, fidelity, next: 0, put });
-    hits
+    let mut ends = First { rays, hits: vec![None; rays.len()] };
+    for ray in run(vectors, List::new(volume, rays, fidelity, &mut ends)) {
+        ends.hits[ray as usize] = first_hit(volume, &rays[ray as usize], fidelity).hit;
+    }
+    ends.hits
 }
 
 fn blocked_with(vectors: Vectors, volume: &Volume, rays: &[Ray], fidelity: Fidelity) -> Vec<bool> {
-    let mut blocked = vec![false; rays.len()];
-    let put = |number: usize, end: End| {
-        blocked[number] = match end {
-            End::Miss => false,
-            End::Hit(..) => true,
-            End::Rare => is_blocked(volume, &rays[number], fidelity).0,
-        };
-    };
-    run(vectors, List { volume, rays, fidelity, next: 0, put });
-    blocked
+    let mut ends = Blocked(vec![false; rays.len()]);
+    for ray in run(vectors, List::new(volume, rays, fidelity, &mut ends)) {
+        ends.0[ray as usize] = is_blocked(volume, &rays[ray as usize], fidelity).0;
+    }
+    ends.0
+}
+
+/// Cells that rays hit.
+struct First<'a> {
+    rays: &'a [Ray],
+    hits: Vec<Option<Hit>>,
+}
+
+impl Ends for First<'_> {
+    const PLACES: bool = true;
+
+    fn put(&mut self, number: u32, _is_hit: bool, met: Option<Met>) {
+        let Some(Met { corner, level, time: [numerator, denominator] }) = met else { return };
+        let ray = &self.rays[number as usize];
+        let flip = ray.direction.map(|d| d >> 31);
+        let cell = std::array::from_fn(|axis| (corner[axis] ^ flip[axis]) >> (FRACTION_BITS + level));
+        let distance = ray.distance_of_crossing(numerator, denominator);
+        self.hits[number as usize] = Some(Hit { cell, level, distance });
+    }
+}
+
+/// Whether rays are blocked.
+struct Blocked(Vec<bool>);
+
+impl Ends for Blocked {
+    const PLACES: bool = false;
+
+    #[inline(always)]
+    fn put(&mut self, number: u32, is_hit: bool, _met: Option<Met>) {
+        if let Some(blocked) = self.0.get_mut(number as usize) {
+            *blocked = is_hit;
+        }
+    }
 }
 
 /// Rays that are traced, and where their ends are put.
-struct List<'a, P> {
+struct List<'a, L> {
     volume: &'a Volume,
     rays: &'a [Ray],
     fidelity: Fidelity,
     /// The first ray that is not staged.
     next: usize,
-    put: P,
+    ends: &'a mut L,
+    /// Rays that the walk must trace.
+    rare: Vec<u32>,
 }
 
-impl<P: FnMut(usize, End)> List<'_, P> {
+impl<'a, L: Ends> List<'a, L> {
+    fn new(volume: &'a Volume, rays: &'a [Ray], fidelity: Fidelity, ends: &'a mut L) -> Self {
+        Self { volume, rays, fidelity, next: 0, ends, rare: Vec::new() }
+    }
+
     /// Stages rays, as many as there is room for, if so many are left.
     #[inline(always)]
     fn stage<S: Gather>(&mut self, simd: S, staged: &mut Staged, coarsest: u32) {
@@ -140,21 +161,23 @@ impl<P: FnMut(usize, End)> List<'_, P> {
         for lane in (0..LANES).filter(|lane| on_plane >> lane & 1 == 1) {
             let number = number + lane;
             let walk = Walk::new(self.volume, &self.rays[number], self.fidelity);
-            let end = if walk.between != [false; 3] {
-                End::Rare
+            if walk.between != [false; 3] {
+                self.rare.push(number as u32);
             } else if let Some(voxel) = walk.touched_at_origin(&mut 0) {
-                End::Hit(voxel.map(|c| c << FRACTION_BITS), 0, [0, walk.on_major(walk.direction)])
+                let time = [0, walk.on_major(walk.direction)];
+                let met = Met { corner: voxel.map(|c| c << FRACTION_BITS), level: 0, time };
+                self.ends.put(number as u32, true, Some(met));
             } else {
                 continue;
-            };
-            (self.put)(number, end);
+            }
             ended |= 1 << lane;
         }
         ended
     }
 }
 
-fn run<P: FnMut(usize, End)>(vectors: Vectors, list: List<'_, P>) {
+/// Traces the rays of a list, and returns those that the walk must trace.
+fn run<L: Ends>(vectors: Vectors, list: List<'_, L>) -> Vec<u32> {
     #[cfg(target_arch = "x86_64")]
     match vectors {
         Vectors::Avx2 => {
@@ -164,21 +187,22 @@ fn run<P: FnMut(usize, End)>(vectors: Vectors, list: List<'_, P>) {
         }
         Vectors::Arrays => {}
     }
-    run_on(Fallback::new(), list);
+    run_on(Fallback::new(), list)
 }
 
-fn run_on<S: Gather, P: FnMut(usize, End)>(simd: S, list: List<'_, P>) {
+fn run_on<S: Gather, L: Ends>(simd: S, list: List<'_, L>) -> Vec<u32> {
     match list.fidelity.fine_until {
-        0 => trace::<S, P, false>(simd, list),
-        _ => trace::<S, P, true>(simd, list),
+        0 => trace::<S, L, false>(simd, list),
+        _ => trace::<S, L, true>(simd, list),
     }
 }
 
 /// A function of its own, so that it is compiled once.
 #[inline(never)]
-fn trace<S: Gather, P: FnMut(usize, End), const COARSE: bool>(simd: S, mut list: List<'_, P>) {
+fn trace<S: Gather, L: Ends, const COARSE: bool>(simd: S, mut list: List<'_, L>) -> Vec<u32> {
     simd.vectorize(
         #[inline(always)]
-        || lanes::trace::<S, P, COARSE>(simd, &mut list),
+        || lanes::trace::<S, L, COARSE>(simd, &mut list),
     );
+    list.rare
 }
