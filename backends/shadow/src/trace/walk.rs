@@ -187,6 +187,14 @@ impl<'a, O: Occupancy + ?Sized> Walk<'a, O> {
         self.touched(self.start.map(|c| c >> self.coarsest), self.coarsest, time, steps)
     }
 
+    /// Whether the origin lies outside of the volume.
+    pub(super) fn starts_outside(&self) -> bool {
+        self.volume.bounds().is_some_and(|[low, high]| {
+            let start = self.mirrored(self.start);
+            (0..3).any(|axis| start[axis] < low[axis] || start[axis] >= high[axis])
+        })
+    }
+
     /// What of three values is that of the major axis. An index would keep them out of registers.
     pub(super) fn on_major<T>(&self, [x, y, z]: [T; 3]) -> T {
         match self.major {

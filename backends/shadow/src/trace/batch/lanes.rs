@@ -1,8 +1,9 @@
 //! Sixteen rays at once, each with a cell and a time of its own: the walk of `walk.rs`, without jumps.
 //!
-//! A step looks at the byte of each lane's cell, or at that which has its bit if the cell is a voxel. Where the cell is full, the lane goes down to
-//! the cell of the level below that the ray is in, whose bit the same byte has. Where there is no voxel then, it goes to the next cell along the ray. These are two
-//! steps of the walk, in its order, and so the cells at which rays end are the walk's.
+//! A lane is in a cell that is one byte, of the base level or of a mip. A step looks at the byte. If it is zero, the lane goes to the next cell along the ray, and up
+//! a level where that leaves the cell above. Else it finds the one of the byte's eight cells that the ray is in at the lane's time. If that is full, it goes down into
+//! it, or has hit it if it is a voxel; if it is empty, the lane goes on from there: to another of the eight or, where the ray leaves them, to the next byte.
+//! So lanes meet the same cells as the walk, at the same times and in the same order.
 //!
 //! Lanes that meet what is rare, planes of several axes at once, end there, and the walk traces their rays.
 
@@ -44,25 +45,27 @@ pub(super) trait Ends {
     fn put(&mut self, number: u32, is_hit: bool, met: Option<Met>);
 }
 
-/// Where the bytes of the levels are.
-struct Bytes<'a, S: Gather> {
+/// Where the bytes of the levels are. Tables have a number for each level of cells that have a byte, from 1 on.
+struct Bytes<'a, S: Simd> {
     all: &'a [u8],
-    /// Place of the first byte of cells of each level from 1 on.
+    /// Place of the first byte.
     starts: Ints<S>,
-    /// Voxels along each axis, less one.
-    last: [Ints<S>; 3],
+    /// From row to row, and from layer to layer.
+    rows: Ints<S>,
+    layers: Ints<S>,
 }
 
 impl<'a, S: Gather> Bytes<'a, S> {
     #[inline(always)]
     fn new(simd: S, volume: &'a Volume) -> Self {
-        let mut starts = [0; LANES];
+        let [mut starts, mut rows, mut layers] = [[0; LANES]; 3];
         for mip in 0..=volume.mips().min(MAX_LEVEL - 1) {
-            starts[mip as usize + 1] = volume.start_of(mip) as i32;
+            let [width, height, _] = volume.level(mip).0.map(|n| n as i32);
+            let level = mip as usize + 1;
+            (starts[level], rows[level], layers[level]) = (volume.start_of(mip) as i32, width, width * height);
         }
-        let [x, y, z] = volume.voxels();
-        let last = [number(simd, x as i32 - 1), number(simd, y as i32 - 1), number(simd, z as i32 - 1)];
-        Self { all: volume.all_bytes(), starts: Ints::simd_from(simd, starts), last }
+        let table = [Ints::simd_from(simd, starts), Ints::simd_from(simd, rows), Ints::simd_from(simd, layers)];
+        Self { all: volume.all_bytes(), starts: table[0], rows: table[1], layers: table[2] }
     }
 }
 
@@ -74,6 +77,8 @@ struct State<S: Gather> {
     hit: Mask<S>,
     /// Lanes whose rays the walk must trace.
     rare: Mask<S>,
+    /// Lanes that have gone to another of the eight cells of their byte.
+    moved: Mask<S>,
     fields: [Ints<S>; FIELDS],
 }
 
@@ -81,7 +86,9 @@ struct State<S: Gather> {
 #[inline(always)]
 pub(super) fn trace<S: Gather, L: Ends, const COARSE: bool>(simd: S, list: &mut List<'_, L>) {
     let List { volume, fidelity, .. } = *list;
-    let coarsest = fidelity.coarsest.min(volume.coarsest()).min(MAX_LEVEL);
+    // The least cells that lanes have are those of a byte.
+    let coarsest = fidelity.coarsest.min(volume.coarsest()).clamp(1, MAX_LEVEL);
+    let top = (coarsest + FRACTION_BITS) as i32;
     // No ray is longer.
     let fine_until = fidelity.fine_until.min(1 << 20) as i32;
     let mut staged = Staged::new();
@@ -107,8 +114,8 @@ pub(super) fn trace<S: Gather, L: Ends, const COARSE: bool>(simd: S, list: &mut 
         }
         // Lanes that end wait for the others, since each look at who has ended costs as much as a step. Steps of two groups do not wait for one another.
         for _ in 0..STEPS {
-            a.step::<COARSE>(&bytes, coarsest, fine_until);
-            b.step::<COARSE>(&bytes, coarsest, fine_until);
+            a.step::<COARSE>(&bytes, top, fine_until);
+            b.step::<COARSE>(&bytes, top, fine_until);
         }
     }
 }
@@ -130,7 +137,7 @@ impl<S: Gather> State<S> {
         let none = Mask::splat(simd, false);
         let mut fields = [number(simd, 0); FIELDS];
         fields[Field::Number as usize] = number(simd, NOBODY as i32);
-        Self { simd, running: none, hit: none, rare: none, fields }
+        Self { simd, running: none, hit: none, rare: none, moved: none, fields }
     }
 
     /// Puts the ends of lanes' rays where they belong.
@@ -150,14 +157,14 @@ impl<S: Gather> State<S> {
         }
         let [x, y, z] = self.on_axes(Field::Corner);
         let corner: [[i32; LANES]; 3] = [x.into(), y.into(), z.into()];
-        let level: [i32; LANES] = self.get(Field::Level).into();
+        let shift: [i32; LANES] = self.get(Field::Shift).into();
         let time: [[i32; LANES]; 2] = [self.get(Field::Numerator).into(), self.get(Field::Denominator).into()];
         let mut bits = ended & hit;
         while bits != 0 {
             let lane = bits.trailing_zeros() as usize;
             bits &= bits - 1;
             let corner = [corner[0][lane], corner[1][lane], corner[2][lane]];
-            let met = Met { corner, level: level[lane] as u32, time: [time[0][lane], time[1][lane]] };
+            let met = Met { corner, level: shift[lane] as u32 - FRACTION_BITS, time: [time[0][lane], time[1][lane]] };
             list.ends.put(numbers[lane] as u32, true, Some(met));
         }
     }
@@ -198,99 +205,93 @@ impl<S: Gather> State<S> {
         self.running |= mask;
         self.hit &= !mask;
         self.rare &= !mask;
+        self.moved &= !mask;
         staged.take(count);
     }
 
     #[inline(always)]
-    fn step<const COARSE: bool>(&mut self, bytes: &Bytes<S>, coarsest: u32, fine_until: i32) {
+    fn step<const COARSE: bool>(&mut self, bytes: &Bytes<S>, top: i32, fine_until: i32) {
         let simd = self.simd;
         let zero = number(simd, 0);
         let (corner, origin) = (self.on_axes(Field::Corner), self.on_axes(Field::Origin));
-        let direction = self.on_axes(Field::Direction);
-        let (flip, limit) = (self.on_axes(Field::Flip), self.on_axes(Field::Limit));
-        let (numerator, denominator, level) =
-            (self.get(Field::Numerator), self.get(Field::Denominator), self.get(Field::Level));
+        let (direction, flip) = (self.on_axes(Field::Direction), self.on_axes(Field::Flip));
+        let (numerator, denominator) = (self.get(Field::Numerator), self.get(Field::Denominator));
+        let (shift, half) = (self.get(Field::Shift), self.get(Field::Half));
 
-        // The byte of the cell, or of the voxel's cell.
-        let byte_level = level.max(number(simd, 1));
-        let shift = byte_level + FRACTION_BITS as i32;
-        let mut index = zero;
-        let mut inside = Mask::splat(simd, true);
-        for axis in [2, 1, 0] {
-            let place = (corner[axis] ^ flip[axis]) >> shift;
-            let last = bytes.last[axis] >> byte_level;
-            inside &= place.bitcast::<u32x8<S>>().simd_le(last.bitcast::<u32x8<S>>());
-            index = index * (last + 1) + place;
-        }
-        index += simd.pick(bytes.starts, byte_level);
-        let byte = inside.select(simd.gather(bytes.all, index) & 0xff, zero);
+        // The byte, as the highest of a word.
+        let narrow = shift & 31;
+        let mut index = simd.pick(bytes.starts, shift);
+        index += (corner[0] ^ flip[0]) >> narrow;
+        index += ((corner[1] ^ flip[1]) >> narrow) * simd.pick(bytes.rows, shift);
+        index += ((corner[2] ^ flip[2]) >> narrow) * simd.pick(bytes.layers, shift);
+        let byte = simd.gather(bytes.all, index) << 24;
+        let is_empty = byte.simd_eq(zero);
 
-        // Down one level where there are voxels.
-        let is_full = byte.simd_gt(zero);
-        let mut descends = self.running & is_full & level.simd_gt(zero);
-        let mut hit_above = Mask::splat(simd, false);
+        let mut hit = Mask::splat(simd, false);
         if COARSE {
             let [x, y, z] = corner;
             let major = self.get(Field::Major);
             let on_major = major.simd_eq(zero).select(x, major.simd_eq(number(simd, 1)).select(y, z));
             let voxels = ((on_major >> FRACTION_BITS) - self.get(Field::Start)).max(zero);
             let fine = number(simd, fine_until);
-            let is_fine = voxels.simd_ge((fine << level) - fine);
-            hit_above = descends & is_fine;
-            descends &= !is_fine;
+            let level = (shift - FRACTION_BITS as i32) & 31;
+            hit = self.running & !is_empty & voxels.simd_ge((fine << level) - fine);
         }
-        let half = number(simd, 128) << level;
-        let mut child = corner;
-        let mut on_plane = Mask::splat(simd, false);
-        for axis in 0..3 {
-            let middle = corner[axis] - origin[axis] + half;
-            let ahead = middle * denominator - numerator * direction[axis];
-            let upper = descends & !ahead.simd_gt(zero);
-            child[axis] = corner[axis] + upper.select(half, zero);
-            on_plane |= ahead.simd_eq(zero);
-        }
-        on_plane &= descends;
-        let level = level - descends.select(number(simd, 1), zero);
-        let bit_shift = shift - 1;
-        let mut octant = zero;
-        for axis in 0..3 {
-            octant |= (((child[axis] ^ flip[axis]) >> bit_shift) & 1) << axis as u32;
-        }
-        let is_full = ((byte >> octant) & 1).simd_gt(zero);
-        let hit = (is_full & level.simd_eq(zero)) | hit_above;
 
-        // To the next cell where there is none.
-        let size = number(simd, 256) << level;
-        let goes = self.running & !(is_full | hit_above);
+        // Which of the eight cells the lane is in: on which axes the plane between them is ahead.
+        let middle = [corner[0] - origin[0] + half, corner[1] - origin[1] + half, corner[2] - origin[2] + half];
         let mut ahead = [zero; 3];
+        let mut lower = [is_empty; 3];
+        let mut others = zero;
         for axis in 0..3 {
-            ahead[axis] = child[axis] - origin[axis] + size;
+            ahead[axis] = middle[axis] * denominator - numerator * direction[axis];
+            lower[axis] = ahead[axis].simd_gt(zero);
+            // Of bits in the order of octants, those that are not set.
+            others |= (lower[axis].to_vector() ^ flip[axis]) & (1 << axis);
         }
-        let xy = ahead[0] * direction[1] - ahead[1] * direction[0];
-        let xz = ahead[0] * direction[2] - ahead[2] * direction[0];
-        let yz = ahead[1] * direction[2] - ahead[2] * direction[1];
-        let x = zero.simd_gt(xy) & zero.simd_gt(xz);
-        let y = xy.simd_gt(zero) & zero.simd_gt(yz);
-        let z = xz.simd_gt(zero) & yz.simd_gt(zero);
-        let tie = goes & !(x | y | z);
-        let reached = choose(x, y, ahead);
-        let miss = goes & (reached.simd_gt(choose(x, y, limit)));
-        let mut stepped = child;
-        for (axis, first) in [x, y, z].into_iter().enumerate() {
-            stepped[axis] += (first & goes).select(size, zero);
-        }
-        let leaves = goes & (choose(x, y, stepped) & size).simd_eq(zero);
-        let up = (leaves & level.simd_lt(number(simd, coarsest as i32))).select(number(simd, 1), zero);
-        let mask = -(size << up);
+        let is_full = (byte << others).simd_lt(zero);
+        let descends = if COARSE { self.running & is_full & !hit } else { self.running & is_full };
+        let goes = if COARSE { self.running & !is_full & !hit } else { self.running & !is_full };
+        // Planes that are crossed on the way into a cell are crossed together with the one that leads to it.
+        let [x, y, z] = [ahead[0].bitcast::<u32x8<S>>(), ahead[1].bitcast(), ahead[2].bitcast()];
+        let on_plane = x.min(y).min(z).simd_eq(u32x8::splat(simd, 0)) & !(is_empty | self.moved);
+
+        // The next cell along the ray: from that one, or from the cell of the byte if it has no voxel.
+        let size = half + is_empty.select(half, zero);
+        let mut upper = middle;
         for axis in 0..3 {
-            self.fields[Field::Corner as usize + axis] = stepped[axis] & mask;
+            upper[axis] += (lower[axis] & !is_empty).select(zero, half);
+        }
+        let xy = upper[0] * direction[1] - upper[1] * direction[0];
+        let xz = upper[0] * direction[2] - upper[2] * direction[0];
+        let yz = upper[1] * direction[2] - upper[2] * direction[1];
+        // Where the least is in two of them, one of these is zero; signs choose one of the two.
+        let x = (xy & xz).simd_lt(zero);
+        let y = (!xy & yz).simd_lt(zero);
+        let tie = goes & !x & y.select(xy, xz.min(yz)).simd_eq(zero);
+        let reached = choose(x, y, upper);
+        let miss = goes & reached.simd_gt(choose(x, y, self.on_axes(Field::Limit)));
+        let first = [x & goes, y & goes, goes & !(x | y)];
+        let mut next = upper;
+        for axis in 0..3 {
+            next[axis] += origin[axis] - first[axis].select(zero, size);
+        }
+        let leaves = (choose(x, y, next) & size).simd_eq(zero);
+        let up = goes & is_empty & leaves & shift.simd_lt(number(simd, top));
+        self.moved = goes & !(is_empty | leaves);
+        let new_half = descends.select(half >> 1, half + up.select(half, zero));
+        let mask = zero - (new_half + new_half);
+        for axis in 0..3 {
+            self.fields[Field::Corner as usize + axis] = next[axis] & mask;
         }
         self.fields[Field::Numerator as usize] = goes.select(reached, numerator);
         self.fields[Field::Denominator as usize] = goes.select(choose(x, y, direction), denominator);
-        self.fields[Field::Level as usize] = level + up;
+        self.fields[Field::Half as usize] = new_half;
+        self.fields[Field::Shift as usize] = shift + descends.to_vector() - up.to_vector();
 
-        let rare = if fault::made(fault::TIES) { tie & on_plane } else { tie | on_plane };
-        self.hit |= hit & self.running;
+        hit |= descends & shift.simd_eq(number(simd, FRACTION_BITS as i32 + 1));
+        let rare = if fault::made(fault::TIES) { tie & on_plane } else { (tie | on_plane) & self.running };
+        self.hit |= hit;
         self.rare |= rare;
         self.running &= !(hit | miss | rare);
     }

@@ -161,7 +161,7 @@ impl<'a, L: Ends> List<'a, L> {
         for lane in (0..LANES).filter(|lane| on_plane >> lane & 1 == 1) {
             let number = number + lane;
             let walk = Walk::new(self.volume, &self.rays[number], self.fidelity);
-            if walk.between != [false; 3] {
+            if walk.between != [false; 3] || walk.starts_outside() {
                 self.rare.push(number as u32);
             } else if let Some(voxel) = walk.touched_at_origin(&mut 0) {
                 let time = [0, walk.on_major(walk.direction)];

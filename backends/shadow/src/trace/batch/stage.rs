@@ -1,7 +1,7 @@
 //! Rays made ready for lanes: their numbers beside each other.
 
 use bytemuck::Zeroable;
-use fearless_simd::{i32x8, mask32x8};
+use fearless_simd::{Bytes as _, i32x8, mask32x8, u32x8};
 use fearless_simd::prelude::*;
 
 use super::gather::Gather;
@@ -29,12 +29,15 @@ pub(super) enum Field {
     Limit = 13,
     Numerator = 16,
     Denominator = 17,
-    Level = 18,
+    /// The cell's level, plus 8.
+    Shift = 18,
     Major = 19,
     /// Voxel of the origin on the major axis.
     Start = 20,
+    /// Half of the cell's edge, in 1/256 of a voxel.
+    Half = 21,
 }
-pub(super) const FIELDS: usize = 21;
+pub(super) const FIELDS: usize = 22;
 
 /// Rays that wait for a lane.
 pub(super) struct Staged {
@@ -73,8 +76,8 @@ impl Staged {
         (STAGED - self.end) / LANES
     }
 
-    /// Adds rays, eight or less, of a list in which the first of them has a number. `except` says which of those whose origins lie in a plane between
-    /// voxels are left out: it gets a bit for each and leaves the bits that are set in place.
+    /// Adds rays, eight or less, of a list in which the first of them has a number. `except` says which of those are left out whose origins lie in a plane between
+    /// voxels, or outside of the volume: it gets a bit for each of these.
     #[inline(always)]
     pub(super) fn add<S: Gather>(
         &mut self,
@@ -99,20 +102,21 @@ impl Staged {
         let (is_x, is_y) = (major.simd_eq(zero), major.simd_eq(i32x8::splat(simd, 1)));
         let [mut flip, mut origin, mut direction, mut corner] = [[zero; 3]; 4];
         let level = coarsest + FRACTION_BITS;
-        let mut on_plane = zero.simd_gt(zero);
+        let mut special = zero.simd_gt(zero);
+        let voxels = volume.voxels();
         for axis in 0..3 {
             flip[axis] = directions[axis] >> 31;
             origin[axis] = (origins[axis] ^ flip[axis]) - flip[axis];
             direction[axis] = (directions[axis] ^ flip[axis]) - flip[axis];
             corner[axis] = (origin[axis] >> level) << level;
-            on_plane |= (origin[axis] & 255).simd_eq(zero);
+            let outside = (origins[axis] >> FRACTION_BITS).bitcast::<u32x8<S>>().simd_ge(u32x8::splat(simd, voxels[axis]));
+            special |= (origin[axis] & 255).simd_eq(zero) | outside;
         }
         let up = is_x.select(flip[0], is_y.select(flip[1], flip[2]));
         let start = is_x.select(origin[0], is_y.select(origin[1], origin[2]));
         let reach = (end ^ up) - up - start;
         let denominator = is_x.select(direction[0], is_y.select(direction[1], direction[2]));
         let mut limit = [zero; 3];
-        let voxels = volume.voxels();
         for axis in 0..3 {
             // The last plane that is reached. Products are below 2^38, and a quotient that is not whole is at least 2^-16 below the next whole number, which a
             // double never rounds away.
@@ -129,18 +133,19 @@ impl Staged {
             limit[axis] = i32x8::simd_from(simd, last).min(leaves);
         }
 
-        let on_plane = on_plane.to_bitmask() as u32 & all;
-        let kept = if on_plane == 0 { all } else { all & !except(on_plane) };
+        let special = special.to_bitmask() as u32 & all;
+        let kept = if special == 0 { all } else { all & !except(special) };
         let mask = mask32x8::from_bitmask(simd, u64::from(kept));
         let numbers = i32x8::simd_from(simd, [0, 1, 2, 3, 4, 5, 6, 7]) + number as i32;
         let at = self.end;
         self.end += kept.count_ones() as usize;
         let [[cx, cy, cz], [ox, oy, oz], [dx, dy, dz], [fx, fy, fz], [lx, ly, lz]] =
             [corner, origin, direction, flip, limit];
-        let level = i32x8::splat(simd, coarsest as i32);
+        let shift = i32x8::splat(simd, level as i32);
+        let half = i32x8::splat(simd, 1 << (level - 1));
         let fields: [i32x8<S>; FIELDS] = [
-            numbers, cx, cy, cz, ox, oy, oz, dx, dy, dz, fx, fy, fz, lx, ly, lz, zero, denominator, level, major,
-            start >> FRACTION_BITS,
+            numbers, cx, cy, cz, ox, oy, oz, dx, dy, dz, fx, fy, fz, lx, ly, lz, zero, denominator, shift, major,
+            start >> FRACTION_BITS, half,
         ];
         for (to, from) in self.fields.iter_mut().zip(fields) {
             from.compress(mask).store_slice(&mut to[at..at + LANES]);
