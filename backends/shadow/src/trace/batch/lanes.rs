@@ -79,6 +79,7 @@ struct State<S: Gather> {
     rare: Mask<S>,
     /// Lanes that have gone to another of the eight cells of their byte.
     moved: Mask<S>,
+    byte: Ints<S>,
     fields: [Ints<S>; FIELDS],
 }
 
@@ -113,10 +114,16 @@ pub(super) fn trace<S: Gather, L: Ends, const COARSE: bool>(simd: S, list: &mut 
             return;
         }
         // Lanes that end wait for the others, since each look at who has ended costs as much as a step. Steps of two groups do not wait for one another.
-        for _ in 0..STEPS {
-            a.step::<COARSE>(&bytes, top, fine_until);
-            b.step::<COARSE>(&bytes, top, fine_until);
+        a.fetch(&bytes);
+        for _ in 1..STEPS {
+            b.fetch(&bytes);
+            a.step::<COARSE>(top, fine_until);
+            a.fetch(&bytes);
+            b.step::<COARSE>(top, fine_until);
         }
+        b.fetch(&bytes);
+        a.step::<COARSE>(top, fine_until);
+        b.step::<COARSE>(top, fine_until);
     }
 }
 
@@ -137,7 +144,7 @@ impl<S: Gather> State<S> {
         let none = Mask::splat(simd, false);
         let mut fields = [number(simd, 0); FIELDS];
         fields[Field::Number as usize] = number(simd, NOBODY as i32);
-        Self { simd, running: none, hit: none, rare: none, moved: none, fields }
+        Self { simd, running: none, hit: none, rare: none, moved: none, byte: number(simd, 0), fields }
     }
 
     /// Puts the ends of lanes' rays where they belong.
@@ -209,8 +216,24 @@ impl<S: Gather> State<S> {
         staged.take(count);
     }
 
+    /// Reads the bytes of the lanes' cells.
     #[inline(always)]
-    fn step<const COARSE: bool>(&mut self, bytes: &Bytes<S>, top: i32, fine_until: i32) {
+    fn fetch(&mut self, bytes: &Bytes<S>) {
+        let (corner, flip) = (self.on_axes(Field::Corner), self.on_axes(Field::Flip));
+        let shift = self.get(Field::Shift);
+        let narrow = shift & 31;
+        let simd = self.simd;
+        let mut index = simd.pick(bytes.starts, shift);
+        index += (corner[0] ^ flip[0]) >> narrow;
+        index += ((corner[1] ^ flip[1]) >> narrow) * simd.pick(bytes.rows, shift);
+        index += ((corner[2] ^ flip[2]) >> narrow) * simd.pick(bytes.layers, shift);
+        // As the highest byte of each word.
+        self.byte = simd.gather(bytes.all, index) << 24;
+    }
+
+    /// Goes on with the bytes that were read last.
+    #[inline(always)]
+    fn step<const COARSE: bool>(&mut self, top: i32, fine_until: i32) {
         let simd = self.simd;
         let zero = number(simd, 0);
         let (corner, origin) = (self.on_axes(Field::Corner), self.on_axes(Field::Origin));
@@ -218,13 +241,7 @@ impl<S: Gather> State<S> {
         let (numerator, denominator) = (self.get(Field::Numerator), self.get(Field::Denominator));
         let (shift, half) = (self.get(Field::Shift), self.get(Field::Half));
 
-        // The byte, as the highest of a word.
-        let narrow = shift & 31;
-        let mut index = simd.pick(bytes.starts, shift);
-        index += (corner[0] ^ flip[0]) >> narrow;
-        index += ((corner[1] ^ flip[1]) >> narrow) * simd.pick(bytes.rows, shift);
-        index += ((corner[2] ^ flip[2]) >> narrow) * simd.pick(bytes.layers, shift);
-        let byte = simd.gather(bytes.all, index) << 24;
+        let byte = self.byte;
         let is_empty = byte.simd_eq(zero);
 
         let mut hit = Mask::splat(simd, false);
