@@ -41,6 +41,31 @@ fn every_effect_changes_the_picture() {
 }
 
 #[test]
+fn the_gpu_makes_the_same_effects() {
+    // As in the tests of the casters: without a device this is skipped, unless a device is required.
+    if !cfg!(feature = "wgpu") || std::env::var_os("ESVO_REQUIRE_GPU").is_none() {
+        eprintln!("skipped: ESVO_REQUIRE_GPU is not set");
+        return;
+    }
+    let folder = Folder::with_octree();
+    let draw = |names: &str, backend: &str| {
+        let options = ["--effects", names, "--light-radius", "0.2", "--backend", backend];
+        let said = folder.ok(&with(&[&options, &SMALL[..], &LAMP].concat()));
+        assert_eq!(said.contains("effects on "), backend == "wgpu", "{said}");
+        esvo_core::picture::read_picture(&folder.path("p.png")).unwrap()
+    };
+    let differ = |a: &esvo_core::Picture, b: &esvo_core::Picture| {
+        let pixels = a.rgb8.chunks_exact(3).zip(b.rgb8.chunks_exact(3));
+        pixels.filter(|(a, b)| a.iter().zip(*b).any(|(a, b)| a.abs_diff(*b) > 4)).count()
+    };
+    let all = draw("ao,shadows,reflections,fog", "wgpu");
+    let off = differ(&draw("ao,shadows,reflections,fog", "cpu"), &all);
+    assert!(off < 12, "{off} of 1200 pixels differ");
+    let without = differ(&draw("ao,shadows,fog", "wgpu"), &all);
+    assert!(without > 100, "{without} pixels of a picture without reflections differ");
+}
+
+#[test]
 fn frames_of_a_film_and_scene_lists_have_effects() {
     let folder = Folder::with_octree();
     folder.put(

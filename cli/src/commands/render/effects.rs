@@ -4,12 +4,14 @@ use clap::{Args, ValueEnum};
 use esvo_core::camera::viewpoint;
 use esvo_core::lights::Light;
 use esvo_core::{Camera, Nearest, Object, Picture, View};
+use esvo_engines::EngineId;
 use esvo_format::srgb;
 use esvo_shadow::effects::{Cone, Counts, Eye, Frame, Lamp, Settings, Wanted, compose_with};
 use esvo_shadow::octree::{bounds, look, world_of};
 use esvo_shadow::{MAX_VOXELS, World};
 use glam::{DVec3, Vec3};
 
+use super::effects_gpu::OnGpu;
 use crate::fail::Failure;
 use crate::memory::check_memory;
 
@@ -66,6 +68,7 @@ pub(crate) struct Effects {
     world: World,
     lamps: Vec<Lamp>,
     settings: Settings,
+    device: Option<OnGpu>,
 }
 
 impl EffectArguments {
@@ -80,8 +83,13 @@ impl EffectArguments {
         Ok(())
     }
 
-    /// The volume of the objects; `None` if no effect is wanted.
-    pub(crate) fn prepare(&self, objects: &[Object], lights: &[Light]) -> Result<Option<Effects>, Failure> {
+    /// The volume of the objects; `None` if no effect is wanted. With engine `wgpu` its device makes the effects, with others the processor.
+    pub(crate) fn prepare(
+        &self,
+        objects: &[Object],
+        lights: &[Light],
+        engine: EngineId,
+    ) -> Result<Option<Effects>, Failure> {
         if self.effects.is_empty() {
             return Ok(None);
         }
@@ -106,7 +114,8 @@ impl EffectArguments {
             metre: (longest / METRES) as f32,
             ..Settings::default()
         };
-        Ok(Some(Effects { world, lamps, settings }))
+        let device = (engine == EngineId::Wgpu).then(|| OnGpu::new(&world)).transpose()?;
+        Ok(Some(Effects { world, lamps, settings, device }))
     }
 }
 
@@ -152,19 +161,24 @@ impl Effects {
     ) -> Result<Picture, Failure> {
         let size = (views[0].width, views[0].height);
         let frame = Frame::of_hits(Eye::of(camera, size)?, objects, views, nearest);
+        let encode = |x: f32| srgb::encode(x.clamp(0.0, 1.0));
+        let picture =
+            |light: Vec<Vec3>| Picture::from_fn(size, |x, y| light[(y * size.0 + x) as usize].to_array().map(encode));
+        if let Some(device) = &self.device {
+            return Ok(picture(device.light(&self.world, &frame, &self.lamps, &self.settings)?));
+        }
         let (volume, grid) = (self.world.volume(), *self.world.grid());
         // A ray ends up to a voxel before the surface that the voxel is of, or behind it.
         let distance = 2.0 * grid.voxel as f32;
         let look = |place: Vec3, direction: Vec3| look(objects, place, direction, distance);
-        let light = compose_with(&frame, volume, grid, &self.lamps, &self.settings, &look).light;
-        let encode = |x: f32| srgb::encode(x.clamp(0.0, 1.0));
-        Ok(Picture::from_fn(size, |x, y| light[(y * size.0 + x) as usize].to_array().map(encode)))
+        Ok(picture(compose_with(&frame, volume, grid, &self.lamps, &self.settings, &look).light))
     }
 
     /// What there is to say about the volume.
     pub(crate) fn about(&self) -> String {
         let ([x, y, z], bytes) = (self.world.volume().voxels(), self.world.volume().bytes());
         let voxel = self.world.grid().voxel;
-        format!("volume of {x} x {y} x {z} voxels of {voxel:.4}, {:.1} MB\n", bytes as f64 / 1e6)
+        let on = self.device.as_ref().map_or_else(String::new, |device| format!(", effects on {}", device.name()));
+        format!("volume of {x} x {y} x {z} voxels of {voxel:.4}, {:.1} MB{on}\n", bytes as f64 / 1e6)
     }
 }

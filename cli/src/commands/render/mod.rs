@@ -4,6 +4,11 @@ mod casters;
 mod compare;
 mod draw;
 mod effects;
+#[cfg(feature = "wgpu")]
+mod effects_gpu;
+#[cfg(not(feature = "wgpu"))]
+#[path = "no_effects_gpu.rs"]
+mod effects_gpu;
 mod frames;
 mod look;
 mod path;
@@ -57,6 +62,7 @@ Cameras and lights are in the units of the scene then.
 shadows, reflections, fog and bounce, in any number. Rays begin in the picture and go on in the
 volume; what they gather is smoothed. Reflections have the colours that the picture shows and are
 black elsewhere; bounced light has those of the voxels. Lights become lamps that fade with distance.
+With --backend wgpu the GPU makes them, and light bounces from what the picture shows.
 
 Where voxels are larger than a pixel, the picture is blurred by the paper's post-process filter
 (section 4.3); --filter off shows the voxels.
@@ -165,7 +171,7 @@ pub(crate) fn run_render(arguments: &RenderArguments) -> Result<(), Failure> {
     if !arguments.effects.effects.is_empty() {
         progress.say("making the volume");
     }
-    let effects = arguments.effects.prepare(&objects, &arguments.lights)?;
+    let effects = arguments.effects.prepare(&objects, &arguments.lights, arguments.backend)?;
     progress.say("rendering");
     let mut casters = Casters::default();
     for look in &looks {

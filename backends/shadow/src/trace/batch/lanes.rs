@@ -10,9 +10,9 @@
 use fearless_simd::prelude::*;
 use fearless_simd::{Bytes as _, i32x8, mask32x8, u32x8};
 
-use super::{List, fault};
 use super::gather::Gather;
 use super::stage::{FIELDS, Field, LANES, Staged};
+use super::{List, fault};
 use crate::trace::{FRACTION_BITS, MAX_LEVEL};
 use crate::volume::{Occupancy, Volume};
 

@@ -1,8 +1,8 @@
 //! Rays made ready for lanes: their numbers beside each other.
 
 use bytemuck::Zeroable;
-use fearless_simd::{Bytes as _, i32x8, mask32x8, u32x8};
 use fearless_simd::prelude::*;
+use fearless_simd::{Bytes as _, i32x8, mask32x8, u32x8};
 
 use super::gather::Gather;
 use crate::trace::{FRACTION_BITS, Ray};
@@ -109,7 +109,8 @@ impl Staged {
             origin[axis] = (origins[axis] ^ flip[axis]) - flip[axis];
             direction[axis] = (directions[axis] ^ flip[axis]) - flip[axis];
             corner[axis] = (origin[axis] >> level) << level;
-            let outside = (origins[axis] >> FRACTION_BITS).bitcast::<u32x8<S>>().simd_ge(u32x8::splat(simd, voxels[axis]));
+            let outside =
+                (origins[axis] >> FRACTION_BITS).bitcast::<u32x8<S>>().simd_ge(u32x8::splat(simd, voxels[axis]));
             special |= (origin[axis] & 255).simd_eq(zero) | outside;
         }
         let up = is_x.select(flip[0], is_y.select(flip[1], flip[2]));
@@ -144,8 +145,28 @@ impl Staged {
         let shift = i32x8::splat(simd, level as i32);
         let half = i32x8::splat(simd, 1 << (level - 1));
         let fields: [i32x8<S>; FIELDS] = [
-            numbers, cx, cy, cz, ox, oy, oz, dx, dy, dz, fx, fy, fz, lx, ly, lz, zero, denominator, shift, major,
-            start >> FRACTION_BITS, half,
+            numbers,
+            cx,
+            cy,
+            cz,
+            ox,
+            oy,
+            oz,
+            dx,
+            dy,
+            dz,
+            fx,
+            fy,
+            fz,
+            lx,
+            ly,
+            lz,
+            zero,
+            denominator,
+            shift,
+            major,
+            start >> FRACTION_BITS,
+            half,
         ];
         for (to, from) in self.fields.iter_mut().zip(fields) {
             from.compress(mask).store_slice(&mut to[at..at + LANES]);
