@@ -8,7 +8,7 @@ use esvo_cpu::CpuCaster;
 use esvo_shadow::effects::lamps::shadow;
 use esvo_shadow::effects::occlusion::ambient_occlusion;
 use esvo_shadow::effects::{Frame, How, Obstacles, Offset, Query, Rays, Through};
-use esvo_shadow::trace::{Fidelity, MAX_LEVEL, Ray, Steps, first_hit, is_blocked};
+use esvo_shadow::trace::{Fidelity, MAX_LEVEL, Ray, Steps, batch, first_hit, is_blocked};
 use esvo_shadow::{MAX_MIPS, Volume, World};
 use rayon::prelude::*;
 
@@ -40,6 +40,8 @@ impl Obstacles for Recorder {
 #[derive(Clone, Copy)]
 enum Tracer {
     Walk,
+    /// The same in lists, many rays at once where the processor can.
+    Lists,
     Steps(f64),
 }
 
@@ -105,7 +107,11 @@ fn through_volume(
     let rays: Vec<Ray> = queries.iter().filter_map(|query| obstacles.ray(query)).collect();
     let mut ways = Vec::new();
     for coarsest in COARSEST {
-        ways.extend([(Tracer::Walk, coarsest, false), (Tracer::Walk, coarsest, true)]);
+        ways.extend(
+            [Tracer::Walk, Tracer::Lists]
+                .into_iter()
+                .flat_map(|tracer| [false, true].map(|first| (tracer, coarsest, first))),
+        );
     }
     for length in [0.5, 1.0, 2.0] {
         ways.extend([0, 3, MAX_LEVEL].map(|coarsest| (Tracer::Steps(length), coarsest, false)));
@@ -121,6 +127,7 @@ fn through_volume(
                 }
                 let name = match tracer {
                     Tracer::Walk => WALK.to_owned(),
+                    Tracer::Lists => format!("{WALK}, in lists"),
                     Tracer::Steps(length) => format!("steps of {length}"),
                 };
                 rows.push(RateRow {
@@ -144,7 +151,11 @@ fn through_volume(
 }
 
 fn trace(volume: &Volume, rays: &[Ray], tracer: Tracer, fidelity: Fidelity, first: bool) -> Answers {
+    if let Tracer::Lists = tracer {
+        return trace_lists(volume, rays, fidelity, first);
+    }
     let one = |ray: &Ray| match (tracer, first) {
+        (Tracer::Lists, _) => (false, 0),
         (Tracer::Walk, false) => is_blocked(volume, ray, fidelity),
         (Tracer::Walk, true) => {
             let traced = first_hit(volume, ray, fidelity);
@@ -160,6 +171,20 @@ fn trace(volume: &Volume, rays: &[Ray], tracer: Tracer, fidelity: Fidelity, firs
     let seconds = start.elapsed().as_secs_f64();
     let steps = answers.iter().map(|(_, steps)| u64::from(*steps)).sum();
     Answers { blocked: answers.into_iter().map(|(blocked, _)| blocked).collect(), steps, seconds }
+}
+
+/// As [`trace`], in lists; nothing counts their cells.
+fn trace_lists(volume: &Volume, rays: &[Ray], fidelity: Fidelity, first: bool) -> Answers {
+    let start = Instant::now();
+    let blocked = rays.par_chunks(2048).flat_map_iter(|rays| {
+        if first {
+            batch::first_hits(volume, rays, fidelity).iter().map(Option::is_some).collect()
+        } else {
+            batch::blocked(volume, rays, fidelity)
+        }
+    });
+    let blocked = blocked.collect();
+    Answers { blocked, steps: 0, seconds: start.elapsed().as_secs_f64() }
 }
 
 /// The CPU's octree caster, with the same rays, on all cores.

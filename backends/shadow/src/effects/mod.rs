@@ -46,7 +46,11 @@ pub struct Rays {
     pub seed: u32,
 }
 
-/// Pixels whose queries are in memory together.
+/// Pixels that a thread does one after the other.
+const PART: usize = 1024;
+/// Queries that are cast together, but for those of the last pixel: many enough for [`trace::batch`](crate::trace::batch), and few enough to stay in a cache.
+const QUERIES: usize = 2048;
+/// Pixels whose samples of fog are in memory together.
 const TOGETHER: usize = 64;
 
 /// Adds a surface's rays to all around, as often in a direction as its cosine is large.
@@ -69,25 +73,31 @@ fn each_surface<T: Send + Clone + Sync, A>(
     cast: impl Fn(&[Query]) -> Vec<A> + Sync,
     answer: impl Fn(u32, &Surface, &[Query], &[A]) -> T + Sync,
 ) -> Vec<T> {
-    let parts = frame.surfaces.par_chunks(TOGETHER).enumerate().flat_map_iter(|(part, surfaces)| {
-        let pixel = |i: usize| (part * TOGETHER + i) as u32;
+    let parts = frame.surfaces.par_chunks(PART).enumerate().flat_map_iter(|(part, surfaces)| {
+        let pixel = |i: usize| (part * PART + i) as u32;
         let mut queries = Vec::new();
-        let mut ends = Vec::with_capacity(surfaces.len());
+        // Of the pixels since the last answers, one past the last of each one's queries.
+        let mut ends = Vec::new();
+        let mut values = Vec::with_capacity(surfaces.len());
         for (i, surface) in surfaces.iter().enumerate() {
             if let Some(surface) = surface {
                 ask(pixel(i), surface, &mut queries);
             }
             ends.push(queries.len());
-        }
-        let answers = cast(&queries);
-        let mut from = 0;
-        let mut values = Vec::with_capacity(surfaces.len());
-        for (i, (surface, end)) in surfaces.iter().zip(ends).enumerate() {
-            values.push(surface.as_ref().map_or_else(
-                || none.clone(),
-                |surface| answer(pixel(i), surface, &queries[from..end], &answers[from..end]),
-            ));
-            from = end;
+            if queries.len() < QUERIES && i + 1 < surfaces.len() {
+                continue;
+            }
+            let answers = cast(&queries);
+            let mut from = 0;
+            for end in ends.drain(..) {
+                let i = values.len();
+                values.push(surfaces[i].as_ref().map_or_else(
+                    || none.clone(),
+                    |surface| answer(pixel(i), surface, &queries[from..end], &answers[from..end]),
+                ));
+                from = end;
+            }
+            queries.clear();
         }
         values
     });

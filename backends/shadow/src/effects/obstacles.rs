@@ -6,7 +6,7 @@ use super::frame::Frame;
 use super::screen;
 use super::start::Offset;
 use crate::grid::Grid;
-use crate::trace::{Fidelity, Ray, Steps, first_hit, is_blocked};
+use crate::trace::{Fidelity, Hit, Ray, Steps, batch};
 use crate::volume::Occupancy;
 
 /// A ray that is asked about. Lengths are in the world's unit.
@@ -44,6 +44,9 @@ pub enum How {
         fidelity: Fidelity,
     },
 }
+
+/// Rays that are traced together.
+const TOGETHER: usize = 2048;
 
 /// Obstacles as a volume has them.
 #[derive(Clone, Copy, Debug)]
@@ -103,34 +106,66 @@ enum Begun {
     Goes(Ray, f32),
 }
 
+impl<O: Occupancy + Sync + ?Sized> Through<'_, O> {
+    /// The answer to each query: what a query is answered with whose ray has met something, or nothing; and what to `trace`, rays and where on their queries they
+    /// begin, in the place of which `trace` puts answers in the same order.
+    fn answer<A: Clone>(
+        &self,
+        queries: &[Query],
+        met: impl Fn(f32) -> A,
+        free: A,
+        trace: impl Fn(&[Ray], &[f32]) -> Vec<A>,
+    ) -> Vec<A> {
+        let mut answers = vec![free; queries.len()];
+        let (mut places, mut rays, mut along) = (Vec::new(), Vec::new(), Vec::new());
+        for part in (0..queries.len()).step_by(TOGETHER) {
+            for (place, query) in (part..).zip(&queries[part..queries.len().min(part + TOGETHER)]) {
+                match self.begin(query) {
+                    Begun::Met(at) => answers[place] = met(at),
+                    Begun::Free => {}
+                    Begun::Goes(ray, skipped) => {
+                        places.push(place);
+                        rays.push(ray);
+                        along.push(skipped);
+                    }
+                }
+            }
+            for (place, answer) in places.drain(..).zip(trace(&rays, &along)) {
+                answers[place] = answer;
+            }
+            rays.clear();
+            along.clear();
+        }
+        answers
+    }
+}
+
 impl<O: Occupancy + Sync + ?Sized> Obstacles for Through<'_, O> {
     fn blocked(&self, queries: &[Query]) -> Vec<bool> {
-        let blocked = |query: &Query| match self.begin(query) {
-            Begun::Met(_) => true,
-            Begun::Free => false,
-            Begun::Goes(ray, _) => match self.how {
-                How::Walk(fidelity) => is_blocked(self.volume, &ray, fidelity).0,
-                How::Steps { length, fidelity } => Steps::new(&ray, length)
-                    .is_ok_and(|steps| steps.first_hit(self.volume, &ray, fidelity).hit.is_some()),
-            },
+        let trace = |rays: &[Ray], _: &[f32]| match self.how {
+            How::Walk(fidelity) => batch::blocked(self.volume, rays, fidelity),
+            How::Steps { length, fidelity } => rays
+                .iter()
+                .map(|ray| {
+                    Steps::new(ray, length).is_ok_and(|steps| steps.first_hit(self.volume, ray, fidelity).hit.is_some())
+                })
+                .collect(),
         };
-        queries.iter().map(blocked).collect()
+        self.answer(queries, |_| true, false, trace)
     }
 
     fn first(&self, queries: &[Query]) -> Vec<Option<f32>> {
-        let first = |query: &Query| match self.begin(query) {
-            Begun::Met(at) => Some(at),
-            Begun::Free => None,
-            Begun::Goes(ray, along) => {
-                let traced = match self.how {
-                    How::Walk(fidelity) => first_hit(self.volume, &ray, fidelity).hit,
-                    How::Steps { length, fidelity } => {
-                        Steps::new(&ray, length).ok()?.first_hit(self.volume, &ray, fidelity).hit
-                    }
-                };
-                traced.map(|hit| along + hit.distance * self.grid.voxel as f32)
-            }
+        let trace = |rays: &[Ray], along: &[f32]| {
+            let hits = match self.how {
+                How::Walk(fidelity) => batch::first_hits(self.volume, rays, fidelity),
+                How::Steps { length, fidelity } => rays
+                    .iter()
+                    .map(|ray| Steps::new(ray, length).ok()?.first_hit(self.volume, ray, fidelity).hit)
+                    .collect(),
+            };
+            let far = |(hit, along): (Option<Hit>, &f32)| hit.map(|hit| along + hit.distance * self.grid.voxel as f32);
+            hits.into_iter().zip(along).map(far).collect()
         };
-        queries.iter().map(first).collect()
+        self.answer(queries, Some, None, trace)
     }
 }

@@ -51,8 +51,8 @@ impl Ray {
         let direction = direction / largest;
         let along = length * ONE / direction.length();
         let most = f64::from(MOST << FRACTION_BITS);
-        let reach = along.round().min(most) as i32 * direction[major].signum() as i32;
-        let direction = (direction * f64::from(LONGEST)).round().as_ivec3().to_array();
+        let reach = nearest(along.min(most)) * direction[major].signum() as i32;
+        let direction = (direction * f64::from(LONGEST)).to_array().map(nearest);
         Ok(Self { origin, major: major as u32, direction, end: origin[major] + reach })
     }
 
@@ -119,5 +119,28 @@ fn place(voxels: DVec3) -> Result<[i32; 3], ShadowError> {
     if !voxels.is_finite() || voxels.abs().max_element() > FARTHEST {
         return Err(ShadowError::Ray(format!("a ray through {voxels} was given; places are within {FARTHEST} voxels")));
     }
-    Ok((voxels * ONE).round().as_ivec3().to_array())
+    Ok((voxels * ONE).to_array().map(nearest))
+}
+
+/// The nearest whole number, that farther from zero of two: [`f64::round`] for numbers below 2^31, without a call on processors that have no instruction for it.
+fn nearest(x: f64) -> i32 {
+    // The number before 0.5. With 0.5 itself the sum would be 1 for the number before 0.5.
+    (x + 0.499_999_999_999_999_94_f64.copysign(x)) as i32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::nearest;
+
+    #[test]
+    fn nearest_is_round() {
+        let halves = (-20_000..20_000).map(|n| f64::from(n) * 0.5);
+        let large = (0..30).flat_map(|bit| [0.5, 1.0, 1.5].map(|half| f64::from(1 << bit) + half));
+        for x in halves.chain(large) {
+            for x in [x, x.next_up(), x.next_down(), -x, -x.next_up(), x * 0.9] {
+                assert_eq!(nearest(x), x.round() as i32, "{x}");
+            }
+        }
+        assert_eq!(nearest(0.499_999_999_999_999_94), 0);
+    }
 }

@@ -118,7 +118,9 @@ pub(super) fn trace<S: Gather, L: Ends, const COARSE: bool>(simd: S, list: &mut 
         for _ in 1..STEPS {
             b.fetch(&bytes);
             a.step::<COARSE>(top, fine_until);
-            a.fetch(&bytes);
+            if !fault::made(fault::OLD_BYTE) {
+                a.fetch(&bytes);
+            }
             b.step::<COARSE>(top, fine_until);
         }
         b.fetch(&bytes);
@@ -307,7 +309,9 @@ impl<S: Gather> State<S> {
         self.fields[Field::Shift as usize] = shift + descends.to_vector() - up.to_vector();
 
         hit |= descends & shift.simd_eq(number(simd, FRACTION_BITS as i32 + 1));
-        let rare = if fault::made(fault::TIES) { tie & on_plane } else { (tie | on_plane) & self.running };
+        let tie = if fault::made(fault::TIES) { Mask::splat(simd, false) } else { tie };
+        let on_plane = if fault::made(fault::ON_PLANE) { Mask::splat(simd, false) } else { on_plane };
+        let rare = (tie | on_plane) & self.running;
         self.hit |= hit;
         self.rare |= rare;
         self.running &= !(hit | miss | rare);

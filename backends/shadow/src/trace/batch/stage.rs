@@ -2,7 +2,7 @@
 
 use bytemuck::Zeroable;
 use fearless_simd::prelude::*;
-use fearless_simd::{Bytes as _, i32x8, mask32x8, u32x8};
+use fearless_simd::{i32x8, mask32x8, u32x8};
 
 use super::gather::Gather;
 use crate::trace::{FRACTION_BITS, Ray};
