@@ -43,7 +43,7 @@
 //!
 //! # What is where
 //! - `volume`: [`Volume`], all bytes of a bounded world, and [`Bricks`], which have only those that are not zero. [`Occupancy`] is what rays need of them.
-//! - `trace`: [`trace::Ray`]; [`trace::first_hit`] and [`trace::is_blocked`], every voxel; [`trace::Steps`], samples. [`trace::Fidelity`]: mips, and
+//! - `trace`: [`trace::Ray`]; [`trace::first_hit`] and [`trace::is_blocked`], every voxel; [`trace::batch`], the same of lists of rays; [`trace::Steps`], samples. [`trace::Fidelity`]: mips, and
 //!   how fidelity falls along a ray.
 //! - `grid`: [`Grid`] and [`Pose`]. `shape`: [`Shape`], what objects are made of: [`Mesh`] and [`Cubes`], and [`Stamp`], the voxels of one object.
 //! - [`rooms`]: closed rooms, to count leaks.
