@@ -215,7 +215,7 @@ fn rates(report: &ShadowReport) -> TextTable {
                 format!("{}{first}", row.tracer),
                 dash(row.coarsest.to_string()),
                 short(rate(row)),
-                dash(short(row.steps)),
+                if row.steps > 0.0 { short(row.steps) } else { "-".into() },
                 dash(row.different.to_string()),
                 dash(short(row.different as f64 * 1e6 / row.rays.max(1) as f64)),
             ]);

@@ -1,9 +1,7 @@
 //! What `fearless_simd` has not: numbers from places that differ from lane to lane.
 
+use fearless_simd::i32x8;
 use fearless_simd::prelude::*;
-use fearless_simd::{Fallback, i32x8};
-
-use super::stage::LANES;
 
 /// Vectors with which bytes can be gathered.
 pub(super) trait Gather: Simd {
@@ -12,21 +10,6 @@ pub(super) trait Gather: Simd {
 
     /// The numbers of a table at places from 0 to 7.
     fn pick(self, table: i32x8<Self>, at: i32x8<Self>) -> i32x8<Self>;
-}
-
-impl Gather for Fallback {
-    #[inline(always)]
-    fn gather(self, bytes: &[u8], at: i32x8<Self>) -> i32x8<Self> {
-        let at: [i32; LANES] = at.into();
-        let byte = |at: i32| bytes.get(at as u32 as usize).or(bytes.last()).map_or(0, |&byte| i32::from(byte));
-        at.map(byte).simd_into(self)
-    }
-
-    #[inline(always)]
-    fn pick(self, table: i32x8<Self>, at: i32x8<Self>) -> i32x8<Self> {
-        let (table, at): ([i32; LANES], [i32; LANES]) = (table.into(), at.into());
-        at.map(|at| table[at as usize & 7]).simd_into(self)
-    }
 }
 
 #[cfg(target_arch = "x86_64")]

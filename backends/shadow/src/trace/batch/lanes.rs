@@ -103,9 +103,10 @@ pub(super) fn trace<S: Gather, L: Ends, const COARSE: bool>(simd: S, list: &mut 
                 continue;
             }
             group.put(!running, list);
-            if more && staged.left() < LANES {
+            // Of rays that are staged none may be left: all may end where they begin, or be for the walk.
+            while more && staged.left() < LANES {
                 list.stage(simd, &mut staged, coarsest);
-                more = staged.left() >= LANES;
+                more = list.next < list.rays.len();
             }
             group.fill(running, &mut staged);
         }

@@ -5,15 +5,15 @@
 //! traced one by one, and so are all rays on other processors, through [other volumes](Occupancy::dense) and through volumes of 2 GiB or more. How many
 //! cells the volume is asked for is not counted. Lists of some hundred rays and more are worth it.
 //!
-//! `stage` makes rays ready, eight at once; `gather` reads bytes. The code is written once for all vectors of `fearless_simd`.
+//! `stage` makes rays ready, eight at once; `gather` reads bytes. The code is written for any vectors of `fearless_simd`.
+
+#![cfg_attr(not(target_arch = "x86_64"), allow(dead_code, reason = "without vectors the walk traces all rays"))]
 
 mod gather;
 mod lanes;
 mod stage;
 #[cfg(test)]
 mod tests;
-
-use fearless_simd::{Fallback, Level};
 
 use self::gather::Gather;
 use self::lanes::{Ends, Met};
@@ -50,72 +50,56 @@ mod fault {
     }
 }
 
-/// Vectors that there is code for.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-enum Vectors {
-    /// Plain arrays, on every processor. The walk is faster: they are for tests.
-    Arrays,
-    /// AVX2.
-    Avx2,
-}
-
-impl Vectors {
-    /// All of them, the fastest last.
-    const ALL: [Self; 2] = [Self::Arrays, Self::Avx2];
-
-    fn is_available(self) -> bool {
-        match self {
-            Self::Arrays => true,
-            #[cfg(target_arch = "x86_64")]
-            Self::Avx2 => Level::new().as_avx2().is_some(),
-            #[cfg(not(target_arch = "x86_64"))]
-            Self::Avx2 => false,
-        }
-    }
-
-    /// The fastest that this processor has, if they are faster than the walk.
-    fn best() -> Option<Self> {
-        Self::ALL.into_iter().rfind(|vectors| vectors.is_available()).filter(|&vectors| vectors != Self::Arrays)
-    }
+/// The vectors that rays are traced in, if this processor has them. With plain arrays in their place lists are slower than the walk, and compiling them takes
+/// minutes.
+#[cfg(target_arch = "x86_64")]
+fn vectors() -> Option<fearless_simd::Avx2> {
+    fearless_simd::Level::new().as_avx2()
 }
 
 /// The first full voxel that each ray touches, as [`first_hit`] finds it.
 pub fn first_hits<O: Occupancy + ?Sized>(volume: &O, rays: &[Ray], fidelity: Fidelity) -> Vec<Option<Hit>> {
-    match in_lanes(volume, rays) {
-        Some((vectors, dense)) => first_with(vectors, dense, rays, fidelity),
+    let mut ends = First { rays, hits: vec![None; rays.len()] };
+    match run(volume, rays, fidelity, &mut ends) {
+        Some(rare) => {
+            for ray in rare {
+                ends.hits[ray as usize] = first_hit(volume, &rays[ray as usize], fidelity).hit;
+            }
+            ends.hits
+        }
         None => rays.iter().map(|ray| first_hit(volume, ray, fidelity).hit).collect(),
     }
 }
 
 /// Whether each ray touches a full voxel, as [`is_blocked`] says.
 pub fn blocked<O: Occupancy + ?Sized>(volume: &O, rays: &[Ray], fidelity: Fidelity) -> Vec<bool> {
-    match in_lanes(volume, rays) {
-        Some((vectors, dense)) => blocked_with(vectors, dense, rays, fidelity),
+    let mut ends = Blocked(vec![false; rays.len()]);
+    match run(volume, rays, fidelity, &mut ends) {
+        Some(rare) => {
+            for ray in rare {
+                ends.0[ray as usize] = is_blocked(volume, &rays[ray as usize], fidelity).0;
+            }
+            ends.0
+        }
         None => rays.iter().map(|ray| is_blocked(volume, ray, fidelity).0).collect(),
     }
 }
 
-/// How rays are traced in lanes, if they are: places of bytes and numbers of rays fit 31 bits.
-fn in_lanes<'a, O: Occupancy + ?Sized>(volume: &'a O, rays: &[Ray]) -> Option<(Vectors, &'a Volume)> {
-    let dense = volume.dense()?;
-    let fit = dense.all_bytes().len() <= i32::MAX as usize && rays.len() <= lanes::NOBODY as usize;
-    Some((Vectors::best().filter(|_| fit)?, dense))
-}
-
-fn first_with(vectors: Vectors, volume: &Volume, rays: &[Ray], fidelity: Fidelity) -> Vec<Option<Hit>> {
-    let mut ends = First { rays, hits: vec![None; rays.len()] };
-    for ray in run(vectors, List::new(volume, rays, fidelity, &mut ends)) {
-        ends.hits[ray as usize] = first_hit(volume, &rays[ray as usize], fidelity).hit;
+/// Traces a list of rays in lanes, and returns those that the walk must trace. `None` if that is all of them: without vectors, in other volumes, and where places of
+/// bytes or numbers of rays do not fit 31 bits.
+fn run<O: Occupancy + ?Sized>(volume: &O, rays: &[Ray], fidelity: Fidelity, ends: &mut impl Ends) -> Option<Vec<u32>> {
+    let volume = volume.dense()?;
+    if volume.all_bytes().len() > i32::MAX as usize || rays.len() > lanes::NOBODY as usize {
+        return None;
     }
-    ends.hits
-}
-
-fn blocked_with(vectors: Vectors, volume: &Volume, rays: &[Ray], fidelity: Fidelity) -> Vec<bool> {
-    let mut ends = Blocked(vec![false; rays.len()]);
-    for ray in run(vectors, List::new(volume, rays, fidelity, &mut ends)) {
-        ends.0[ray as usize] = is_blocked(volume, &rays[ray as usize], fidelity).0;
+    let list = List { volume, rays, fidelity, next: 0, ends, rare: Vec::new() };
+    #[cfg(target_arch = "x86_64")]
+    return Some(run_on(vectors()?, list));
+    #[cfg(not(target_arch = "x86_64"))]
+    {
+        let _ = list;
+        None
     }
-    ends.0
 }
 
 /// Cells that rays hit.
@@ -164,10 +148,6 @@ struct List<'a, L> {
 }
 
 impl<'a, L: Ends> List<'a, L> {
-    fn new(volume: &'a Volume, rays: &'a [Ray], fidelity: Fidelity, ends: &'a mut L) -> Self {
-        Self { volume, rays, fidelity, next: 0, ends, rare: Vec::new() }
-    }
-
     /// Stages rays, as many as there is room for, if so many are left.
     #[inline(always)]
     fn stage<S: Gather>(&mut self, simd: S, staged: &mut Staged, coarsest: u32) {
@@ -202,20 +182,6 @@ impl<'a, L: Ends> List<'a, L> {
         }
         ended
     }
-}
-
-/// Traces the rays of a list, and returns those that the walk must trace.
-fn run<L: Ends>(vectors: Vectors, list: List<'_, L>) -> Vec<u32> {
-    #[cfg(target_arch = "x86_64")]
-    match vectors {
-        Vectors::Avx2 => {
-            if let Some(simd) = Level::new().as_avx2() {
-                return run_on(simd, list);
-            }
-        }
-        Vectors::Arrays => {}
-    }
-    run_on(Fallback::new(), list)
 }
 
 fn run_on<S: Gather, L: Ends>(simd: S, list: List<'_, L>) -> Vec<u32> {
