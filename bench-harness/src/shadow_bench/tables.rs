@@ -133,7 +133,7 @@ fn picture(report: &ShadowReport) -> TextTable {
     let mut table = TextTable::new(title, 1, &head);
     table.notes = vec![format!(
         "Rays for each pixel: {} of ambient occlusion, {} to each lamp whose light comes there, {} mirrored, and {} places in fog, from each of which one goes to each \
-         lamp whose light comes there. Every voxel is looked at, in fog steps of one. Pixels that differ: from the processor's light, by more than a \
+         lamp whose light comes there. Every voxel is looked at. Pixels that differ: from the processor's light, by more than a \
          hundredth of white. Surfaces, from which all begins, are not in the times.",
         picture.occlusion_rays, picture.lamp_rays, picture.reflection_rays, picture.fog_places
     )];

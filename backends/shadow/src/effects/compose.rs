@@ -75,6 +75,9 @@ pub struct Settings {
     pub roughness: f32,
     /// What part of light fog scatters in a metre.
     pub fog: f32,
+    /// Voxels from sample to sample of rays in fog, up to 64; 0: every voxel is looked at. Samples are cheaper where rays are traced one by one, as a GPU
+    /// does, and dearer than [lists](crate::trace::batch) of rays through every voxel.
+    pub fog_step: f64,
     /// Passes of the filter against noise; 0 for none.
     pub smoothing: u32,
 }
@@ -90,6 +93,7 @@ impl Default for Settings {
             sky: Vec3::new(0.62, 0.74, 0.9),
             roughness: 0.35,
             fog: 0.06,
+            fog_step: 0.0,
             smoothing: 3,
         }
     }
@@ -97,8 +101,6 @@ impl Default for Settings {
 
 /// The reach of rays of ambient occlusion and of bounced light, then of those that mirror, then of fog before the sky, in metres.
 pub(crate) const REACHES: [f32; 3] = [5.0, 40.0, 25.0];
-/// Rays in fog look at the volume in steps of so many voxels: fog is blurred anyway.
-pub(crate) const FOG_STEP: f64 = 1.0;
 /// What a surface mirrors of what comes straight; more at grazing angles.
 pub(crate) const MIRRORED: f32 = 0.15;
 
@@ -247,7 +249,8 @@ pub fn compose_with<O: Occupancy + Sync + ?Sized>(
         mirror(frame, &through, settings, &edges, &mut light, &mut made);
     }
     if wanted.fog {
-        let how = How::Steps { length: FOG_STEP, fidelity: Fidelity::EXACT };
+        let fidelity = Fidelity::EXACT;
+        let how = if settings.fog_step > 0.0 { How::Steps { length: settings.fog_step, fidelity } } else { how };
         veil(frame, &Through { how, screen: None, ..through }, lamps, settings, &mut light, &mut made);
     }
     made.light = light;

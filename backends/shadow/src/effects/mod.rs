@@ -51,7 +51,7 @@ const PART: usize = 1024;
 /// Queries that are cast together, but for those of the last pixel: many enough for [`trace::batch`](crate::trace::batch), and few enough to stay in a cache.
 const QUERIES: usize = 2048;
 /// Pixels whose samples of fog are in memory together.
-const TOGETHER: usize = 64;
+const TOGETHER: usize = 256;
 
 /// Adds a surface's rays to all around, as often in a direction as its cosine is large.
 fn ask_around(pixel: u32, surface: &Surface, reach: f32, rays: Rays, queries: &mut Vec<Query>) {

@@ -10,7 +10,7 @@ use esvo_device::{DeviceError, Gpu, Usage, storage, uniform};
 use glam::Vec3;
 
 use super::volume::{GpuVolume, volume_layout};
-use crate::effects::compose::{FOG_STEP, REACHES};
+use crate::effects::compose::REACHES;
 use crate::effects::{Composed, Frame, Lamp, Offset, Pass, Settings};
 use crate::error::ShadowError;
 use crate::grid::Grid;
@@ -369,7 +369,7 @@ impl<'a> Work<'a> {
             light = self.run(Pass::Mirror, "mix_mirrored", self.job, [Some(&light), Some(&mirrored)])?;
         }
         if wanted.fog {
-            let step = FOG_STEP as f32;
+            let step = self.settings.fog_step as f32;
             let job = Job { rays: counts.fog, reach: fog, in_picture: 0, step, ..self.job };
             let veils = self.run(Pass::Fog, "fog", job, [None; 2])?;
             let veils = self.filter(Pass::BlurFog, "blur", veils, None)?;
