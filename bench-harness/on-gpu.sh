@@ -80,8 +80,8 @@ step rays 90 "$esvo" bench rays --seconds 20 --out "$folder"
 step sweep 100 "$esvo" bench sweep --scenes sibenik --levels 7,8,9 --views 1 --rounds 3 --cache "$cache" --out "$folder"
 # Which voxels each method finds, and how fast.
 step voxelize 100 "$esvo" bench voxelize --scenes "${SCENES:-sibenik,conference}" --out "$folder"
-# Rays through a bit volume: the processor's answers, and how fast; what it takes to send changes.
-step shadow 60 "$esvo" bench shadow --voxels 5 --rays 4 --converged 16 --size 160x120 --levels 10 --leak-rays 100000 --no-pictures --out "$folder"
+# Rays through a bit volume: the processor's answers, and how fast; what it takes to send changes; a picture pass by pass.
+step shadow 90 "$esvo" bench shadow --voxels 5 --rays 4 --converged 16 --size 160x120 --levels 10 --leak-rays 100000 --no-pictures --out "$folder"
 # All of it on one page.
 step page 30 "$esvo" bench page "$folder" -o "$folder/page.html"
 
