@@ -79,6 +79,8 @@ const MIRRORED: f32 = 0.15;
 /// See src/effects/denoise.rs.
 const AROUND: f32 = 25.0;
 const OWN: f32 = 3.0;
+const MANY: f32 = 1.0;
+const FEW: f32 = 1.5;
 
 struct Surface {
     position: vec3<f32>,
@@ -573,7 +575,7 @@ fn beside(pixel: Pixel, i: i32, j: i32, apart: i32) -> Pixel {
     return Pixel(vec2<u32>(at), u32(at.y) * picture.width + u32(at.x), is_some);
 }
 
-/// First: shares of rays. Made: the pixel's own, the mean around it, and one over the noise of that.
+/// First: shares of rays. Made: the pixel's own, the mean around it, and one over what that may differ by.
 @compute @workgroup_size(8, 8)
 fn shares_around(@builtin(global_invocation_id) id: vec3<u32>) {
     let pixel = pixel_of(id);
@@ -596,7 +598,8 @@ fn shares_around(@builtin(global_invocation_id) id: vec3<u32>) {
     let rays = AROUND * f32(job.rays);
     let chance = (mean * rays + 1.0) / (rays + 2.0);
     let own = dot(first[pixel.index].xyz, vec3<f32>(1.0 / 3.0));
-    made[pixel.index] = vec4<f32>(own, mean, sqrt(rays / (chance * (1.0 - chance))), 0.0);
+    let strictness = sqrt(rays / (chance * (1.0 - chance))) / (MANY + FEW / f32(job.rays));
+    made[pixel.index] = vec4<f32>(own, mean, strictness, 0.0);
 }
 
 /// First: values. Second: of shares, what is around. Made: the mean of values of near pixels that are alike. `kind` 0: whatever they show, 1: of the same surface,

@@ -46,15 +46,19 @@ pub fn smooth_shares<const N: usize>(frame: &Frame, values: &[[f32; N]], rays: u
 
 /// Pixels that a mean is taken over.
 const AROUND: f32 = 25.0;
-/// How many times its noise a pixel's own share may differ to count by 1 / e. Means may by once their noise.
+/// How many times its noise a pixel's own share may differ to count by 1 / e, as many times as a mean may.
 const OWN: f32 = 3.0;
+/// How many times its noise a mean of many rays may differ. Of few rays means may by more: then noise is seen more than what it hides.
+const MANY: f32 = 1.0;
+/// How much more, of one ray.
+const FEW: f32 = 1.5;
 
-/// One over the noise of a mean of shares.
+/// One over what a mean of shares may differ by.
 fn strictness(mean: f32, rays: u32) -> f32 {
     // One ray more that gets through and one that does not: that few rays all do is no proof that others would.
     let all = AROUND * rays.max(1) as f32;
     let chance = (mean * all + 1.0) / (all + 2.0);
-    (all / (chance * (1.0 - chance))).sqrt()
+    (all / (chance * (1.0 - chance))).sqrt() / (MANY + FEW / rays.max(1) as f32)
 }
 
 /// Weights of a row of five, and of five rows.
