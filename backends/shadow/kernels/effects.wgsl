@@ -77,7 +77,7 @@ const MARGIN: f32 = 0.03;
 /// See src/effects/compose.rs.
 const MIRRORED: f32 = 0.15;
 /// See src/effects/denoise.rs.
-const AROUND: f32 = 25.0;
+const ACROSS: f32 = 5.0;
 const OWN: f32 = 3.0;
 const MANY: f32 = 1.0;
 const FEW: f32 = 1.5;
@@ -595,7 +595,7 @@ fn shares_around(@builtin(global_invocation_id) id: vec3<u32>) {
         }
     }
     let mean = sum / count;
-    let rays = AROUND * f32(job.rays);
+    let rays = ACROSS * ACROSS * f32(job.rays);
     let chance = (mean * rays + 1.0) / (rays + 2.0);
     let own = dot(first[pixel.index].xyz, vec3<f32>(1.0 / 3.0));
     let strictness = sqrt(rays / (chance * (1.0 - chance))) / (MANY + FEW / f32(job.rays));
@@ -625,7 +625,7 @@ fn filtered(pixel: Pixel, kind: u32) -> vec4<f32> {
                     continue;
                 }
                 if kind == 2u {
-                    let off = (second[other.index].xy - here.xy) * here.z / vec2<f32>(OWN * sqrt(AROUND), 1.0);
+                    let off = (second[other.index].xy - here.xy) * here.z / vec2<f32>(OWN * ACROSS, 1.0);
                     // Nearly the exponential of its negative.
                     let left = max(1.0 - dot(off, off) * 0.125, 0.0);
                     let fourth = (left * left) * (left * left);

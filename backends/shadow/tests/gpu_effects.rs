@@ -136,7 +136,7 @@ fn mistakes_are_noticed() {
             "kind == 2u {\n                    let off",
             "kind == 3u {\n                    let off",
         ),
-        ("ambient occlusion, smoothed", "AROUND * f32(job.rays)", "AROUND"),
+        ("ambient occlusion, smoothed", "ACROSS * ACROSS * f32(job.rays)", "ACROSS * ACROSS"),
         ("shadows", "smoothstep(lamp.outer, lamp.inner, cosine)", "step(lamp.outer, cosine)"),
         ("shadows", "distance / (lamp.reach * lamp.reach)", "distance / lamp.reach"),
         ("shadows", "job.seed + i)", "job.seed)"),

@@ -12,7 +12,7 @@ const TWO_MIPS: u32 = 8;
 pub(super) fn answers(report: &ShadowReport) -> TextTable {
     let mut table = TextTable::new("In words", 3, &["scene", "question", "answer"]);
     table.notes = vec![format!(
-        "From the tables below, for voxels of {} cm where no size is said. Times are the least of the rounds. A filter's rays: as many rays without the filter would have \
+        "From the tables below, for voxels of {} cm where no size is said. Times are the least of the rounds. Lists of rays look at bytes of eight voxels even without mips. A filter's rays: as many rays without the filter would have \
          the same error, between two measured numbers by the line through both in a plot with logarithms.",
         report.options.base()
     )];
@@ -37,6 +37,7 @@ pub(super) fn answers(report: &ShadowReport) -> TextTable {
     table
 }
 
+/// The kinds of rays, in the order of the record.
 fn kinds(scene: &SceneShadows) -> Vec<&str> {
     let mut kinds: Vec<&str> = scene.rates.iter().map(|row| row.kind.as_str()).collect();
     kinds.dedup();
@@ -94,13 +95,10 @@ fn steps(scene: &SceneShadows, kind: &str) -> Option<String> {
         let steps = row(scene, kind, Some(step), TWO_MIPS)?;
         let share = 100.0 * steps.different as f64 / steps.rays.max(1) as f64;
         let speed = short(rate(steps) / rate(every));
-        Some(format!(
-            "steps of {step} are {speed} times as fast as every voxel, and {} % of rays have another answer",
-            short(share)
-        ))
+        Some(format!("steps of {step} are {speed} times as fast, and {} % of rays have another answer", short(share)))
     };
     let answers: Vec<String> = [0.5, 1.0, 2.0].into_iter().filter_map(of).collect();
-    (!answers.is_empty()).then(|| format!("with two mips {}", answers.join("; ")))
+    (!answers.is_empty()).then(|| format!("with two mips, beside {}: {}", every.tracer, answers.join("; ")))
 }
 
 fn octree(scene: &SceneShadows, kind: &str) -> Option<String> {
@@ -178,6 +176,79 @@ fn picture(rows: &[&ErrorRow], usual: &[&ErrorRow]) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn rate(tracer: &str, coarsest: u32, seconds: f64, different: u64) -> RateRow {
+        let first = coarsest == 0;
+        let (kind, tracer) = ("shadow".into(), tracer.into());
+        RateRow { kind, tracer, coarsest, first, rays: 1_000_000, seconds: vec![9.0, seconds], steps: 0.0, different }
+    }
+
+    fn error(rays: u32, screen: bool, smoothed: bool, ms: f64, rmse: f64) -> ErrorRow {
+        let (effect, voxel_cm, step) = ("fog".into(), 5.0, None);
+        ErrorRow { effect, voxel_cm, step, rays, screen, smoothed, ms: vec![ms], rmse, rmse_triangles: rmse, flip: 0.0 }
+    }
+
+    fn scene() -> SceneShadows {
+        SceneShadows {
+            name: "S".into(),
+            identity: String::new(),
+            credit: String::new(),
+            view: String::new(),
+            volumes: Vec::new(),
+            rates: vec![
+                rate("every voxel", 1, 1.0, 0),
+                rate("every voxel", 8, 0.5, 0),
+                rate("every voxel, in lists", 8, 0.25, 0),
+                rate("every voxel on a device", 8, 0.001, 0),
+                rate("every voxel", 64, 0.2, 3),
+                rate("steps of 1", 8, 0.5, 20_000),
+                rate("octree", 0, 0.1, 0),
+            ],
+            errors: vec![
+                error(1, true, false, 1.0, 0.4),
+                error(4, true, false, 4.0, 0.2),
+                error(1, true, true, 2.0, 0.2),
+                error(4, true, true, 5.0, 0.1),
+                error(4, false, false, 2.0, 0.3),
+            ],
+        }
+    }
+
+    /// Numbers in the answers are those of the rows: the least of the times, the fastest way on the processor, and no device.
+    #[test]
+    fn answers_say_what_the_rows_say() {
+        let scene = scene();
+        let said = |answer: Option<String>| answer.unwrap();
+        let mips = said(mips(&scene, "shadow"));
+        assert!(
+            mips.starts_with("1.00 Mrays/s without; two mips make them 4.00 times as fast, with no other answer"),
+            "{mips}"
+        );
+        assert!(mips.ends_with("five mips make them 5.00 times as fast, with 3 OTHER ANSWERS"), "{mips}");
+        let steps = said(steps(&scene, "shadow"));
+        assert_eq!(
+            steps,
+            "with two mips, beside every voxel, in lists: steps of 1 are 0.50 times as fast, and 2.00 % of rays have another answer"
+        );
+        let octree = said(octree(&scene, "shadow"));
+        assert!(octree.starts_with("the octree's caster is 2.00 times as fast: 5.00 Mrays/s"), "{octree}");
+        let mut slow = scene.clone();
+        slow.rates[6].seconds = vec![0.4];
+        let octree = said(super::octree(&slow, "shadow"));
+        assert!(octree.starts_with("the volume is 2.00 times as fast"), "{octree}");
+        let rows: Vec<&ErrorRow> = scene.errors.iter().collect();
+        let usual = usual(&rows, 5.0);
+        assert_eq!(usual.len(), 4);
+        let filter = said(filter(&usual));
+        assert_eq!(
+            filter,
+            "1 with it are as near as 4.00 (20.0 %, 2.00 ms); 4 with it are nearer than 4 (10.0 %, 5.00 ms)"
+        );
+        let picture = said(picture(&rows, &usual));
+        assert_eq!(picture, "of 4 rays, an error of 20.0 % with it and 30.0 % without, in 2.00 times the time");
+        // Where nothing was measured nothing is said.
+        assert_eq!((super::mips(&scene, "fog"), super::octree(&scene, "fog"), super::filter(&[])), (None, None, None));
+    }
 
     /// Errors that fall with the root of the number of rays: a quarter of the error of 16 rays is that of 256.
     #[test]

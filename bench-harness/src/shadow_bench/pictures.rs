@@ -64,10 +64,18 @@ impl Pictures {
         Ok(())
     }
 
-    /// The large world.
+    /// The large world, at half the size that is measured.
     pub(super) fn world(&mut self, frame: &Frame, light: &[Vec3]) {
         let what = "ten lamps, their fog, ambient occlusion and reflections";
-        self.put_of("world", "all", what, to_picture(frame, light));
+        let (width, height) = (frame.eye.size.0 as usize, frame.eye.size.1 as usize);
+        let size = ((width / 2).max(1) as u32, (height / 2).max(1) as u32);
+        let pixel = |x: u32, y: u32| {
+            let four = [[0, 0], [1, 0], [0, 1], [1, 1]].map(|[i, j]| {
+                light[(2 * y as usize + j).min(height - 1) * width + (2 * x as usize + i).min(width - 1)]
+            });
+            displayed(four.into_iter().sum::<Vec3>() * 0.25)
+        };
+        self.put_of("world", "all", what, Picture::from_fn(size, pixel));
     }
 
     /// A scene of voxel models, some of which move, before and after they have moved.
@@ -228,8 +236,12 @@ fn ambient(shown: &Shown, open: &[f32]) -> Picture {
 }
 
 fn to_picture(frame: &Frame, light: &[Vec3]) -> Picture {
-    let encode = |x: f32| esvo_format::srgb::encode(x.clamp(0.0, 1.0));
-    Picture::from_fn(frame.eye.size, |x, y| light[(y * frame.eye.size.0 + x) as usize].to_array().map(encode))
+    Picture::from_fn(frame.eye.size, |x, y| displayed(light[(y * frame.eye.size.0 + x) as usize]))
+}
+
+/// Linear light as sRGB.
+fn displayed(light: Vec3) -> [f32; 3] {
+    light.to_array().map(|x| esvo_format::srgb::encode(x.clamp(0.0, 1.0)))
 }
 
 /// A picture with these effects and a lamp of this radius in metres.

@@ -44,19 +44,19 @@ pub fn smooth_shares<const N: usize>(frame: &Frame, values: &[[f32; N]], rays: u
     filter(frame, values, edges.passes, &SameShare { surfaces, own, mean, strictness })
 }
 
-/// Pixels that a mean is taken over.
-const AROUND: f32 = 25.0;
-/// How many times its noise a pixel's own share may differ to count by 1 / e, as many times as a mean may.
-const OWN: f32 = 3.0;
-/// How many times its noise a mean of many rays may differ. Of few rays means may by more: then noise is seen more than what it hides.
+/// Pixels along each axis that a mean is taken over.
+const ACROSS: f32 = 5.0;
+/// How many times its noise a mean of many rays may differ to count by 1 / e.
 const MANY: f32 = 1.0;
-/// How much more, of one ray.
+/// How many times more, of one ray: then noise is seen more than what it hides. It falls as the number of rays grows.
 const FEW: f32 = 1.5;
+/// How many times more of its noise than a mean a pixel's own share may differ.
+const OWN: f32 = 3.0;
 
 /// One over what a mean of shares may differ by.
 fn strictness(mean: f32, rays: u32) -> f32 {
     // One ray more that gets through and one that does not: that few rays all do is no proof that others would.
-    let all = AROUND * rays.max(1) as f32;
+    let all = ACROSS * ACROSS * rays.max(1) as f32;
     let chance = (mean * all + 1.0) / (all + 2.0);
     (all / (chance * (1.0 - chance))).sqrt() / (MANY + FEW / rays.max(1) as f32)
 }
@@ -133,8 +133,8 @@ impl Weights for SameShare {
             [&self.own, &self.mean].map(|shares| (&shares[at..at + count], &shares[other..other + count]));
         for (i, weight) in weights.iter_mut().enumerate() {
             let mean = (mean.0[i] - mean.1[i]) * strictness[i];
-            // A share of fewer rays has more noise by the root.
-            let own = (own.0[i] - own.1[i]) * strictness[i] * (1.0 / (OWN * 5.0));
+            // The share of one pixel has more noise than that of all, by the root of their number.
+            let own = (own.0[i] - own.1[i]) * strictness[i] * (1.0 / (OWN * ACROSS));
             // Nearly the exponential of its negative, and 0 where that is small.
             let left = (1.0 - (mean * mean + own * own) * 0.125).max(0.0);
             let fourth = (left * left) * (left * left);

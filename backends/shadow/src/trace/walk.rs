@@ -49,20 +49,20 @@ struct Time {
 /// A ray that goes up on all axes.
 pub(super) struct Walk<'a, O: ?Sized> {
     volume: &'a O,
-    pub(super) origin: [i32; 3],
+    origin: [i32; 3],
     pub(super) direction: [i32; 3],
     /// -1 on axes that are mirrored, 0 on others: `c ^ flip` is the cell in the volume.
-    pub(super) flip: [i32; 3],
-    pub(super) major: usize,
+    flip: [i32; 3],
+    major: usize,
     /// Distance to the ray's end along the major axis.
-    pub(super) reach: i32,
+    reach: i32,
     /// The voxel of the origin; on axes on which the origin lies between two, the upper one.
-    pub(super) start: [i32; 3],
+    start: [i32; 3],
     /// Axes on which the ray lies between two voxels all the way.
     pub(super) between: [bool; 3],
     /// The greatest voxel on each axis.
-    pub(super) last: [i32; 3],
-    pub(super) coarsest: u32,
+    last: [i32; 3],
+    coarsest: u32,
     fidelity: Fidelity,
 }
 
