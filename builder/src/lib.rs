@@ -31,8 +31,9 @@
 //! 2. `surface/` prepares the mesh once: triangles in the root cube, normals, kinds of edges, appearance.
 //! 3. `build/recursion.rs` goes from the root cube to the leaves, on all threads. For each voxel, `clip/` cuts the triangles
 //!    of its parent to the voxel, `shape/` decides on a contour and whether it is close enough to the surface, and
-//!    `surface/attributes.rs` averages colour and normal and decides whether they are close enough. A voxel that is close
-//!    enough in both, or on the deepest level, is a leaf.
+//!    `surface/attributes.rs` averages colour and normal. `build/pair.rs` encodes them as they will be stored, a block of
+//!    sixteen voxels at a time, and decides whether what is decoded is close enough. A voxel that is close enough in shape,
+//!    colour and normal, or on the deepest level, is a leaf.
 //! 4. Subtrees that are large enough become packed blocks in an [`esvo_format::BlockStore`] at once. At the end the store
 //!    orders the blocks and sets the pointers between them: an octree in memory, or a file.
 //!
@@ -44,9 +45,9 @@
 //! | [`import`] | reading OBJ, glTF, PLY and STL files and their images, and MagicaVoxel's models |
 //! | `displace/` | displacement by height maps: dicing triangles and moving their vertices |
 //! | `clip/` | clipping triangles to cubes without losing a voxel; areas of polygons |
-//! | `surface/` | the prepared mesh; colours, normals and holes of pieces; attributes of voxels and the test for refining them |
+//! | `surface/` | the prepared mesh; colours, normals and holes of pieces, and bounds of them; attributes of voxels |
 //! | `shape/` | contours: slabs, the polyhedron that they leave of a voxel, how one is chosen, the short way for planes |
-//! | `build/` | a build from start to end, the recursion, the journal of an interrupted build, progress |
+//! | `build/` | a build from start to end, the recursion, which voxels are leaves, the journal of an interrupted build, progress |
 //! | [`cells`] | which cubes of a level triangles meet, for comparing other voxelizers; octrees of lists of such cubes |
 //! | [`voxels`] | voxel models and the octrees that they become, without triangles |
 //! | `settings.rs`, `error.rs` | [`BuildSettings`] and [`Preset`]; [`BuildError`] |

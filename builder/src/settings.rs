@@ -5,19 +5,24 @@ use serde::{Deserialize, Serialize};
 
 use crate::BuildError;
 
-/// What the attributes of a voxel are compared with to decide whether they require finer voxels.
+/// What the decoded attributes of a voxel are compared with to decide whether they require finer voxels.
+///
+/// In every case what counts is what a reader sees: what the block of sixteen voxels decodes to.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum TextureTest {
+    /// The least and greatest of all texels, vertex colours and normals on the surface in the voxel, as the authors' builder
+    /// does. Textures are those of the full image, and only texels whose filtered colour shows in the voxel count.
+    #[default]
+    Texels,
+    /// As `Texels`, with the textures averaged to the size of the finest voxels: detail that no voxel could show refines
+    /// none. Bounds are of boxes around the surface, so somewhat wider. Fewer voxels than `Texels` where textures are finer
+    /// than the finest voxels.
+    Averages,
     /// One colour and one normal for each triangle's part of the voxel, taken at its centroid and filtered to the voxel's
     /// size. Detail within a single triangle does not count, so a large flat wall may show its texture no finer than its
-    /// shape requires. The authors' builder does more: it compares with the least and greatest of all texels, vertex colours
-    /// and normals in the voxel, after decoding the block that stores its attributes. No setting here does that yet.
-    #[default]
-    Samples,
-    /// Bounds of all texels, vertex colours and normals on the surface in the voxel, at the resolution of the finest voxels.
-    /// No detail that the finest level could show is lost; textured surfaces get more voxels.
-    Texels,
+    /// shape requires. The smallest files and the shortest builds.
+    Centroids,
 }
 
 /// Named combinations of settings.
@@ -30,12 +35,12 @@ pub enum Preset {
     Balanced,
     /// Small files with a moderate shape error: attributes hardly ever require finer voxels.
     Small,
-    /// Textures as fine as the deepest level can show them, with more voxels.
+    /// Attributes twice as exact as the authors' defaults, and shapes likewise.
     Fine,
 }
 
-/// Settings of a build. The error bounds have the units of those in the authors' builder; what colours and normals are compared
-/// with differs, see [`TextureTest`].
+/// Settings of a build. The error bounds have the units and, with the default test, the meaning of those in the authors'
+/// builder.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct BuildSettings {
@@ -45,10 +50,10 @@ pub struct BuildSettings {
     pub contours: bool,
     /// Largest distance of a voxel's shape from the surface, given as a level, 0 to 23: the diagonal of a voxel of that level.
     pub contour_error: f64,
-    /// Largest deviation of a colour channel from the samples that it represents, in steps of 1/256, 0 to 256.
+    /// Largest deviation of a decoded colour channel from what it represents, in steps of 1/256, 0 to 256.
     pub color_error: f64,
-    /// Largest deviation of a normal's component from the samples that it represents, 0 to 2 (components of a unit normal are
-    /// -1 to 1).
+    /// Largest deviation of a decoded normal's component from what it represents, 0 to 2 (components of a unit normal are -1 to
+    /// 1).
     pub normal_error: f64,
     /// What `color_error` and `normal_error` are compared with.
     pub texture_test: TextureTest,
@@ -111,7 +116,10 @@ impl BuildSettings {
             Preset::Small => (13.0, 64.0, 0.25),
             Preset::Fine => (16.0, 8.0, 0.01),
         };
-        let texture_test = if preset == Preset::Fine { TextureTest::Texels } else { TextureTest::Samples };
+        let texture_test = match preset {
+            Preset::Balanced | Preset::Fine => TextureTest::Texels,
+            Preset::Fast | Preset::Small => TextureTest::Centroids,
+        };
         Self { contour_error, color_error, normal_error, texture_test, ..Self::default() }
     }
 }

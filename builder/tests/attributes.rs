@@ -190,7 +190,7 @@ fn decoded_attributes_of_patchwork_are_within_their_bounds() {
         .map(|_| Material { base_color: [0; 4].map(|_| 0.3 + 0.1 * random.unit() as f32), ..Material::default() })
         .collect();
     mesh.triangle_materials = mesh.triangles.iter().map(|_| (random.next() % 9) as u32).collect();
-    for texture_test in [TextureTest::Samples, TextureTest::Texels] {
+    for texture_test in [TextureTest::Centroids, TextureTest::Averages, TextureTest::Texels] {
         let settings =
             BuildSettings { levels: 7, contour_error: 5.0, color_error: 12.0, texture_test, ..Default::default() };
         let checked = check_bounds(&mesh, settings);
@@ -210,26 +210,75 @@ fn one_look_everywhere_is_never_refined_for_its_attributes() {
     assert!(count(loose) < 2000);
 }
 
-#[test]
-fn textures_are_tested_by_sample_or_texel_for_texel() {
-    // Two triangles with a chequered texture of 8 x 8: a voxel of the finest level contains one or two of its squares.
-    let texels: Vec<u8> =
-        (0..64).flat_map(|i| if (i + i / 8) % 2 == 0 { [200, 200, 200, 255] } else { [90, 90, 90, 255] }).collect();
+/// The square with a texture of `size` x `size` texels.
+fn textured(size: u32, texel: impl Fn(u32) -> u8) -> Mesh {
+    let texels: Vec<u8> = (0..size * size).flat_map(|i| [texel(i), texel(i), texel(i), 255]).collect();
     let mut mesh = square();
     mesh.materials[0] = Material {
         base_color: [1.0; 4],
-        texture: Some(Arc::new(Texture::from_rgba8(8, 8, &texels).unwrap())),
+        texture: Some(Arc::new(Texture::from_rgba8(size, size, &texels).unwrap())),
         ..Material::default()
     };
+    mesh
+}
+
+#[test]
+fn textures_are_tested_by_centroid_average_or_texel() {
     let settings = BuildSettings { levels: 6, contour_error: 4.0, ..BuildSettings::default() };
-    let samples = leaves(&run(&mesh, settings)).len();
-    let octree = run(&mesh, BuildSettings { texture_test: TextureTest::Texels, ..settings });
-    let texels = leaves(&octree);
-    assert!(samples * 4 < texels.len(), "{samples} against {}", texels.len());
-    let dark = texels.iter().filter(|leaf| leaf.level == 6 && leaf.color[0] < 0.5).count();
-    let light = texels.iter().filter(|leaf| leaf.level == 6 && leaf.color[0] > 0.7).count();
-    // The square takes one layer of voxels.
-    assert!(dark > 100 && light > 100, "{dark} dark, {light} light");
+    let of = |mesh: &Mesh, texture_test| leaves(&run(mesh, BuildSettings { texture_test, ..settings }));
+    // Two triangles with a chequered texture of 8 x 8: a voxel of the finest level contains one or two of its squares.
+    let chequered = textured(8, |i| if (i + i / 8) % 2 == 0 { 200 } else { 90 });
+    let centroids = of(&chequered, TextureTest::Centroids).len();
+    for test in [TextureTest::Averages, TextureTest::Texels] {
+        let texels = of(&chequered, test);
+        assert!(centroids * 4 < texels.len(), "{test:?}: {centroids} against {}", texels.len());
+        let dark = texels.iter().filter(|leaf| leaf.level == 6 && leaf.color[0] < 0.5).count();
+        let light = texels.iter().filter(|leaf| leaf.level == 6 && leaf.color[0] > 0.7).count();
+        // The square takes one layer of voxels.
+        assert!(dark > 100 && light > 100, "{test:?}: {dark} dark, {light} light");
+    }
+    // Texels eight times finer than the finest voxels: their averages differ little, so only the texels themselves ask for
+    // more than the shape.
+    let fine = textured(512, |i| if (i + i / 512) % 2 == 0 { 200 } else { 90 });
+    let count = |test| of(&fine, test).len();
+    let (centroids, averages, texels) =
+        (count(TextureTest::Centroids), count(TextureTest::Averages), count(TextureTest::Texels));
+    assert!(centroids <= averages && averages * 10 < texels, "{centroids}, {averages}, {texels}");
+    assert_eq!(texels, 64 * 64);
+}
+
+#[test]
+fn what_is_decoded_is_within_the_bounds_of_all_texels() {
+    // Smooth enough for leaves on several levels.
+    let wave = |i: u32| {
+        let (x, y) = (f64::from(i % 64) / 64.0, f64::from(i / 64) / 64.0);
+        (128.0 + 100.0 * (6.0 * x * x).sin() * (5.0 * y).cos()) as u8
+    };
+    let mesh = textured(64, wave);
+    let texture = mesh.materials[0].texture.clone().unwrap();
+    let settings = BuildSettings { levels: 8, contour_error: 5.0, ..BuildSettings::default() };
+    // With the test by centroids, some voxel must break the bound: otherwise the comparison is worth nothing.
+    for (test, keeps) in [(TextureTest::Texels, true), (TextureTest::Centroids, false)] {
+        let octree = run(&mesh, BuildSettings { texture_test: test, ..settings });
+        let to_mesh = octree.octree_to_mesh(0);
+        let (mut worst, mut coarse) = (0f32, 0);
+        for leaf in leaves(&octree).iter().filter(|leaf| leaf.level < 8) {
+            coarse += 1;
+            let size = (-f64::from(leaf.level)).exp2();
+            for i in 0..81 {
+                let place = |k: usize, step: i32| (f64::from(leaf.at[k]) + f64::from(step) / 8.0) * size;
+                let p = to_mesh.transform_point3(DVec3::new(place(0, i % 9), place(1, i / 9), 0.5));
+                if !(0.0..=1.0).contains(&p.x) || !(0.0..=1.0).contains(&p.y) {
+                    continue;
+                }
+                let color = texture.sample([p.x as f32, p.y as f32], 1.0);
+                worst = (0..3).map(|k| (leaf.color[k] - srgb(color[k])).abs() * 256.0).fold(worst, f32::max);
+            }
+        }
+        assert!(coarse > 10, "{test:?}: {coarse} leaves above the deepest level");
+        // One step for rounding the bounds to bytes.
+        assert_eq!(worst <= settings.color_error as f32 + 1.0, keeps, "{test:?}: off by {worst}");
+    }
 }
 
 #[test]
@@ -302,9 +351,9 @@ fn normal_maps_are_refined_texel_for_texel_if_wanted() {
     // The left half leans to one side, the right half to the other.
     mesh.materials[0].normal_map = Some(normal_map(16, |x, _| [if x < 8 { 0.6 } else { -0.6 }, 0.0, 0.8]));
     let settings = BuildSettings { levels: 6, contour_error: 4.0, ..BuildSettings::default() };
-    let samples = leaves(&run(&mesh, settings)).len();
-    let texels = leaves(&run(&mesh, BuildSettings { texture_test: TextureTest::Texels, ..settings }));
-    assert!(samples < texels.len(), "{samples} against {}", texels.len());
+    let centroids = leaves(&run(&mesh, BuildSettings { texture_test: TextureTest::Centroids, ..settings })).len();
+    let texels = leaves(&run(&mesh, settings));
+    assert!(centroids < texels.len(), "{centroids} against {}", texels.len());
     assert!(texels.iter().any(|leaf| leaf.level == 6) && texels.iter().any(|leaf| leaf.level < 6));
     for leaf in texels.iter().filter(|leaf| leaf.level < 6) {
         assert!(leaf.normal.x.abs() > 0.55, "{} on level {} at {:?}", leaf.normal, leaf.level, leaf.at);

@@ -127,8 +127,8 @@ impl Shown {
         }
         let mesh = &scene.mesh;
         progress.say(format!("{title}: building {levels} levels"));
-        // Pictures are for looking at: build textures as fine as the level can show.
-        let settings = BuildSettings { levels, texture_test: TextureTest::Texels, ..scene.settings };
+        // Pictures are for looking at: build textures as fine as the level can show, and no finer.
+        let settings = BuildSettings { levels, texture_test: TextureTest::Averages, ..scene.settings };
         let built = esvo_builder::build(mesh, &settings, &|_| ()).map_err(|e| BenchError::scene(title, e))?;
         progress.say(format!("{title}: sorting triangles"));
         let corners = mesh.triangles.iter().map(|t| t.map(|v| mesh.positions[v as usize])).collect();

@@ -14,6 +14,7 @@ use esvo_format::{BlockStore, BlockSummary, Tree};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
+use crate::surface::attributes::Mean;
 use crate::{BuildError, BuildSettings, Mesh};
 
 /// The files in the folder: first the journal, second the blocks.
@@ -21,7 +22,7 @@ const FILES: [&str; 2] = ["journal", "blocks"];
 
 /// Stands for what the builder makes of a mesh and its settings. Raise it with every change of a build's bytes: a build must not
 /// go on from parts that an older builder would finish in another way.
-const RESULTS: u32 = 3;
+const RESULTS: u32 = 4;
 
 /// Bytes of the first record with its length and CRC-32.
 const FIRST_RECORD: usize = 12 + 1 + 32;
@@ -33,12 +34,20 @@ enum Record {
     Build([u8; 32]),
     /// The blocks that were added to the store since the previous such record.
     Blocks(Vec<BlockSummary>),
-    /// A finished cube: its path from the root, the part of its subtree that is not in blocks, and its number of voxels.
-    Cube(u32, Box<Option<Tree>>, u64),
+    /// Finished sibling cubes: the path from the root to the first of them, and what was made of them.
+    Cubes(u32, Box<Finished>),
 }
 
-/// The part of a finished cube's subtree that is not in blocks, and the cube's number of voxels.
-type Finished = (Option<Tree>, u64);
+/// What was made of one or two sibling cubes.
+#[derive(Default, Serialize, Deserialize)]
+pub(super) struct Finished {
+    /// The part of their subtrees that is not in blocks.
+    pub tree: Tree,
+    /// The means of their attributes; `None` for a cube without surface.
+    pub means: [Option<Mean>; 2],
+    /// Their number of voxels.
+    pub voxels: u64,
+}
 
 pub(crate) struct Journal {
     folder: PathBuf,
@@ -84,7 +93,7 @@ impl Journal {
             match record {
                 Record::Build(other) => same = other == build,
                 Record::Blocks(blocks) => summaries.extend(blocks),
-                Record::Cube(path, tree, voxels) => drop(finished.insert(path, (*tree, voxels))),
+                Record::Cubes(path, cubes) => drop(finished.insert(path, *cubes)),
             }
             if !same {
                 break;
@@ -97,7 +106,7 @@ impl Journal {
         }
         file.set_len(end as u64).map_err(io)?;
         file.seek(SeekFrom::End(0)).map_err(io)?;
-        let resumed = if same { finished.values().map(|(_, voxels)| voxels).sum() } else { 0 };
+        let resumed = if same { finished.values().map(|cubes: &Finished| cubes.voxels).sum() } else { 0 };
         let mut writer = Writer { file, blocks: summaries.len() };
         if !same {
             writer.put(&Record::Build(build)).map_err(io)?;
@@ -112,23 +121,18 @@ impl Journal {
         self.resumed
     }
 
-    /// Takes the cube with this path if an earlier build had finished it. Returns it only once.
-    pub(crate) fn finished(&self, path: u32) -> Option<Finished> {
+    /// Takes the cubes whose first has this path if an earlier build had finished them. Returns them only once.
+    pub(super) fn finished(&self, path: u32) -> Option<Finished> {
         self.finished.lock().unwrap_or_else(PoisonError::into_inner).remove(&path)
     }
 
-    /// Records that a cube is finished. Its blocks must be in the store already.
-    pub(crate) fn finish(
-        &self,
-        path: u32,
-        tree: Option<&Tree>,
-        voxels: u64,
-        store: &BlockStore,
-    ) -> Result<(), BuildError> {
+    /// Records that cubes are finished, the first of them with this path. Their blocks must be in the store already.
+    pub(super) fn finish(&self, path: u32, cubes: &Finished, store: &BlockStore) -> Result<(), BuildError> {
         let mut writer = self.writer.lock().unwrap_or_else(PoisonError::into_inner);
         let blocks = store.summaries_from(writer.blocks);
         writer.blocks += blocks.len();
-        let record = Record::Cube(path, Box::new(tree.cloned()), voxels);
+        let Finished { tree, means, voxels } = cubes;
+        let record = Record::Cubes(path, Box::new(Finished { tree: tree.clone(), means: *means, voxels: *voxels }));
         let blocks = Record::Blocks(blocks);
         writer.put(&blocks).and_then(|()| writer.put(&record)).map_err(|e| BuildError::io(&self.folder, e))
     }
@@ -213,14 +217,14 @@ fn fingerprint(mesh: &Mesh, settings: &BuildSettings, results: u32) -> [u8; 32] 
 mod tests {
     use super::*;
 
-    /// Version 2 placed flat meshes, and triangles without an area, in another root cube.
+    /// Version 3 tested attributes before they were encoded.
     #[test]
     fn parts_of_builders_with_other_results_are_refused() {
         let (mesh, settings) = (Mesh::default(), BuildSettings::default());
         let files = tempfile::tempdir().unwrap();
         let output = files.path().join("a.esvo");
         std::fs::create_dir(files.path().join("a.esvo.part")).unwrap();
-        for (results, same) in [(2, false), (3, true)] {
+        for (results, same) in [(3, false), (4, true)] {
             let file = File::create(files.path().join("a.esvo.part/journal")).unwrap();
             let mut writer = Writer { file, blocks: 0 };
             writer.put(&Record::Build(fingerprint(&mesh, &settings, results))).unwrap();

@@ -2,6 +2,7 @@
 
 mod expectation;
 mod journal;
+mod pair;
 mod progress;
 mod recursion;
 

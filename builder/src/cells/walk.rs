@@ -88,8 +88,10 @@ where
         let arena = &task.arena;
         (lists.into_par_iter().enumerate())
             .flat_map(|(slot, pieces)| {
-                let (arena, pieces) = arena.extract(&pieces);
-                self.divide(Task { cube: task.cube.child(slot), code: task.code << 3 | slot as u64, arena, pieces })
+                let (mut own, mut moved) = (Arena::default(), Vec::new());
+                own.extend(arena, &pieces, &mut moved);
+                let (cube, code) = (task.cube.child(slot), task.code << 3 | slot as u64);
+                self.divide(Task { cube, code, arena: own, pieces: moved })
             })
             .collect()
     }

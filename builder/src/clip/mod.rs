@@ -80,7 +80,7 @@ struct Scratch {
 /// Most vertices of a polygon. A triangle cut by the six planes of a cube has at most nine vertices, and each of the three
 /// planes through the centre adds at most one. Rounding can make an outline slightly concave, and it may then need more;
 /// a polygon that would not fit is not cut.
-const MAX_VERTICES: usize = 16;
+pub(crate) const MAX_VERTICES: usize = 16;
 
 /// A polygon of bounded size, kept on the call stack.
 #[derive(Clone, Copy)]
@@ -133,17 +133,13 @@ impl Arena {
         vertices_of(&self.vertices, piece, corners)
     }
 
-    /// A copy that holds only the vertices of these pieces, for another thread, and the pieces in it.
-    pub(crate) fn extract(&self, pieces: &[Piece]) -> (Self, Vec<Piece>) {
-        let mut arena = Self::default();
-        let pieces = (pieces.iter())
-            .map(|piece| {
-                let first = arena.vertices.len() as u32;
-                arena.vertices.extend_from_slice(&self.vertices[piece.first as usize..][..piece.count as usize]);
-                Piece { first: if piece.count == 0 { 0 } else { first }, ..*piece }
-            })
-            .collect();
-        (arena, pieces)
+    /// Appends the vertices of pieces of another arena, and to `list` these pieces with the vertices in this one.
+    pub(crate) fn extend(&mut self, other: &Self, pieces: &[Piece], list: &mut Vec<Piece>) {
+        list.extend(pieces.iter().map(|piece| {
+            let first = self.vertices.len() as u32;
+            self.vertices.extend_from_slice(&other.vertices[piece.first as usize..][..piece.count as usize]);
+            Piece { first: if piece.count == 0 { 0 } else { first }, ..*piece }
+        }));
     }
 
     /// Distributes a piece to the children of the cube with this centre: calls `found` with each child slot that the piece

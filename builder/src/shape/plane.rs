@@ -11,6 +11,7 @@ use crate::clip::{MARGIN, Piece};
 use crate::shape::slab::{Range, Slab, Slabs, greater};
 use crate::shape::voxel::{MIN_GAIN, Shape, enclosing, segment_meets_cube};
 use crate::surface::attributes::{Attributes, Mean, at_least};
+use crate::surface::span::Span;
 use crate::surface::voxel::VoxelSurface;
 use crate::surface::{Sample, Surface};
 
@@ -67,11 +68,9 @@ impl Sheets {
         let gain = greater(outer_n.hi - hi as f32, lo as f32 - outer_n.lo) * per_length;
         // If the voxel exceeds the limit along `n`, the extent along `normal` need not be computed.
         let limit = limit - self.fall;
-        if gain <= limit && self.is_near(slabs, limit) {
-            return Shape { contour: None, fits: true };
-        }
+        let fitted = gain <= limit && self.is_near(slabs, limit);
         let contour = if gain < MIN_GAIN { None } else { enclosing(self.bits, lo, hi, size) };
-        let Some(contour) = contour.filter(|_| !deepest) else { return Shape { contour, fits: false } };
+        let Some(contour) = contour.filter(|_| !deepest && !fitted) else { return Shape { contour, fits: fitted } };
         let slab = Slab::of(contour);
         outer_n.intersect(&Range { lo: slab.lo, hi: slab.hi });
         let gain = greater(outer_n.hi - hi as f32, lo as f32 - outer_n.lo) * per_length;
@@ -152,12 +151,12 @@ pub(crate) struct Through {
 
 impl Through {
     /// `None` if an edge of the triangle meets the cube, if the triangle is too narrow for its plane to be known precisely
-    /// enough, or if a voxel's attributes need more than one sample of it.
+    /// enough, or if it has holes.
     pub(crate) fn new(surface: &Surface, triangle: u32, centre: DVec3, size: f64) -> Option<Self> {
         let corners = &surface.corners[triangle as usize];
         let half = size * 0.5 * CLEARANCE;
         let edge_meets = |i: usize| segment_meets_cube(corners[i], corners[(i + 1) % 3], centre, half);
-        if !surface.is_plain(triangle) || edge_meets(0) || edge_meets(1) || edge_meets(2) {
+        if !surface.is_solid(triangle) || edge_meets(0) || edge_meets(1) || edge_meets(2) {
             return None;
         }
         let nearest = (0..3).min_by(|i, j| {
@@ -259,13 +258,66 @@ impl Through {
         let area = self.area(height / size) * size * size;
         let weight = at_least(area as f32, size);
         if let Some((color, normal, sample)) = &self.constant {
-            return Attributes { color: *color, normal: *normal, mean: Mean::new(weight, sample), uniform: true };
+            return Attributes { color: *color, normal: *normal, mean: Mean::new(weight, sample) };
         }
         let half = DVec3::splat(size * 0.5);
         let foot = (centre - self.normal * height).clamp(centre - half, centre + half);
         let sample = surface.sample_at(self.triangle, foot, size);
         let (color, normal) = sample.encode();
-        Attributes { color, normal, mean: Mean::new(weight, &sample), uniform: true }
+        Attributes { color, normal, mean: Mean::new(weight, &sample) }
+    }
+
+    /// The range of colours and normals in the voxel of edge `size` whose centre is at this height.
+    pub(crate) fn span(&self, surface: &Surface, centre: DVec3, height: f64, size: f64) -> Span {
+        if let Some((color, _, sample)) = &self.constant {
+            return Span::of(*color, sample.normal);
+        }
+        let (vertices, count) = self.outline(centre, height, size * 0.5);
+        surface.span(self.triangle, &vertices[..count], size)
+    }
+
+    /// The part of the plane in the cube of half edge `half` whose centre is at this height: vertices in order around it, and
+    /// their number, 1 to 6.
+    ///
+    /// Seen along the normal's largest component the cube is a square, of which two lines cut off what is above and below.
+    fn outline(&self, centre: DVec3, height: f64, half: f64) -> ([DVec3; 6], usize) {
+        let normal = self.normal;
+        let up = (0..3).fold(0, |best, i| if normal[i].abs() > normal[best].abs() { i } else { best });
+        let (u, v) = ((up + 1) % 3, (up + 2) % 3);
+        // The plane is at `(-height - a·normal[u] - b·normal[v]) / normal[up]` above the centre.
+        let rise = |[a, b]: [f64; 2]| (-height - a * normal[u] - b * normal[v]) / normal[up];
+        let mut polygon = [[0.0; 2]; 8];
+        polygon[..4].copy_from_slice(&[[-half, -half], [half, -half], [half, half], [-half, half]]);
+        let mut count = 4;
+        for side in [1.0, -1.0] {
+            let below = |p: [f64; 2]| half - side * rise(p);
+            let (mut cut, mut kept) = ([[0.0; 2]; 8], 0);
+            for i in 0..count {
+                let (p, q) = (polygon[i], polygon[(i + 1) % count]);
+                let (d, e) = (below(p), below(q));
+                if d >= 0.0 {
+                    (cut[kept], kept) = (p, kept + 1);
+                }
+                if d * e < 0.0 {
+                    let t = d / (d - e);
+                    (cut[kept], kept) = ([p[0] + (q[0] - p[0]) * t, p[1] + (q[1] - p[1]) * t], kept + 1);
+                }
+            }
+            (polygon, count) = (cut, kept.min(6));
+        }
+        let mut vertices = [DVec3::ZERO; 6];
+        for (vertex, p) in vertices.iter_mut().zip(&polygon[..count]) {
+            let mut at = centre;
+            at[u] += p[0];
+            at[v] += p[1];
+            at[up] += rise(*p).clamp(-half, half);
+            *vertex = at;
+        }
+        if count == 0 {
+            // The plane passes the cube within the margin.
+            vertices[0] = (centre - normal * height).clamp(centre - half, centre + half);
+        }
+        (vertices, count.max(1))
     }
 }
 
@@ -315,6 +367,11 @@ mod tests {
                         let along = points.iter().map(|v| through.n.dot((*v - child(slot)) / (size * 0.5)));
                         let (least, most) = along.fold((f64::MAX, f64::MIN), |(lo, hi), d| (lo.min(d), hi.max(d)));
                         prop_assert!((least - lo).abs() < 1e-7 && (most - hi).abs() < 1e-7, "{lo} to {hi} for {least} to {most}");
+                        let (outline, count) = through.outline(child(slot), height, size * 0.25);
+                        for v in points {
+                            let near = outline[..count].iter().map(|w| (*w - *v).length()).fold(f64::MAX, f64::min);
+                            prop_assert!(near < 1e-7, "{near} from an outline of {count}");
+                        }
                         let (area, true_area) = (through.area(height / (size * 0.5)), surface.area(1, points) / (size * size * 0.25) as f32);
                         prop_assert!((area as f32 - true_area).abs() < 1e-4, "{area} for {true_area}");
                     }

@@ -102,16 +102,11 @@ impl Shaper {
         self.measure(slabs);
         self.is_cut = false;
         let limit = (deviation / voxel.size) as f32;
-        if self.fits(voxel, slabs, limit) {
-            return Shape { contour: None, fits: true };
-        }
+        let fitted = self.fits(voxel, slabs, limit);
         let best = self.candidates.iter().filter(|c| c.excess() >= MIN_GAIN);
         let best = best.max_by(|a, b| (a.excess() * a.weight).total_cmp(&(b.excess() * b.weight)));
         let contour = best.and_then(|c| enclosing(c.bits, c.surface.lo.into(), c.surface.hi.into(), voxel.size));
-        let Some(contour) = contour else { return NOTHING };
-        if deepest {
-            return Shape { contour: Some(contour), fits: false };
-        }
+        let Some(contour) = contour.filter(|_| !deepest && !fitted) else { return Shape { contour, fits: fitted } };
         let slab = Slab::of(contour);
         for candidate in &mut self.candidates {
             candidate.outer.intersect(&slab.extent(candidate.n));

@@ -11,7 +11,8 @@ pub(crate) struct Shape {
     pub fits: bool,
 }
 
-/// A contour must move a plane by at least this, in edges of the voxel, to be worth its bytes.
+/// A contour must move a plane by at least this, in edges of the voxel, to be worth its bytes. That holds for voxels that fit
+/// without it, too: most of these are leaves, and end rays nearer to the surface with it.
 pub(crate) const MIN_GAIN: f32 = 1.0 / 128.0;
 /// Distance that planes keep from the surface, in octree units. Positions in a caster have errors of a few 2^-23, and two
 /// contours that both touch the surface must still overlap there.

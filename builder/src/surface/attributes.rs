@@ -1,16 +1,10 @@
 //! Colour and normal of a voxel: the mean over the surface in it, weighted by area, on every level. For a leaf the mean is
 //! taken over the surface itself, for other voxels over their children ([`Mean::of_parts`]).
 //!
-//! # Which voxels are refined because of their attributes
-//! A voxel's colour and normal represent all the surface in it. The voxel is refined if one of the samples of
-//! [`TextureTest`](crate::TextureTest) differs from what the voxel's own colour and normal decode to (5:6:5 bits, a raw
-//! normal) by more than the settings allow, in any channel or component. If all samples are equal it is not refined:
-//! finer voxels would look the same.
-//!
-//! A reader sees what a block of up to sixteen voxels decodes to. This differs from a voxel's own colour and normal by the
-//! error of the block, which the encoders keep small and which is not part of the test. So what is decoded from a leaf is
-//! within the error of the settings plus that of its block. Only on the deepest level, where no refinement is possible, can
-//! the error be larger.
+//! # What represents the surface
+//! The [`span`] of a voxel holds the least and greatest value of each channel and component over the surface in it, as
+//! [`TextureTest`](crate::TextureTest) says. A voxel is refined if what its block of sixteen decodes to differs from this by
+//! more than the settings allow (`build/pair.rs`).
 //!
 //! # Thin sheets
 //! The two sides of a sheet thinner than a voxel have opposite normals, and their mean is meaningless. There all normals
@@ -18,22 +12,14 @@
 //! component is positive, so that neighbouring voxels agree. If the sheet is thinner than the finest voxels, no refinement
 //! can separate its sides, and the test uses the turned normals.
 
-use esvo_format::{ColorBlock, RawNormal};
+use esvo_format::RawNormal;
 use glam::{DVec3, Vec3A};
 
 use super::Sample;
+use super::span::Span;
 use super::srgb::encode_srgb;
 use super::voxel::VoxelSurface;
 use crate::clip::Piece;
-
-/// Largest difference of attributes from the samples that they represent.
-#[derive(Clone, Copy)]
-pub(crate) struct AttributeBounds {
-    /// Steps of 1/256 per channel.
-    pub color: f32,
-    /// Per component of the unit normal.
-    pub normal: f32,
-}
 
 /// Attributes of one voxel.
 pub(crate) struct Attributes {
@@ -43,12 +29,11 @@ pub(crate) struct Attributes {
     pub normal: RawNormal,
     /// The mean that they are encoded from.
     pub mean: Mean,
-    /// Whether all the surface in the voxel is within the bounds. False if no bounds were given.
-    pub uniform: bool,
 }
 
 /// Colour and normal of some surface, as sums weighted by area.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Copy, Default, serde::Serialize, serde::Deserialize)]
+#[serde(from = "[f32; 7]", into = "[f32; 7]")]
 pub(crate) struct Mean {
     /// The area, in any unit that is the same for all parts of a mean.
     pub weight: f32,
@@ -56,6 +41,19 @@ pub(crate) struct Mean {
     pub color: Vec3A,
     /// Unit normals times the area. For thin sheets, turned to one side.
     pub normal: Vec3A,
+}
+
+impl From<[f32; 7]> for Mean {
+    fn from([weight, r, g, b, x, y, z]: [f32; 7]) -> Self {
+        Self { weight, color: Vec3A::new(r, g, b), normal: Vec3A::new(x, y, z) }
+    }
+}
+
+impl From<Mean> for [f32; 7] {
+    fn from(mean: Mean) -> Self {
+        let ([r, g, b], [x, y, z]) = (mean.color.to_array(), mean.normal.to_array());
+        [mean.weight, r, g, b, x, y, z]
+    }
 }
 
 impl Mean {
@@ -147,64 +145,59 @@ const CANCELLED: f32 = 0.5;
 /// Sides whose areas differ by less than this share of the whole count as equal.
 const SIDES_EQUAL: f32 = 0.25;
 
-/// Sums and ranges over the pieces of surface in a voxel.
-struct Sums {
-    mean: Mean,
-    color_range: [Vec3A; 2],
-    normal_range: [Vec3A; 2],
-}
-
-impl Sums {
-    const RANGE: [Vec3A; 2] = [Vec3A::MAX, Vec3A::MIN];
-
-    fn add(&mut self, weight: f32, sample: &Sample) {
-        self.mean.add(&Mean::new(weight, sample));
-        self.color_range = [self.color_range[0].min(sample.color), self.color_range[1].max(sample.color)];
-        self.normal_range = [self.normal_range[0].min(sample.normal), self.normal_range[1].max(sample.normal)];
-    }
-}
-
-/// Attributes of a voxel from the surface in it. `bounds` is `None` if the caller does not need to know whether they are
-/// uniform.
-pub(crate) fn attributes(voxel: &VoxelSurface, bounds: Option<AttributeBounds>) -> Attributes {
+/// Attributes of a voxel from the surface in it.
+pub(crate) fn attributes(voxel: &VoxelSurface) -> Attributes {
     let surface = voxel.surface;
     if let Some((color, normal)) = surface.constant(voxel.pieces) {
         let area = voxel.pieces.iter().map(|piece| surface.area(piece.triangle, vertices(voxel, piece))).sum::<f32>();
         let sample = surface.sample_at(voxel.pieces[0].triangle, voxel.centre, voxel.size);
         let mean = Mean::new(at_least(area, voxel.size), &sample);
-        return Attributes { color, normal, mean, uniform: bounds.is_some() };
+        return Attributes { color, normal, mean };
     }
-    if let [piece] = voxel.pieces {
-        return attributes_of_one(voxel, piece, bounds);
+    let mut mean = Mean::default();
+    each_sample(voxel, |weight, sample, _| mean.add(&Mean::new(weight, sample)));
+    if mean.cancels() {
+        mean.normal = Sheet::of(voxel).sides.normal(mean.weight);
     }
-    let mut sums = Sums { mean: Mean::default(), color_range: Sums::RANGE, normal_range: Sums::RANGE };
-    each_sample(voxel, |weight, sample, _| sums.add(weight, sample));
-    if sums.mean.cancels() {
-        turn_to_one_side(voxel, &mut sums);
-    }
-    let (color, normal) = sums.mean.encode();
-    let uniform = bounds.is_some_and(|bounds| {
-        !surface.is_cut_through(voxel.arena, voxel.pieces)
-            && colors_within(color, &sums, bounds.color)
-            && normals_within(normal, &sums, bounds.normal)
-            && (!surface.tests_texels || texels_within(voxel, color, normal, bounds))
-    });
-    Attributes { color, normal, mean: sums.mean, uniform }
+    let (color, normal) = mean.encode();
+    Attributes { color, normal, mean }
 }
 
-/// The attributes of a voxel with one piece of surface: they are those of its only sample.
-fn attributes_of_one(voxel: &VoxelSurface, piece: &Piece, bounds: Option<AttributeBounds>) -> Attributes {
+/// The range of colours and normals over all the surface in a voxel; `None` if they spread further than what one colour and
+/// one normal within these bounds can represent, or if the surface has holes.
+pub(crate) fn span(voxel: &VoxelSurface, color_error: f32, normal_error: f32) -> Option<Span> {
     let surface = voxel.surface;
-    let vertices = vertices(voxel, piece);
-    let middle = vertices.iter().sum::<DVec3>() * (1.0 / vertices.len() as f64);
-    let sample = surface.sample_at(piece.triangle, middle, voxel.size);
-    let mean = Mean::new(at_least(surface.area(piece.triangle, vertices), voxel.size), &sample);
-    let (color, normal) = sample.encode();
-    let uniform = bounds.is_some_and(|bounds| {
-        !surface.is_cut_through(voxel.arena, voxel.pieces)
-            && (!surface.tests_texels || texels_within(voxel, color, normal, bounds))
-    });
-    Attributes { color, normal, mean, uniform }
+    let mut span = Span::EMPTY;
+    let (mut front, mut two_sided) = (None, false);
+    for piece in voxel.pieces {
+        span.extend(&surface.span(piece.triangle, vertices(voxel, piece), voxel.size));
+        if !span.color_fits(color_error) {
+            return None;
+        }
+        let normal = Vec3A::from(surface.normals[piece.triangle as usize]);
+        two_sided |= front.get_or_insert(normal).dot(normal) < 0.0;
+    }
+    if surface.is_cut_through(voxel.arena, voxel.pieces) {
+        return None;
+    }
+    if span.normal_fits(normal_error) {
+        return Some(span);
+    }
+    if !two_sided {
+        return None;
+    }
+    // A thin sheet: if finer voxels could not separate its sides, its normals count turned to one side.
+    let mut mean = Mean::default();
+    each_sample(voxel, |weight, sample, _| mean.add(&Mean::new(weight, sample)));
+    let sheet = Some(Sheet::of(voxel)).filter(|sheet| mean.cancels() && sheet.thickness <= surface.finest_voxel())?;
+    let front = if sheet.sides.is_backwards(mean.weight) { -1.0 } else { 1.0 };
+    span.normal = Span::EMPTY.normal;
+    for piece in voxel.pieces {
+        let of_piece = surface.span(piece.triangle, vertices(voxel, piece), voxel.size);
+        let side = sheet.sides.of(surface.normals[piece.triangle as usize].into());
+        span.extend_normal(of_piece.normal_times(front * side));
+    }
+    Some(span).filter(|span| span.normal_fits(normal_error))
 }
 
 fn vertices<'a>(voxel: &'a VoxelSurface, piece: &Piece) -> &'a [DVec3] {
@@ -225,75 +218,30 @@ fn each_sample(voxel: &VoxelSurface, mut visit: impl FnMut(f32, &Sample, &[DVec3
     }
 }
 
-/// For a voxel whose normals cancel out: turns the sum of the normals to one side. Turns their range as well if finer
-/// voxels could not separate the sides.
-fn turn_to_one_side(voxel: &VoxelSurface, sums: &mut Sums) {
-    let mut largest = (0.0, Vec3A::Z);
-    each_sample(voxel, |weight, sample, _| {
-        if weight > largest.0 {
-            largest = (weight, sample.normal);
-        }
-    });
-    let mut sides = Sides::new(largest.1);
-    let [mut least, mut most] = Sums::RANGE;
-    let (mut lo, mut hi) = (f64::MAX, f64::MIN);
-    each_sample(voxel, |weight, sample, vertices| {
-        sides.add(weight, sample.normal * weight);
-        let turned = sample.normal * sides.of(sample.normal);
-        (least, most) = (least.min(turned), most.max(turned));
-        for v in vertices {
-            let at = v.dot(sides.axis.as_dvec3());
-            (lo, hi) = (lo.min(at), hi.max(at));
-        }
-    });
-    sums.mean.normal = sides.normal(sums.mean.weight);
-    if hi - lo <= voxel.surface.finest_voxel() {
-        sums.normal_range = if sides.is_backwards(sums.mean.weight) { [-most, -least] } else { [least, most] };
+/// The surface in a voxel whose normals cancel out.
+struct Sheet {
+    sides: Sides,
+    /// Its extent along the axis of the sides, in octree units.
+    thickness: f64,
+}
+
+impl Sheet {
+    fn of(voxel: &VoxelSurface) -> Self {
+        let mut largest = (0.0, Vec3A::Z);
+        each_sample(voxel, |weight, sample, _| {
+            if weight > largest.0 {
+                largest = (weight, sample.normal);
+            }
+        });
+        let mut sides = Sides::new(largest.1);
+        let (mut lo, mut hi) = (f64::MAX, f64::MIN);
+        each_sample(voxel, |weight, sample, vertices| {
+            sides.add(weight, sample.normal * weight);
+            for v in vertices {
+                let at = v.dot(sides.axis.as_dvec3());
+                (lo, hi) = (lo.min(at), hi.max(at));
+            }
+        });
+        Self { sides, thickness: hi - lo }
     }
-}
-
-/// Whether all samples are within `bound` steps of what `color` decodes to.
-fn colors_within(color: [u8; 3], sums: &Sums, bound: f32) -> bool {
-    let [lo, hi] = sums.color_range;
-    if bound >= 256.0 || lo == hi {
-        return true;
-    }
-    let decoded = decode(color);
-    let (lo, hi) = (encode_srgb(lo.into()), encode_srgb(hi.into()));
-    (0..3).all(|k| beyond(decoded[k], lo[k], hi[k]) <= bound)
-}
-
-/// What an sRGB-encoded colour decodes to if it is alone in its block, in `0.0..=1.0`.
-fn decode(color: [u8; 3]) -> [f32; 3] {
-    let mut colors = [None; 16];
-    colors[0] = Some(color);
-    ColorBlock::encode(&colors).decode(0)
-}
-
-/// Distance in steps of 1/256 from `value` to the farther end of a range of bytes.
-fn beyond(value: f32, lo: u8, hi: u8) -> f32 {
-    let steps = |byte: u8| (f32::from(byte) / 255.0 - value).abs() * 256.0;
-    steps(lo).max(steps(hi))
-}
-
-/// Whether all samples are within `bound` of what `normal` decodes to, in each component.
-fn normals_within(normal: RawNormal, sums: &Sums, bound: f32) -> bool {
-    let [lo, hi] = sums.normal_range;
-    if bound >= 2.0 || lo == hi {
-        return true;
-    }
-    let decoded = Vec3A::from(normal.decode());
-    (decoded - lo).max(hi - decoded).max_element() <= bound
-}
-
-/// Whether all texels that the finest voxels show are within the bounds of what colour and normal decode to.
-fn texels_within(voxel: &VoxelSurface, color: [u8; 3], normal: RawNormal, bounds: AttributeBounds) -> bool {
-    let surface = voxel.surface;
-    let (decoded, normal) = (decode(color), Vec3A::from(normal.decode()));
-    voxel.pieces.iter().all(|piece| {
-        let vertices = vertices(voxel, piece);
-        let (lo, hi) = surface.color_range(piece.triangle, vertices);
-        (bounds.color >= 256.0 || lo == hi || (0..3).all(|k| beyond(decoded[k], lo[k], hi[k]) <= bounds.color))
-            && (bounds.normal >= 2.0 || surface.normal_deviation(piece.triangle, vertices, normal) <= bounds.normal)
-    })
 }

@@ -8,6 +8,7 @@ use glam::{Vec2, Vec3};
 use super::color_map::ColorMap;
 use super::range::{AlphaMap, RangeMap};
 use super::srgb::encode_srgb;
+use super::texels::TexelMap;
 use crate::{Material, Mesh, NormalMap, Texture, TextureTest};
 
 /// A material.
@@ -19,13 +20,21 @@ pub(crate) struct Look {
     /// The colour texture.
     pub texture: Option<Arc<ColorMap>>,
     /// Bounds of the texture's colours, if the test for refinement looks at texels.
-    pub color_range: Option<Arc<RangeMap<3>>>,
+    pub color_range: Option<Arc<Ranges>>,
     /// The normal map.
     pub normal_map: Option<NormalMap>,
     /// Bounds of the normal map's channels, if the test for refinement looks at texels.
-    pub normal_range: Option<Arc<RangeMap<3>>>,
+    pub normal_range: Option<Arc<Ranges>>,
     /// Which parts are holes.
     pub cutout: Cutout,
+}
+
+/// Bounds of a map's texels, as a test for refinement sees them.
+pub(crate) enum Ranges {
+    /// Of the full image.
+    Texels(TexelMap),
+    /// Of the image averaged to the size of the finest voxels.
+    Averages(RangeMap<3>),
 }
 
 /// Which parts of a material are holes.
@@ -42,10 +51,26 @@ pub(crate) enum Cutout {
 #[derive(Default)]
 struct Shared {
     maps: HashMap<*const Texture, Arc<ColorMap>>,
-    colors: HashMap<*const Texture, Arc<RangeMap<3>>>,
-    normals: HashMap<*const crate::LinearTexture<3>, Arc<RangeMap<3>>>,
+    colors: HashMap<*const Texture, Arc<Ranges>>,
+    normals: HashMap<*const crate::LinearTexture<3>, Arc<Ranges>>,
     /// By texture and by the smallest alpha that is solid.
     alphas: HashMap<(*const Texture, u32), Arc<AlphaMap>>,
+}
+
+impl Ranges {
+    fn of_colors(texture: &Arc<Texture>, test: TextureTest) -> Self {
+        match test {
+            TextureTest::Texels => Self::Texels(TexelMap::of_colors(texture)),
+            _ => Self::Averages(RangeMap::of_colors(texture)),
+        }
+    }
+
+    fn of_channels(texture: &crate::LinearTexture<3>, test: TextureTest) -> Self {
+        match test {
+            TextureTest::Texels => Self::Texels(TexelMap::of_channels(texture)),
+            _ => Self::Averages(RangeMap::of_channels(texture)),
+        }
+    }
 }
 
 impl Look {
@@ -58,16 +83,16 @@ impl Look {
     fn new(material: &Material, mesh: &Mesh, test: TextureTest, shared: &mut Shared) -> Self {
         let [r, g, b, alpha] = material.base_color;
         let base = Vec3::new(r, g, b);
-        let texels = test == TextureTest::Texels;
+        let texels = test != TextureTest::Centroids;
         let texture = material.texture.clone().filter(|_| !mesh.uvs.is_empty());
         let normal_map = material.normal_map.clone().filter(|_| !mesh.uvs.is_empty());
         let color_range = texture.as_ref().filter(|_| texels).map(|texture| {
             let entry = shared.colors.entry(Arc::as_ptr(texture));
-            entry.or_insert_with(|| Arc::new(RangeMap::of_colors(texture))).clone()
+            entry.or_insert_with(|| Arc::new(Ranges::of_colors(texture, test))).clone()
         });
         let normal_range = normal_map.as_ref().filter(|_| texels).map(|map| {
             let entry = shared.normals.entry(Arc::as_ptr(&map.texture));
-            entry.or_insert_with(|| Arc::new(RangeMap::of_channels(&map.texture))).clone()
+            entry.or_insert_with(|| Arc::new(Ranges::of_channels(&map.texture, test))).clone()
         });
         let cutout = match (material.alpha_cutoff, &texture) {
             (None, _) => Cutout::Solid,

@@ -7,7 +7,9 @@ mod look;
 pub(crate) mod prepared;
 mod range;
 mod shading;
+pub(crate) mod span;
 pub(crate) mod srgb;
+mod texels;
 pub(crate) mod voxel;
 
 use glam::{DMat4, DVec3, Vec3};
@@ -34,8 +36,10 @@ pub(crate) struct Surface<'a> {
     pub dropped: usize,
     /// Whether alpha cuts holes into some material.
     pub has_holes: bool,
-    /// Whether the test for refinement looks at every texel.
-    pub tests_texels: bool,
+    /// What the attributes of a voxel are compared with.
+    pub test: TextureTest,
+    /// Colours that differ by more than this in a channel are never within the bound of one.
+    color_reach: u8,
     shading: Shading<'a>,
 }
 
@@ -52,7 +56,8 @@ impl<'a> Surface<'a> {
         Ok(Self {
             dropped,
             has_holes: shading.has_holes(),
-            tests_texels: settings.texture_test == TextureTest::Texels,
+            test: settings.texture_test,
+            color_reach: (settings.color_error * 2.0).ceil().min(255.0) as u8,
             corners,
             normals,
             edges,

@@ -16,14 +16,15 @@ pub(crate) struct RangeMap<const N: usize> {
     wrap: [Wrap; 2],
 }
 
-struct Level<const N: usize> {
-    width: u32,
-    height: u32,
-    texels: Vec<Bounds<N>>,
+/// One level of a pyramid: bounds in rows.
+pub(crate) struct Level<const N: usize> {
+    pub width: u32,
+    pub height: u32,
+    pub texels: Vec<Bounds<N>>,
 }
 
 /// Smallest and largest value of each channel.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 pub(crate) struct Bounds<const N: usize> {
     /// The smallest values.
     pub min: [u8; N],
@@ -32,7 +33,7 @@ pub(crate) struct Bounds<const N: usize> {
 }
 
 impl<const N: usize> Bounds<N> {
-    fn extend(&mut self, other: &Self) {
+    pub(crate) fn extend(&mut self, other: &Self) {
         for k in 0..N {
             self.min[k] = self.min[k].min(other.min[k]);
             self.max[k] = self.max[k].max(other.max[k]);
@@ -102,7 +103,7 @@ impl<const N: usize> RangeMap<N> {
 }
 
 /// The pyramid over one mip level.
-fn pyramid<const N: usize>(base: Level<N>) -> Vec<Level<N>> {
+pub(crate) fn pyramid<const N: usize>(base: Level<N>) -> Vec<Level<N>> {
     let mut levels = vec![base];
     while let Some(last) = levels.last().filter(|l| l.width > 1 || l.height > 1) {
         let (width, height) = (last.width.div_ceil(2), last.height.div_ceil(2));
@@ -123,7 +124,7 @@ fn pyramid<const N: usize>(base: Level<N>) -> Vec<Level<N>> {
 }
 
 impl<const N: usize> Level<N> {
-    fn at(&self, x: u32, y: u32) -> Bounds<N> {
+    pub(crate) fn at(&self, x: u32, y: u32) -> Bounds<N> {
         self.texels[(y * self.width + x) as usize]
     }
 }

@@ -8,13 +8,14 @@ use glam::{DVec3, Vec2, Vec3, Vec3A};
 use rayon::prelude::*;
 
 use super::Surface;
-use super::look::{Cutout, Look};
-use super::range::RangeMap;
+use super::look::{Cutout, Look, Ranges};
+use super::range::Bounds;
+use super::span::Span;
 use super::srgb::{decode_srgb, encode_srgb};
 use crate::clip::polygon::{area, area_and_centroid};
-use crate::clip::{Arena, Piece};
+use crate::clip::{Arena, MAX_VERTICES, Piece};
 use crate::mesh::maps::mapped_normal;
-use crate::{Mesh, NormalMap};
+use crate::{Mesh, TextureTest};
 
 /// An index into nothing.
 const NONE: u32 = u32::MAX;
@@ -254,12 +255,10 @@ impl Surface<'_> {
         Sample { color, normal }
     }
 
-    /// Whether one sample is enough for a piece of this triangle: it has no holes, and its texels are not tested one by
-    /// one.
-    pub(crate) fn is_plain(&self, triangle: u32) -> bool {
+    /// Whether no part of this triangle is a hole.
+    pub(crate) fn is_solid(&self, triangle: u32) -> bool {
         let facet = &self.shading.facets[triangle as usize];
-        (facet.frame == NONE || !self.tests_texels)
-            && matches!(self.shading.looks[facet.look as usize].cutout, Cutout::Solid)
+        matches!(self.shading.looks[facet.look as usize].cutout, Cutout::Solid)
     }
 
     /// `normal` changed by the sample `detail` of a normal map.
@@ -312,82 +311,126 @@ impl Surface<'_> {
             .fold((Vec2::MAX, Vec2::MIN), |(lo, hi), uv| (lo.min(uv), hi.max(uv)))
     }
 
-    /// Smallest and largest sRGB-encoded colour that the finest voxels will show of a piece, over all its texels.
-    pub(crate) fn color_range(&self, triangle: u32, vertices: &[DVec3]) -> ([u8; 3], [u8; 3]) {
+    /// The range of colours and normals over a piece, as the test of the settings sees them. `voxel_size` is the edge of the
+    /// voxel that the piece is in.
+    pub(crate) fn span(&self, triangle: u32, vertices: &[DVec3], voxel_size: f64) -> Span {
         let facet = &self.shading.facets[triangle as usize];
         let look = &self.shading.looks[facet.look as usize];
+        let Some(frame) = self.shading.frames.get(facet.frame as usize) else {
+            return Span::of(
+                look.plain.unwrap_or_else(|| encode_srgb(look.base)),
+                self.normals[triangle as usize].into(),
+            );
+        };
+        if self.test == TextureTest::Centroids {
+            let (_, sample) = self.sample(triangle, vertices, voxel_size);
+            return Span::of(encode_srgb(sample.color.into()), sample.normal);
+        }
+        let mut outline = Outline::default();
+        let a = self.corners[triangle as usize][0];
+        for v in vertices {
+            outline.push(frame.weights(a, *v));
+        }
+        Span {
+            color: self.color_range(look, frame, &outline),
+            normal: self.normal_range(look, frame, &outline, self.normals[triangle as usize].into()),
+        }
+    }
+
+    /// Smallest and largest sRGB-encoded colour of a piece.
+    fn color_range(&self, look: &Look, frame: &Frame, outline: &Outline) -> [[u8; 3]; 2] {
         if let Some(plain) = look.plain {
-            return (plain, plain);
+            return [plain; 2];
         }
         let (mut lo, mut hi) = (look.base, look.base);
-        if let Some(frame) = self.shading.frames.get(facet.frame as usize) {
-            let mesh = self.shading.mesh;
-            if !mesh.colors.is_empty() {
-                let a = self.corners[triangle as usize][0];
-                let colors = vertices.iter().map(|v| Vec3::from(frame.color(mesh, frame.weights(a, *v))));
-                let (least, most) = colors.fold((Vec3::MAX, Vec3::MIN), |(lo, hi), c| (lo.min(c), hi.max(c)));
-                lo *= least;
-                hi *= most;
+        let mesh = self.shading.mesh;
+        if !mesh.colors.is_empty() {
+            let colors = outline.iter().map(|w| Vec3::from(frame.color(mesh, w)));
+            let (least, most) = colors.fold((Vec3::MAX, Vec3::MIN), |(lo, hi), c| (lo.min(c), hi.max(c)));
+            lo *= least;
+            hi *= most;
+        }
+        if let Some(range) = &look.color_range {
+            let bounds = self.texels(range, frame, outline, |uv| uv, frame.texel_density, self.color_reach);
+            if lo == Vec3::ONE && hi == Vec3::ONE {
+                return [bounds.min, bounds.max];
             }
-            if let Some(range) = &look.color_range {
-                let (uv_lo, uv_hi) = self.uv_bounds(frame, triangle, vertices);
-                let bounds = range.in_box(uv_lo, uv_hi, self.shading.finest_voxel * frame.texel_density);
-                lo *= decode_srgb(bounds.min);
-                hi *= decode_srgb(bounds.max);
+            lo *= decode_srgb(bounds.min);
+            hi *= decode_srgb(bounds.max);
+        }
+        [encode_srgb(lo), encode_srgb(hi)]
+    }
+
+    /// The range of the shading normals of a piece; `flat` is the normal of its triangle.
+    fn normal_range(&self, look: &Look, frame: &Frame, outline: &Outline, flat: Vec3A) -> [Vec3A; 2] {
+        let mesh = self.shading.mesh;
+        let (mut lo, mut hi) = (Vec3A::MAX, Vec3A::MIN);
+        let mut add = |normal: Vec3A| (lo, hi) = (lo.min(normal), hi.max(normal));
+        if let Some((map, range)) = look.normal_map.as_ref().zip(look.normal_range.as_ref()) {
+            let moved = |uv: Vec2| Vec2::from(map.uv_transform.apply(uv.into()));
+            let bounds = self.texels(range, frame, outline, moved, frame.normal_density, u8::MAX);
+            let component = |c: [u8; 3]| {
+                let [x, y, z] = c.map(|c| f32::from(c) / 127.5 - 1.0);
+                [x * map.scale, y * map.scale, z]
+            };
+            let ends = [component(bounds.min), component(bounds.max)];
+            for w in outline.iter() {
+                let shading = frame.normal(mesh, flat, w);
+                // A component is largest at a corner of the box, up to the curvature of the sphere.
+                for corner in 0..8 {
+                    let detail = std::array::from_fn(|k| ends[corner >> k & 1][k]);
+                    add(self.mapped(frame, shading, w, detail));
+                }
+            }
+        } else if frame.smooth {
+            outline.iter().for_each(|w| add(frame.normal(mesh, flat, w)));
+        } else {
+            add(flat);
+        }
+        [lo, hi]
+    }
+
+    /// The range of the texels on a piece. `moved` takes texture coordinates of the mesh to those of the map, which has
+    /// `density` texels per unit of octree space. For `enough` see [`TexelMap::in_polygon`](super::texels::TexelMap::in_polygon).
+    #[expect(clippy::too_many_arguments, reason = "one map of two kinds")]
+    fn texels(
+        &self,
+        range: &Ranges,
+        frame: &Frame,
+        outline: &Outline,
+        moved: impl Fn(Vec2) -> Vec2,
+        density: f32,
+        enough: u8,
+    ) -> Bounds<3> {
+        let mut at = [Vec2::ZERO; MAX_VERTICES];
+        for (at, w) in at.iter_mut().zip(outline.iter()) {
+            *at = moved(frame.uv(self.shading.mesh, w));
+        }
+        let at = &at[..outline.count];
+        match range {
+            Ranges::Texels(texels) => texels.in_polygon(at, enough),
+            Ranges::Averages(averages) => {
+                let (lo, hi) = at.iter().fold((Vec2::MAX, Vec2::MIN), |(lo, hi), uv| (lo.min(*uv), hi.max(*uv)));
+                averages.in_box(lo, hi, self.shading.finest_voxel * density)
             }
         }
-        (encode_srgb(lo), encode_srgb(hi))
+    }
+}
+
+/// The vertices of a piece as barycentric coordinates of its triangle.
+#[derive(Default)]
+struct Outline {
+    weights: [[f32; 3]; MAX_VERTICES],
+    count: usize,
+}
+
+impl Outline {
+    fn push(&mut self, weights: [f32; 3]) {
+        self.weights[self.count] = weights;
+        self.count += 1;
     }
 
-    /// Largest difference in a component between `normal` and the shading normals that the finest voxels will show of a
-    /// piece.
-    pub(crate) fn normal_deviation(&self, triangle: u32, vertices: &[DVec3], normal: Vec3A) -> f32 {
-        let flat = Vec3A::from(self.normals[triangle as usize]);
-        let facet = &self.shading.facets[triangle as usize];
-        let Some(frame) = self.shading.frames.get(facet.frame as usize) else {
-            return (flat - normal).abs().max_element();
-        };
-        let look = &self.shading.looks[facet.look as usize];
-        let (mesh, a) = (self.shading.mesh, self.corners[triangle as usize][0]);
-        let mapped = look.normal_map.as_ref().zip(look.normal_range.as_ref()).map(|(map, range)| {
-            let (lo, hi) = self.uv_bounds(frame, triangle, vertices);
-            self.detail_bounds(frame, map, range, lo, hi)
-        });
-        let vertices = if frame.smooth || mapped.is_some() { vertices } else { &vertices[..1] };
-        let deviation = |v: &DVec3| {
-            let w = frame.weights(a, *v);
-            let shading = frame.normal(mesh, flat, w);
-            match mapped {
-                None => (shading - normal).abs().max_element(),
-                // The deviation is largest at a corner of the box, up to the curvature of the sphere.
-                Some((lo, hi)) => (0..8u32)
-                    .map(|corner| {
-                        let detail = std::array::from_fn(|k| if corner >> k & 1 != 0 { hi[k] } else { lo[k] });
-                        (self.mapped(frame, shading, w, detail) - normal).abs().max_element()
-                    })
-                    .fold(0.0, f32::max),
-            }
-        };
-        vertices.iter().map(deviation).fold(0.0, f32::max)
-    }
-
-    /// Bounds of the samples of a normal map over a box of the mesh's texture coordinates.
-    fn detail_bounds(
-        &self,
-        frame: &Frame,
-        map: &NormalMap,
-        range: &RangeMap<3>,
-        lo: Vec2,
-        hi: Vec2,
-    ) -> ([f32; 3], [f32; 3]) {
-        let corners = [[lo.x, lo.y], [hi.x, lo.y], [lo.x, hi.y], [hi.x, hi.y]];
-        let moved = corners.map(|uv| Vec2::from(map.uv_transform.apply(uv)));
-        let (lo, hi) = moved.iter().fold((Vec2::MAX, Vec2::MIN), |(lo, hi), uv| (lo.min(*uv), hi.max(*uv)));
-        let bounds = range.in_box(lo, hi, self.shading.finest_voxel * frame.normal_density);
-        let component = |c: [u8; 3]| {
-            let [x, y, z] = c.map(|c| f32::from(c) / 127.5 - 1.0);
-            [x * map.scale, y * map.scale, z]
-        };
-        (component(bounds.min), component(bounds.max))
+    fn iter(&self) -> impl Iterator<Item = [f32; 3]> + '_ {
+        self.weights[..self.count].iter().copied()
     }
 }

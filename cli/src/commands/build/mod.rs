@@ -28,8 +28,9 @@ use crate::words::{count, size};
 #[derive(Debug, Args)]
 #[command(after_help = "\
 A voxel is divided until its shape, colour and normal are within the three allowed errors
-(--contour-error, --color-error, --normal-error), or to the deepest level. The default numbers are
-those of the paper's authors.
+(--contour-error, --color-error, --normal-error), or to the deepest level. The defaults are those
+of the paper's authors, and so is what they are compared with. Most voxels of a textured scene are
+there for its textures: --texture-test centroids leaves them out.
 
 A voxel model of MagicaVoxel does not go through triangles: each of its voxels becomes one voxel
 of the octree on the deepest level, which follows from the size of the model. Its z axis points up
@@ -73,9 +74,7 @@ pub(crate) struct BuildArguments {
     /// Allowed error of a component of the unit normal [default: 0.01]
     #[arg(long, value_name = "X", conflicts_with = "no_normals")]
     pub(crate) normal_error: Option<f64>,
-    /// What colours and normals are compared with: one sample for each triangle in a voxel, or all texels. Neither is exactly the
-    /// authors' test, which compares with the least and greatest of all texels, vertex colours and normals after decoding the
-    /// stored block
+    /// What the decoded colour and normal of a voxel are compared with [default: texels]
     #[arg(long, value_name = "TEST")]
     pub(crate) texture_test: Option<TextureTest>,
     /// Use a preset of the errors above; options given next to it take precedence
@@ -159,13 +158,13 @@ impl From<Format> for import::Format {
 /// The presets of [`esvo_builder::Preset`]. Help lists shape (level), colour (steps) and normal error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Preset {
-    /// Quick and coarse: contour error 12, colour error 32, normal error 0.1
+    /// Quick and coarse: contour error 12, colour error 32, normal error 0.1, --texture-test centroids
     Fast,
-    /// The authors' default numbers: 15, 16, 0.01
+    /// The authors' defaults: 15, 16, 0.01
     Balanced,
-    /// Small files: 13, 64, 0.25
+    /// Small files: 13, 64, 0.25, --texture-test centroids
     Small,
-    /// Textures as fine as the deepest level can show: 16, 8, 0.01, --texture-test texels
+    /// Shapes and colours twice as exact as the authors' defaults: 16, 8, 0.01
     Fine,
 }
 
@@ -183,17 +182,20 @@ impl From<Preset> for esvo_builder::Preset {
 /// The tests of [`esvo_builder::TextureTest`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum TextureTest {
-    /// One colour and normal for each triangle in a voxel
-    Samples,
-    /// All texels
+    /// The least and greatest of all texels, vertex colours and normals in the voxel: the test of the paper's authors
     Texels,
+    /// The same with textures averaged to the finest voxels: detail that no voxel could show refines none
+    Averages,
+    /// One sample for each triangle in the voxel: the smallest files, with textures as coarse as the shape allows
+    Centroids,
 }
 
 impl From<TextureTest> for esvo_builder::TextureTest {
     fn from(test: TextureTest) -> Self {
         match test {
-            TextureTest::Samples => Self::Samples,
             TextureTest::Texels => Self::Texels,
+            TextureTest::Averages => Self::Averages,
+            TextureTest::Centroids => Self::Centroids,
         }
     }
 }
