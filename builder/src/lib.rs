@@ -76,9 +76,12 @@ mod shape;
 mod surface;
 pub mod voxels;
 
-pub use build::{BuildStats, Built, BuiltFile, FileOptions, Progress, build, build_file, expected_leaves};
+pub use build::{
+    BuildStats, Built, BuiltFile, FileOptions, Progress, build, build_displaced, build_displaced_file, build_file,
+    expected_leaves,
+};
 pub use cells::{CellTriangles, Cells, PreparedMesh, build_cells, build_cells_file};
-pub use displace::{DisplaceOptions, displace};
+pub use displace::{DisplaceOptions, displace, displaced_triangles};
 pub use error::BuildError;
 pub use mesh::maps::{HeightMap, LinearMip, LinearTexture, NormalMap, UvTransform, mapped_normal};
 pub use mesh::{Material, Mesh, MipLevel, Texture, Wrap};

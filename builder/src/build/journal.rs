@@ -14,8 +14,9 @@ use esvo_format::{BlockStore, BlockSummary, Tree};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
+use super::subtrees::Finished as FinishedPart;
 use crate::surface::attributes::Mean;
-use crate::{BuildError, BuildSettings, Mesh};
+use crate::{BuildError, BuildSettings, DisplaceOptions, Mesh};
 
 /// The files in the folder: first the journal, second the blocks.
 const FILES: [&str; 2] = ["journal", "blocks"];
@@ -36,10 +37,12 @@ enum Record {
     Blocks(Vec<BlockSummary>),
     /// Finished sibling cubes: the path from the root to the first of them, and what was made of them.
     Cubes(u32, Box<Finished>),
+    /// A finished subtree of a displaced mesh: the number of its path, and the subtree.
+    Part(u32, Box<FinishedPart>),
 }
 
 /// What was made of one or two sibling cubes.
-#[derive(Default, Serialize, Deserialize)]
+#[derive(Clone, Default, Serialize, Deserialize)]
 pub(super) struct Finished {
     /// The part of their subtrees that is not in blocks.
     pub tree: Tree,
@@ -55,6 +58,8 @@ pub(crate) struct Journal {
     resumed: u64,
     /// Cubes that an earlier build had finished and that have not been taken yet.
     finished: Mutex<HashMap<u32, Finished>>,
+    /// The same for subtrees of a displaced mesh.
+    finished_parts: Mutex<HashMap<u32, FinishedPart>>,
     writer: Mutex<Writer>,
 }
 
@@ -65,8 +70,14 @@ struct Writer {
 }
 
 impl Journal {
-    /// Opens or creates the folder of the build whose output is `path`, and the store of its blocks.
-    pub(crate) fn open(path: &Path, mesh: &Mesh, settings: &BuildSettings) -> Result<(Self, BlockStore), BuildError> {
+    /// Opens or creates the folder of the build whose output is `path`, and the store of its blocks. With `displaced`, the mesh
+    /// is displaced while it is built.
+    pub(crate) fn open(
+        path: &Path,
+        mesh: &Mesh,
+        displaced: Option<&DisplaceOptions>,
+        settings: &BuildSettings,
+    ) -> Result<(Self, BlockStore), BuildError> {
         let mut name = path.file_name().unwrap_or_default().to_owned();
         name.push(".part");
         let folder = path.with_file_name(name);
@@ -78,7 +89,7 @@ impl Journal {
         file.try_lock().map_err(|_| BuildError::Busy(folder.clone()))?;
         let mut bytes = Vec::new();
         file.read_to_end(&mut bytes).map_err(io)?;
-        let build = fingerprint(mesh, settings, RESULTS);
+        let build = fingerprint(mesh, displaced, settings, RESULTS);
         let first = Records { bytes: &bytes, at: 0 }.next();
         // A build that was stopped while it wrote its first record leaves a piece of it and no blocks.
         let begun = bytes.len() < FIRST_RECORD && folder.join(FILES[1]).metadata().map_or(0, |m| m.len()) == 0;
@@ -86,7 +97,7 @@ impl Journal {
             return Err(BuildError::OtherWork(folder));
         }
         let blocks = open(FILES[1]).map_err(io)?;
-        let (mut summaries, mut finished) = (Vec::new(), HashMap::new());
+        let (mut summaries, mut finished, mut parts) = (Vec::new(), HashMap::new(), HashMap::new());
         let mut end = 0;
         let mut same = false;
         for (record, at) in (Records { bytes: &bytes, at: 0 }) {
@@ -94,6 +105,7 @@ impl Journal {
                 Record::Build(other) => same = other == build,
                 Record::Blocks(blocks) => summaries.extend(blocks),
                 Record::Cubes(path, cubes) => drop(finished.insert(path, *cubes)),
+                Record::Part(path, part) => drop(parts.insert(path, *part)),
             }
             if !same {
                 break;
@@ -102,18 +114,22 @@ impl Journal {
         }
         let stored = blocks.metadata().map_err(io)?.len();
         if !same || summaries.iter().any(|s: &BlockSummary| s.end() > stored) {
-            (summaries, finished, end, same) = (Vec::new(), HashMap::new(), 0, false);
+            (summaries, end, same) = (Vec::new(), 0, false);
+            finished.clear();
+            parts.clear();
         }
         file.set_len(end as u64).map_err(io)?;
         file.seek(SeekFrom::End(0)).map_err(io)?;
-        let resumed = if same { finished.values().map(|cubes: &Finished| cubes.voxels).sum() } else { 0 };
+        let voxels = finished.values().map(|cubes: &Finished| &cubes.voxels);
+        let resumed = voxels.chain(parts.values().map(|part: &FinishedPart| &part.voxels)).sum();
         let mut writer = Writer { file, blocks: summaries.len() };
         if !same {
             writer.put(&Record::Build(build)).map_err(io)?;
         }
         let store = BlockStore::in_file(blocks, summaries);
         store.check().map_err(|source| BuildError::Part { folder: folder.clone(), source })?;
-        Ok((Self { folder, resumed, finished: Mutex::new(finished), writer: Mutex::new(writer) }, store))
+        let (finished, finished_parts) = (Mutex::new(finished), Mutex::new(parts));
+        Ok((Self { folder, resumed, finished, finished_parts, writer: Mutex::new(writer) }, store))
     }
 
     /// Voxels of the finished parts of an earlier build that were found.
@@ -128,13 +144,26 @@ impl Journal {
 
     /// Records that cubes are finished, the first of them with this path. Their blocks must be in the store already.
     pub(super) fn finish(&self, path: u32, cubes: &Finished, store: &BlockStore) -> Result<(), BuildError> {
+        self.put(&Record::Cubes(path, Box::new(cubes.clone())), store)
+    }
+
+    /// As [`finished`](Self::finished), of a subtree of a displaced mesh.
+    pub(super) fn finished_part(&self, path: u32) -> Option<FinishedPart> {
+        self.finished_parts.lock().unwrap_or_else(PoisonError::into_inner).remove(&path)
+    }
+
+    /// As [`finish`](Self::finish), of a subtree of a displaced mesh.
+    pub(super) fn finish_part(&self, path: u32, part: &FinishedPart, store: &BlockStore) -> Result<(), BuildError> {
+        self.put(&Record::Part(path, Box::new(part.clone())), store)
+    }
+
+    /// Writes a record after that of the blocks that it needs.
+    fn put(&self, record: &Record, store: &BlockStore) -> Result<(), BuildError> {
         let mut writer = self.writer.lock().unwrap_or_else(PoisonError::into_inner);
         let blocks = store.summaries_from(writer.blocks);
         writer.blocks += blocks.len();
-        let Finished { tree, means, voxels } = cubes;
-        let record = Record::Cubes(path, Box::new(Finished { tree: tree.clone(), means: *means, voxels: *voxels }));
         let blocks = Record::Blocks(blocks);
-        writer.put(&blocks).and_then(|()| writer.put(&record)).map_err(|e| BuildError::io(&self.folder, e))
+        writer.put(&blocks).and_then(|()| writer.put(record)).map_err(|e| BuildError::io(&self.folder, e))
     }
 
     /// Removes the two files when the output is complete, and the folder if it contains nothing else.
@@ -184,7 +213,7 @@ impl Iterator for Records<'_> {
 }
 
 /// Hash of everything that the result of a build depends on. `results` is [`RESULTS`].
-fn fingerprint(mesh: &Mesh, settings: &BuildSettings, results: u32) -> [u8; 32] {
+fn fingerprint(mesh: &Mesh, displaced: Option<&DisplaceOptions>, settings: &BuildSettings, results: u32) -> [u8; 32] {
     let mut hash = Sha256::new();
     let mut part = |bytes: &[u8]| {
         hash.update((bytes.len() as u64).to_le_bytes());
@@ -210,6 +239,18 @@ fn fingerprint(mesh: &Mesh, settings: &BuildSettings, results: u32) -> [u8; 32] 
             part(bytemuck::cast_slice(&map.texture.mips[0].texels));
         }
     }
+    if let Some(options) = displaced {
+        part(format!("{options:?}").as_bytes());
+        for map in mesh.materials.iter().map(|material| &material.height_map) {
+            let Some(map) = map else {
+                part(&[]);
+                continue;
+            };
+            let numbers = (map.amplitude, map.bias, map.uv_transform.rows, map.texture.wrap);
+            part(format!("{numbers:?}").as_bytes());
+            part(bytemuck::cast_slice(&map.texture.mips[0].texels));
+        }
+    }
     hash.finalize().into()
 }
 
@@ -227,8 +268,8 @@ mod tests {
         for (results, same) in [(3, false), (4, true)] {
             let file = File::create(files.path().join("a.esvo.part/journal")).unwrap();
             let mut writer = Writer { file, blocks: 0 };
-            writer.put(&Record::Build(fingerprint(&mesh, &settings, results))).unwrap();
-            let opened = Journal::open(&output, &mesh, &settings);
+            writer.put(&Record::Build(fingerprint(&mesh, None, &settings, results))).unwrap();
+            let opened = Journal::open(&output, &mesh, None, &settings);
             assert_eq!(opened.is_ok(), same);
             assert!(same || matches!(opened, Err(BuildError::OtherWork(_))));
         }

@@ -1,10 +1,12 @@
 //! A build from start to end: in memory, or directly into a file.
 
+mod displaced;
 mod expectation;
 mod journal;
 mod pair;
 mod progress;
 mod recursion;
+mod subtrees;
 
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -13,13 +15,14 @@ use esvo_format::file::ObjectEntry;
 use esvo_format::{BlockStore, Octree, WriteOptions};
 use serde::Serialize;
 
+pub use self::displaced::{build_displaced, build_displaced_file};
 pub use self::expectation::expected_leaves;
 use self::journal::Journal;
 pub use self::progress::Progress;
 use self::recursion::Recursion;
 pub(crate) use self::recursion::{Cube, append_by_slot, block_nodes};
 use crate::surface::Surface;
-use crate::{BuildError, BuildSettings, Mesh};
+use crate::{BuildError, BuildSettings, DisplaceOptions, Mesh};
 
 /// What a build processed, and how long each phase took.
 #[derive(Clone, Copy, Debug, Serialize)]
@@ -114,7 +117,8 @@ pub fn build_file(
     progress: &(dyn Fn(Progress) + Sync),
 ) -> Result<BuiltFile, BuildError> {
     settings.check()?;
-    let threads = options.memory_limit.map(|limit| threads_within(mesh, limit)).transpose()?;
+    let threads =
+        options.memory_limit.map(|limit| threads_within(memory_of(mesh), BYTES_PER_THREAD, limit)).transpose()?;
     let in_pool = || build_file_here(mesh, settings, path, options, progress);
     match threads.filter(|n| *n < rayon::current_num_threads()) {
         Some(threads) => {
@@ -135,43 +139,70 @@ fn build_file_here(
     let mut watch = Watch::start();
     let surface = Surface::new(mesh, settings)?;
     let prepare = watch.lap();
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let (store, journal) = if options.resume {
-        let (journal, store) = Journal::open(path, mesh, settings)?;
-        if journal.resumed() > 0 {
-            progress(Progress { done: 0.0, voxels: 0, resumed: journal.resumed() });
-        }
-        (store, Some(journal))
-    } else {
-        let file = tempfile::tempfile_in(folder).map_err(|e| BuildError::io(folder, e))?;
-        (BlockStore::in_file(file, Vec::new()), None)
-    };
-    let root = Recursion::new(&surface, settings, &store, journal.as_ref(), progress).run()?.ok_or_else(no_surface)?;
+    let open = Opened::new(mesh, None, settings, path, options, progress)?;
+    let root = Recursion::new(&surface, settings, &open.store, open.journal.as_ref(), progress).run()?;
+    let root = root.ok_or_else(no_surface)?;
     let voxelize = watch.lap();
-    let own = metadata(settings, mesh);
-    let meta = if options.meta.is_empty() { &own } else { &options.meta };
-    let object = store.write(root, surface.octree_to_mesh, meta, path, &options.write)?;
-    let resumed_voxels = journal.as_ref().map_or(0, Journal::resumed);
-    if let Some(journal) = journal {
-        journal.remove()?;
+    let meta = metadata(settings, mesh);
+    let (object, resumed_voxels) = open.write(root, surface.octree_to_mesh, &meta, path, options)?;
+    let stats = stats(mesh, &surface, prepare, voxelize, watch.lap());
+    Ok(BuiltFile { object, stats, resumed: resumed_voxels > 0, resumed_voxels })
+}
+
+/// The blocks of a file that is being built, and the journal if the build can be continued.
+struct Opened {
+    store: BlockStore,
+    journal: Option<Journal>,
+}
+
+impl Opened {
+    fn new(
+        mesh: &Mesh,
+        displaced: Option<&DisplaceOptions>,
+        settings: &BuildSettings,
+        path: &Path,
+        options: &FileOptions,
+        progress: &(dyn Fn(Progress) + Sync),
+    ) -> Result<Self, BuildError> {
+        if options.resume {
+            let (journal, store) = Journal::open(path, mesh, displaced, settings)?;
+            if journal.resumed() > 0 {
+                progress(Progress { done: 0.0, voxels: 0, resumed: journal.resumed() });
+            }
+            return Ok(Self { store, journal: Some(journal) });
+        }
+        let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let file = tempfile::tempfile_in(folder).map_err(|e| BuildError::io(folder, e))?;
+        Ok(Self { store: BlockStore::in_file(file, Vec::new()), journal: None })
     }
-    Ok(BuiltFile {
-        object,
-        stats: stats(mesh, &surface, prepare, voxelize, watch.lap()),
-        resumed: resumed_voxels > 0,
-        resumed_voxels,
-    })
+
+    /// Writes the file, and removes the journal. Returns the number of voxels that were taken over from an earlier build, too.
+    fn write(
+        self,
+        root: u32,
+        octree_to_mesh: glam::DMat4,
+        own_meta: &str,
+        path: &Path,
+        options: &FileOptions,
+    ) -> Result<(ObjectEntry, u64), BuildError> {
+        let meta = if options.meta.is_empty() { own_meta } else { &options.meta };
+        let object = self.store.write(root, octree_to_mesh, meta, path, &options.write)?;
+        let resumed_voxels = self.journal.as_ref().map_or(0, Journal::resumed);
+        if let Some(journal) = self.journal {
+            journal.remove()?;
+        }
+        Ok((object, resumed_voxels))
+    }
 }
 
 /// Bytes that one thread may need for the blocks in work, as measured on meshes of a million triangles.
 const BYTES_PER_THREAD: u64 = 96 << 20;
 
-/// The number of threads that fit into a memory limit in bytes.
-fn threads_within(mesh: &Mesh, limit: u64) -> Result<usize, BuildError> {
-    let fixed = memory_of(mesh);
-    let threads = limit.saturating_sub(fixed) / BYTES_PER_THREAD;
+/// The number of threads that fit into a memory limit, all in bytes.
+fn threads_within(fixed: u64, per_thread: u64, limit: u64) -> Result<usize, BuildError> {
+    let threads = limit.saturating_sub(fixed) / per_thread;
     if threads == 0 {
-        return Err(BuildError::Memory { limit, least: fixed + BYTES_PER_THREAD });
+        return Err(BuildError::Memory { limit, least: fixed + per_thread });
     }
     Ok(usize::try_from(threads).unwrap_or(usize::MAX))
 }

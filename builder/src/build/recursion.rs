@@ -7,7 +7,7 @@ use std::ops::Range;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-use esvo_format::{AssembleOptions, BlockStore, Tree, pack};
+use esvo_format::{AssembleOptions, BlockStore, Tree, Voxel as TreeVoxel, pack};
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -93,6 +93,16 @@ enum Source<'a> {
 /// The means of the attributes in one or two cubes; `None` for a cube without surface.
 type Means = [Option<Mean>; 2];
 
+/// A finished voxel.
+#[derive(Clone, serde::Serialize, serde::Deserialize)]
+pub(crate) struct Part {
+    pub(crate) voxel: TreeVoxel,
+    /// What is below it; `None` for a leaf.
+    pub(crate) tree: Option<Tree>,
+    /// The mean that its attributes are encoded from.
+    pub(crate) mean: Mean,
+}
+
 /// What one thread needs on its way down the octree.
 #[derive(Default)]
 struct Worker {
@@ -136,6 +146,23 @@ pub(crate) fn block_nodes(options: &AssembleOptions) -> usize {
     (options.block_slots / 64).max(1) as usize
 }
 
+/// Turns the subtree of a node that has just been closed into a block if it has more than `block_nodes` nodes.
+pub(crate) fn cut(
+    tree: &mut Tree,
+    node: usize,
+    cube: &Cube,
+    block_nodes: usize,
+    settings: &BuildSettings,
+    store: &BlockStore,
+) -> Result<(), BuildError> {
+    if tree.nodes.len() - node > block_nodes && cube.level > 0 {
+        let detached = tree.detach(node);
+        // If this fails, the detached node is missing from the tree. The build fails, so nobody reads the tree.
+        tree.attach(store.put(pack(&detached, Some(cube.address()), &settings.assemble)?)?);
+    }
+    Ok(())
+}
+
 impl<'a> Recursion<'a> {
     pub(crate) fn new(
         surface: &'a Surface<'a>,
@@ -175,6 +202,53 @@ impl<'a> Recursion<'a> {
         }
         let Some(_) = mean else { return Ok(None) };
         Ok(Some(self.store.put(pack(&worker.tree, None, &self.settings.assemble)?)?))
+    }
+
+    /// Builds the voxel that a path of slots leads to, with its subtree. `None` if there is no surface in it. The path is not
+    /// empty.
+    ///
+    /// Of the surface only what is in the voxel needs to be there. The pieces are cut level by level as in a build from the root,
+    /// so the result is the same in every bit, if the ancestors have no contours that bound the voxel, and if no leaf is so near to
+    /// the voxel that it shares a block of attributes with the voxel's siblings.
+    pub(crate) fn part(&self, path: &[usize]) -> Result<Option<Part>, BuildError> {
+        let mut worker = self.worker();
+        worker.pieces = (0..self.surface.len() as u32).map(Piece::whole).collect();
+        let (mut parent, mut cube, mut range) = (Cube::ROOT, Cube::ROOT, 0..worker.pieces.len());
+        for &slot in path {
+            let ends = self.distribute(&mut worker, cube, range);
+            (parent, cube, range) = (cube, cube.child(slot), ends[slot]..ends[slot + 1]);
+        }
+        let slot = path.last().copied().unwrap_or(0);
+        let ends = std::array::from_fn(|end| if end <= slot { range.start } else { range.end });
+        let Worker { arena, pieces, shaper, .. } = &mut worker;
+        let found = Found::Pieces { arena, pieces, ends };
+        let mut pair = Pair::default();
+        let parents = [Some(Parent { cube: parent, found, bounds: &Bounds::default() }), None];
+        self.decider.decide(shaper, &mut pair, &parents);
+        let Child { voxel: Some(mut voxel), bounds, mut mean, .. } = pair.children[0][slot].clone() else {
+            return Ok(None);
+        };
+        worker.voxels += 1;
+        let mut tree = None;
+        if !voxel.leaf {
+            let split = Split { cube, path: 0, surface: Source::Pieces(range.start, range.end), bounds: &bounds };
+            let [found, _] = self.split(&mut worker, &[Some(split), None]);
+            if let Some(found) = found {
+                let (color, normal) = found.encode();
+                (voxel.color, voxel.normal) = self.decider.wanted(color, normal);
+                (tree, mean) = (Some(std::mem::take(&mut worker.tree)), found);
+            }
+        }
+        self.voxels.fetch_add(worker.voxels, Ordering::Relaxed);
+        if let Some(error) = self.error.lock().unwrap_or_else(PoisonError::into_inner).take() {
+            return Err(error);
+        }
+        Ok((voxel.leaf || tree.is_some()).then_some(Part { voxel, tree, mean }))
+    }
+
+    /// The number of voxels so far.
+    pub(crate) fn voxels(&self) -> u64 {
+        self.voxels.load(Ordering::Relaxed)
     }
 
     fn worker(&self) -> Worker {
@@ -356,15 +430,11 @@ impl<'a> Recursion<'a> {
 
     /// Turns the subtree of a node that has just been closed into a block if it is large enough.
     fn cut(&self, tree: &mut Tree, node: usize, cube: &Cube) {
-        if tree.nodes.len() - node <= self.block_nodes || cube.level == 0 || self.failed.load(Ordering::Relaxed) {
+        if self.failed.load(Ordering::Relaxed) {
             return;
         }
-        let detached = tree.detach(node);
-        let packed = pack(&detached, Some(cube.address()), &self.settings.assemble);
-        // If this fails, the detached node is missing from the tree. The build fails, so nobody reads the tree.
-        match packed.and_then(|block| self.store.put(block)) {
-            Ok(block) => tree.attach(block),
-            Err(e) => self.fail(e.into()),
+        if let Err(e) = cut(tree, node, cube, self.block_nodes, self.settings, self.store) {
+            self.fail(e);
         }
     }
 

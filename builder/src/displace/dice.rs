@@ -32,6 +32,13 @@ impl Borders {
         [3, 3 + a, 3 + a + b, 3 + a + b + c]
     }
 
+    /// The edge of a local vertex that is on one, and its number among the points of the edge.
+    pub(super) fn edge_of(&self, local: usize) -> (usize, usize) {
+        let first = self.first().map(|f| f as usize);
+        let edge = (1..3).rev().find(|&edge| local >= first[edge]).unwrap_or(0);
+        (edge, local - first[edge])
+    }
+
     /// Barycentric coordinates of point `j` of `edge`.
     pub(super) fn weights(&self, edge: usize, j: u32) -> [f64; 3] {
         let n = f64::from(self.segments[edge]);
@@ -74,6 +81,24 @@ struct Piece {
     sides: [Side; 3],
 }
 
+/// A part of a triangle on the way to the small ones.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Part {
+    /// Local vertices.
+    pub(super) corners: [u32; 3],
+    /// Where they are before displacement.
+    pub(super) positions: [DVec3; 3],
+    /// The segments that its sides are still to be cut into.
+    pub(super) segments: [u32; 3],
+}
+
+impl Part {
+    /// The segments of the side that has most.
+    pub(super) fn most(&self) -> u32 {
+        self.segments[0].max(self.segments[1]).max(self.segments[2])
+    }
+}
+
 /// Dices triangles one after the other; holds scratch memory.
 #[derive(Debug, Default)]
 pub(super) struct Dicer {
@@ -88,14 +113,39 @@ impl Dicer {
     /// Cuts a triangle until no side is longer than `step` and all points of `borders` are used. For every edge,
     /// `borders.segments` must be at least the edge's length divided by `step`.
     ///
+    /// Parts for which `keep` is false are left out with everything that they would be cut into. What is left is the same,
+    /// in the same order, as without leaving out: only the numbers of the vertices inside differ.
+    pub(super) fn dice(
+        &mut self,
+        corners: [DVec3; 3],
+        borders: &Borders,
+        step: f64,
+        mut keep: impl FnMut(&Part) -> bool,
+    ) -> Diced {
+        let mut diced = Diced::default();
+        self.walk(corners, borders, step, |part| {
+            let kept = keep(part);
+            if kept && part.most() <= 1 {
+                diced.triangles.push(part.corners);
+            }
+            kept
+        });
+        diced.interior.extend_from_slice(&self.weights[borders.first()[3] as usize..]);
+        diced
+    }
+
+    /// Cuts a triangle into ever smaller parts, and calls `visit` with each. A part is cut further if `visit` returns true
+    /// and a side has more than one segment.
+    ///
     /// Each piece is cut across its longest sides, counted in segments. A new inner side is never longer than the longest
     /// side of the piece, so the largest count of segments decreases at least with every second cut.
-    pub(super) fn dice(&mut self, corners: [DVec3; 3], borders: &Borders, step: f64) -> Diced {
-        let mut diced = Diced::default();
-        if borders.segments == [1; 3] {
-            diced.triangles.push([0, 1, 2]);
-            return diced;
-        }
+    pub(super) fn walk(
+        &mut self,
+        corners: [DVec3; 3],
+        borders: &Borders,
+        step: f64,
+        mut visit: impl FnMut(&Part) -> bool,
+    ) {
         self.positions.clear();
         self.weights.clear();
         self.stack.clear();
@@ -103,7 +153,6 @@ impl Dicer {
         let position = |[a, b, c]: [f64; 3]| corners[0] * a + corners[1] * b + corners[2] * c;
         self.weights.extend(borders.all_weights());
         self.positions.extend(self.weights.iter().map(|&w| position(w)));
-        let inside = self.weights.len();
         let sides = std::array::from_fn(|edge| {
             let n = borders.segments[edge];
             let (from, to) = if borders.reversed[edge] { (n, 0) } else { (0, n) };
@@ -112,17 +161,17 @@ impl Dicer {
         let first = borders.first();
         self.stack.push(Piece { corners: [0, 1, 2], sides });
         while let Some(piece) = self.stack.pop() {
-            let counts = piece.sides.map(Side::segments);
-            let most = counts[0].max(counts[1]).max(counts[2]);
-            if most <= 1 {
-                diced.triangles.push(piece.corners);
-                continue;
+            let part = Part {
+                corners: piece.corners,
+                positions: piece.corners.map(|v| self.positions[v as usize]),
+                segments: piece.sides.map(Side::segments),
+            };
+            let most = part.most();
+            if visit(&part) && most > 1 {
+                let long = part.segments.map(|n| n > 1 && 2 * u64::from(n) > u64::from(most));
+                self.cut(piece, long, &first, step);
             }
-            let long = counts.map(|n| n > 1 && 2 * u64::from(n) > u64::from(most));
-            self.cut(piece, long, &first, step);
         }
-        diced.interior.extend_from_slice(&self.weights[inside..]);
-        diced
     }
 
     /// Cuts a piece across its `long` sides.
@@ -180,18 +229,20 @@ impl Dicer {
                 (vertex, Side::Border { edge, from, to: middle }, Side::Border { edge, from: middle, to })
             }
             Side::Inner { segments } => {
-                let (low, high) = (a.min(b), a.max(b));
+                let key = u64::from(a.min(b)) << 32 | u64::from(a.max(b));
+                // Halved from one end, whoever halves it. The vertices' numbers cannot say from which: they depend on what
+                // is left out.
+                let [(u, p), (v, q)] = [a, b].map(|v| (v as usize, self.weights[v as usize]));
+                let low = if p < q { a } else { b };
+                let ((u, p), (v, q)) = if p < q { ((u, p), (v, q)) } else { ((v, q), (u, p)) };
                 let near_low = segments / 2;
-                let key = u64::from(low) << 32 | u64::from(high);
                 // The piece beyond this side needs the same vertex: take it if that piece was cut first, else keep it.
                 let vertex = match self.open.remove(&key) {
                     Some(vertex) => vertex,
                     None => {
                         let vertex = self.positions.len() as u32;
                         let t = f64::from(near_low) / f64::from(segments);
-                        let (u, v) = (low as usize, high as usize);
                         self.positions.push(self.positions[u].lerp(self.positions[v], t));
-                        let (p, q) = (self.weights[u], self.weights[v]);
                         self.weights.push(std::array::from_fn(|i| p[i] + (q[i] - p[i]) * t));
                         self.open.insert(key, vertex);
                         vertex
@@ -247,7 +298,7 @@ mod tests {
     /// Dices, and checks that the pieces cover the triangle exactly once and use every point on its edges.
     fn check(corners: [DVec3; 3], borders: Borders, step: f64) -> usize {
         let mut dicer = Dicer::default();
-        let diced = dicer.dice(corners, &borders, step);
+        let diced = dicer.dice(corners, &borders, step, |_| true);
         let weights: Vec<[f64; 3]> = borders.all_weights().chain(diced.interior.iter().copied()).collect();
         let mut area = 0.0;
         let mut sides: HashMap<(u32, u32), i32> = HashMap::new();
@@ -271,6 +322,31 @@ mod tests {
         assert_eq!(border as u32, borders.segments.iter().sum::<u32>());
         assert!(dicer.open.is_empty(), "both pieces at an inner side were cut");
         diced.triangles.len()
+    }
+
+    /// What is left when parts are left out has the same places, in the same order.
+    #[test]
+    fn leaving_parts_out_changes_nothing_else() {
+        let corners = [DVec3::ZERO, DVec3::X, DVec3::new(0.3, 0.9, 0.2)];
+        let step = 0.013;
+        let [a, b, c] = lengths(corners, step);
+        let borders = Borders { segments: [a + 3, b, 2 * c], reversed: [false, true, false] };
+        let mut dicer = Dicer::default();
+        let mut places = |keep: &dyn Fn(&Part) -> bool| {
+            let diced = dicer.dice(corners, &borders, step, keep);
+            let weights: Vec<[f64; 3]> = borders.all_weights().chain(diced.interior.iter().copied()).collect();
+            let bits = |v: u32| weights[v as usize].map(f64::to_bits);
+            diced.triangles.iter().map(|t| t.map(bits)).collect::<Vec<_>>()
+        };
+        let near = |p: &Part| {
+            let (low, high) = (p.positions[0].min(p.positions[1]).min(p.positions[2]), p.positions.iter().copied());
+            let high = high.fold(DVec3::MIN, DVec3::max);
+            (low - 0.05).cmple(DVec3::new(0.4, 0.3, 0.1)).all() && (high + 0.05).cmpge(DVec3::new(0.4, 0.3, 0.0)).all()
+        };
+        let (all, some) = (places(&|_| true), places(&near));
+        assert!(some.len() > 20 && some.len() * 4 < all.len(), "{} of {}", some.len(), all.len());
+        let mut rest = all.iter();
+        assert!(some.iter().all(|t| rest.any(|other| other == t)));
     }
 
     fn lengths(corners: [DVec3; 3], step: f64) -> [u32; 3] {

@@ -7,8 +7,10 @@
 //! resolved by least squares, in favour of the surfaces that do not move.
 
 use glam::{DMat3, DVec3};
+use rayon::prelude::*;
 
-use super::patch::{Normals, Patch};
+use super::dice::Borders;
+use super::patch::{Heights, Normals};
 use super::plan::Plan;
 
 /// Weight of a surface that does not move, relative to one that does.
@@ -83,46 +85,89 @@ pub(super) struct Moved {
     pub(super) points: Vec<DVec3>,
 }
 
+/// What a triangle asks for at one of its vertices: its normal there, and the height or, for `None`, to stay in its plane.
+type Wish = (DVec3, Option<f64>);
+
+/// What one triangle asks for.
+struct Wishes<'p, 'a> {
+    heights: Option<Heights<'p, 'a>>,
+    normals: Normals,
+}
+
+impl<'p, 'a> Wishes<'p, 'a> {
+    fn of(plan: &'p Plan<'a>, i: usize) -> Self {
+        Self { heights: Heights::of(plan, i), normals: Normals::of(plan, i) }
+    }
+
+    fn at(&self, w: [f64; 3]) -> Wish {
+        match &self.heights {
+            Some(heights) => (self.normals.at(w), Some(heights.at(w))),
+            None => (self.normals.flat, None),
+        }
+    }
+}
+
 impl Moved {
     /// Computes them from the demands of all triangles around: weighted at a place by the angles of the triangles there, at
-    /// an edge equally.
-    pub(super) fn together(plan: &Plan<'_>, patches: &[Patch]) -> Self {
-        let mut places = vec![Demands::default(); plan.vertices.positions.len()];
-        let mut points = vec![Demands::default(); plan.places.points()];
-        for (i, patch) in patches.iter().enumerate() {
-            let positions = plan.positions_of(i);
-            let flat = Normals::of(plan, i).flat;
-            let ask = |to: &mut Demands, local: usize, weight: f64| match patch.wishes.get(local) {
-                Some(&(normal, height)) => to.add(normal, Some(height), weight),
-                None => to.add(flat, None, weight),
-            };
-            for (k, place) in plan.places_of(i).into_iter().enumerate() {
-                let (to_next, to_last) = (positions[(k + 1) % 3] - positions[k], positions[(k + 2) % 3] - positions[k]);
-                // Triangles without area get a tiny weight: they matter only if there are no others.
-                let angle = to_next.cross(to_last).length().atan2(to_next.dot(to_last)).max(1e-9);
-                ask(&mut places[place as usize], k, angle);
-            }
-            let weight_here = if flat == DVec3::ZERO { 1e-9 } else { 1.0 };
-            for (e, &edge) in plan.places.of[i].iter().enumerate() {
-                let (first, local) = (plan.places.first[edge as usize], patch.borders.first()[e] as usize);
-                for j in 0..patch.borders.segments[e] as usize - 1 {
-                    ask(&mut points[first + j], local + j, weight_here);
-                }
-            }
-        }
-        let settled = |all: &[Demands]| all.iter().map(Demands::settle).collect();
-        Self { places: settled(&places), points: settled(&points) }
+    /// an edge equally. No triangle needs to be diced for that.
+    pub(super) fn together(plan: &Plan<'_>) -> Self {
+        Self { places: settled_places(plan), points: settled_points(plan) }
     }
 
     /// The displacement of a local vertex of a patch, at a corner or on an edge.
-    pub(super) fn of(&self, plan: &Plan<'_>, i: usize, patch: &Patch, local: usize) -> DVec3 {
+    pub(super) fn of(&self, plan: &Plan<'_>, i: usize, borders: &Borders, local: usize) -> DVec3 {
         if local < 3 {
             return self.places[plan.places_of(i)[local] as usize];
         }
-        let first = patch.borders.first();
-        let e = (1..3).rev().find(|&e| local >= first[e] as usize).unwrap_or(0);
-        self.points[plan.places.first[plan.places.of[i][e] as usize] + local - first[e] as usize]
+        let (e, k) = borders.edge_of(local);
+        self.points[plan.places.first[plan.places.of[i][e] as usize] + k]
     }
+}
+
+fn settled_places(plan: &Plan<'_>) -> Vec<DVec3> {
+    let wishes: Vec<[(Wish, f64); 3]> = (0..plan.touched.len())
+        .into_par_iter()
+        .map(|i| {
+            let (positions, wishes) = (plan.positions_of(i), Wishes::of(plan, i));
+            std::array::from_fn(|k| {
+                let (to_next, to_last) = (positions[(k + 1) % 3] - positions[k], positions[(k + 2) % 3] - positions[k]);
+                // Triangles without area get a tiny weight: they matter only if there are no others.
+                let angle = to_next.cross(to_last).length().atan2(to_next.dot(to_last)).max(1e-9);
+                let mut corner = [0.0; 3];
+                corner[k] = 1.0;
+                (wishes.at(corner), angle)
+            })
+        })
+        .collect();
+    let mut places = vec![Demands::default(); plan.vertices.positions.len()];
+    for (i, wishes) in wishes.iter().enumerate() {
+        for (place, ((normal, height), weight)) in plan.places_of(i).into_iter().zip(wishes) {
+            places[place as usize].add(*normal, *height, *weight);
+        }
+    }
+    places.iter().map(Demands::settle).collect()
+}
+
+/// Edge by edge, so that the demands on all points need not be kept at once.
+fn settled_points(plan: &Plan<'_>) -> Vec<DVec3> {
+    let users = plan.places.users();
+    (0..plan.places.ends.len())
+        .into_par_iter()
+        .flat_map_iter(|edge| {
+            let count = plan.places.first[edge + 1] - plan.places.first[edge];
+            let mut points = vec![Demands::default(); count];
+            for &slot in if count > 0 { users.of(edge) } else { &[] } {
+                let (i, e) = (slot as usize / 3, slot as usize % 3);
+                let (wishes, borders) = (Wishes::of(plan, i), plan.borders(i));
+                let weight = if wishes.normals.flat == DVec3::ZERO { 1e-9 } else { 1.0 };
+                for (k, point) in points.iter_mut().enumerate() {
+                    let (normal, height) = wishes.at(borders.weights(e, k as u32 + 1));
+                    point.add(normal, height, weight);
+                }
+            }
+            points.into_iter().map(|point| point.settle())
+        })
+        .collect()
 }
 
 #[cfg(test)]

@@ -13,19 +13,25 @@
 //! displaced surface; where the mesh's normals smooth its facets, the new normals do so, too.
 
 mod assemble;
+mod border;
 mod dice;
 mod join;
 mod options;
+mod parts;
 mod patch;
 mod plan;
 mod slope;
 mod weld;
 
+use rayon::prelude::*;
+
 use crate::mesh::maps::HeightMap;
 use crate::{BuildError, Mesh};
 
-use assemble::Work;
+use dice::Dicer;
 pub use options::DisplaceOptions;
+pub(crate) use parts::{Bounds, Parts, Tiles};
+use patch::Patch;
 use plan::Plan;
 use weld::Vertices;
 
@@ -40,28 +46,71 @@ pub fn displace(mesh: &Mesh, options: &DisplaceOptions) -> Result<Mesh, BuildErr
 }
 
 fn displace_with(mesh: &Mesh, options: &DisplaceOptions, weld: bool) -> Result<Mesh, BuildError> {
-    options.check()?;
-    mesh.validate().map_err(|e| BuildError::Mesh(e.to_string()))?;
-    let moves = |map: &HeightMap| options.scale != 0.0 && (map.amplitude != 0.0 || map.bias != 0.0);
-    let moving: Vec<bool> = mesh.materials.iter().map(|m| m.height_map.as_ref().is_some_and(moves)).collect();
-    if !mesh.triangle_materials.iter().any(|&m| moving[m as usize]) {
-        let mut same = mesh.clone();
-        same.warnings
-            .push("nothing was displaced: no triangle has a height map with an amplitude or bias other than 0".into());
-        return Ok(same);
+    match Source::new(mesh, options, weld)? {
+        Some(source) => carry_out(source.plan(options)),
+        None => {
+            let mut same = mesh.clone();
+            same.warnings.push(NOTHING_MOVES.into());
+            Ok(same)
+        }
     }
-    options.check_reach(mesh)?;
-    if mesh.uvs.is_empty() {
-        return Err(BuildError::Mesh("it has height maps, but no texture coordinates to read them with".into()));
+}
+
+/// The approximate number of triangles that [`displace`] would make of `mesh` if
+/// [`max_triangles`](DisplaceOptions::max_triangles) did not limit it: tells whether the mesh fits into memory as a whole, or
+/// is better built by [`build_displaced_file`](crate::build_displaced_file).
+///
+/// # Errors
+/// Those of [`displace`].
+pub fn displaced_triangles(mesh: &Mesh, options: &DisplaceOptions) -> Result<f64, BuildError> {
+    Ok(match Source::new(mesh, options, true)? {
+        Some(source) => {
+            let plan = source.plan(options);
+            plan.estimate(1.0) + (mesh.triangles.len() - plan.touched.len()) as f64
+        }
+        None => mesh.triangles.len() as f64,
+    })
+}
+
+/// The warning if no surface moves.
+const NOTHING_MOVES: &str =
+    "nothing was displaced: no triangle has a height map with an amplitude or bias other than 0";
+
+/// A mesh with height maps, checked and ready to be planned.
+pub(crate) struct Source {
+    /// With normals.
+    pub(crate) mesh: Mesh,
+    vertices: Vertices,
+    /// For each material, whether it moves.
+    moving: Vec<bool>,
+}
+
+impl Source {
+    /// `None` if no surface moves. `weld`: see [`Vertices::of`].
+    pub(crate) fn new(mesh: &Mesh, options: &DisplaceOptions, weld: bool) -> Result<Option<Self>, BuildError> {
+        options.check()?;
+        mesh.validate().map_err(|e| BuildError::Mesh(e.to_string()))?;
+        let moves = |map: &HeightMap| options.scale != 0.0 && (map.amplitude != 0.0 || map.bias != 0.0);
+        let moving: Vec<bool> = mesh.materials.iter().map(|m| m.height_map.as_ref().is_some_and(moves)).collect();
+        if !mesh.triangle_materials.iter().any(|&m| moving[m as usize]) {
+            return Ok(None);
+        }
+        options.check_reach(mesh)?;
+        if mesh.uvs.is_empty() {
+            return Err(BuildError::Mesh("it has height maps, but no texture coordinates to read them with".into()));
+        }
+        let mut mesh = mesh.clone();
+        if mesh.normals.is_empty() {
+            mesh.normals = vec![[0.0; 3]; mesh.positions.len()];
+            mesh.fill_missing_normals();
+        }
+        let vertices = Vertices::of(&mesh, weld);
+        Ok(Some(Self { mesh, vertices, moving }))
     }
-    let mut mesh = mesh.clone();
-    if mesh.normals.is_empty() {
-        mesh.normals = vec![[0.0; 3]; mesh.positions.len()];
-        mesh.fill_missing_normals();
+
+    fn plan<'a>(&'a self, options: &'a DisplaceOptions) -> Plan<'a> {
+        Plan::new(&self.mesh, &self.vertices, &self.moving, options)
     }
-    let vertices = Vertices::of(&mesh, weld);
-    let plan = Plan::new(&mesh, &vertices, &moving, options);
-    carry_out(plan)
 }
 
 /// Dices and displaces, with larger cells if there would be too many triangles.
@@ -71,12 +120,16 @@ fn carry_out(mut plan: Plan<'_>) -> Result<Mesh, BuildError> {
     loop {
         let mut count = plan.estimate(factor);
         // Larger cells cannot reduce the number below that of the triangles to dice.
-        let least = plan.touched.len() as f64;
-        if count <= limit || count <= least {
-            let work = Work::new(&mut plan, factor);
-            let found = work.patches.iter().map(|p| p.diced.triangles.len()).sum::<usize>();
-            if found as f64 <= limit || found <= work.plan.touched.len() {
-                let mut mesh = work.finish()?;
+        let least = plan.touched.len();
+        if count <= limit || count <= least as f64 {
+            plan.cut(factor);
+            let patches: Vec<Patch> = (0..least)
+                .into_par_iter()
+                .map_init(Dicer::default, |dicer, i| Patch::new(&plan, dicer, i, |_| true))
+                .collect();
+            let found = patches.iter().map(|p| p.diced.triangles.len()).sum::<usize>();
+            if found as f64 <= limit || found <= least {
+                let mut mesh = assemble::whole(&plan, &patches)?;
                 if factor > 1.0 {
                     let (cell, limit) = (plan.options.cell, plan.options.max_triangles);
                     mesh.warnings.push(format!(
@@ -92,4 +145,4 @@ fn carry_out(mut plan: Plan<'_>) -> Result<Mesh, BuildError> {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -1,47 +1,69 @@
-//! One triangle, diced, and the displacements that it demands.
+//! One triangle, diced, with the heights that its map asks for.
 
 use glam::DVec3;
 
-use super::dice::{Borders, Diced, Dicer};
+use super::dice::{Borders, Diced, Dicer, Part};
 use super::plan::Plan;
 
-/// A triangle of the mesh, diced.
+/// A triangle of the mesh, diced: whole, or some of its parts.
 pub(super) struct Patch {
     pub(super) borders: Borders,
     pub(super) diced: Diced,
-    /// For each corner and each point on the edges: the triangle's normal there, and the distance along it by which the
-    /// triangle asks the vertex to move. Empty without a height map.
-    pub(super) wishes: Vec<(DVec3, f64)>,
     /// Displacements of the vertices inside, along their normals. Empty without a height map.
     pub(super) heights: Vec<f32>,
 }
 
 impl Patch {
-    /// Dices touched triangle `i` and reads the heights of its vertices. `segments` is indexed by the edges of `plan.places`.
-    pub(super) fn new(plan: &Plan<'_>, dicer: &mut Dicer, i: usize, segments: &[u32], factor: f64) -> Self {
-        let places = plan.places_of(i);
-        let facet = &plan.facets[i];
-        let borders = Borders {
-            segments: plan.places.of[i].map(|edge| segments[edge as usize]),
-            reversed: std::array::from_fn(|e| places[e] > places[(e + 1) % 3]),
+    /// Dices touched triangle `i`, without the parts for which `keep` is false, and reads the heights of the vertices inside.
+    pub(super) fn new(plan: &Plan<'_>, dicer: &mut Dicer, i: usize, keep: impl FnMut(&Part) -> bool) -> Self {
+        let borders = plan.borders(i);
+        let diced = dicer.dice(plan.positions_of(i), &borders, plan.step(i), keep);
+        let heights = match Heights::of(plan, i) {
+            Some(heights) => diced.interior.iter().map(|&w| heights.at(w) as f32).collect(),
+            None => Vec::new(),
         };
-        let positions = plan.positions_of(i);
-        let step = facet.step * factor;
-        let diced = dicer.dice(positions, &borders, step);
-        let (mut wishes, mut heights) = (Vec::new(), Vec::new());
-        if let Some(map) = facet.height_map {
-            let corners = plan.corners(i).map(|v| v as usize);
-            let footprint = if step.is_finite() { (step * facet.density) as f32 } else { 1.0 };
-            let scale = plan.options.scale;
-            let height = |w: [f64; 3]| {
-                let uv = mix(&plan.mesh.uvs, corners, w).map(|x| x as f32);
-                f64::from(map.sample(uv, footprint)) * scale
-            };
-            let normals = Normals::of(plan, i);
-            wishes.extend(borders.all_weights().map(|w| (normals.at(w), height(w))));
-            heights.extend(diced.interior.iter().map(|&w| height(w) as f32));
-        }
-        Self { borders, diced, wishes, heights }
+        Self { borders, diced, heights }
+    }
+
+    /// The local number of the first vertex inside.
+    pub(super) fn inside(&self) -> usize {
+        self.borders.first()[3] as usize
+    }
+
+    /// Vertex `k` of those inside: where it was, its normal, and how far it moves along that.
+    pub(super) fn vertex_inside(&self, corners: &[DVec3; 3], normals: &Normals, k: usize) -> (DVec3, DVec3, f64) {
+        let w = self.diced.interior[k];
+        (on_triangle(corners, w), normals.at(w), self.heights.get(k).map_or(0.0, |&h| f64::from(h)))
+    }
+}
+
+/// The point of a triangle with these barycentric coordinates.
+pub(super) fn on_triangle(corners: &[DVec3; 3], w: [f64; 3]) -> DVec3 {
+    corners[0] * w[0] + corners[1] * w[1] + corners[2] * w[2]
+}
+
+/// The heights that the map of a triangle asks for.
+pub(super) struct Heights<'p, 'a> {
+    plan: &'p Plan<'a>,
+    map: &'a crate::HeightMap,
+    corners: [usize; 3],
+    /// Texels that a height is averaged over.
+    footprint: f32,
+}
+
+impl<'p, 'a> Heights<'p, 'a> {
+    /// `None` without a height map.
+    pub(super) fn of(plan: &'p Plan<'a>, i: usize) -> Option<Self> {
+        let facet = &plan.facets[i];
+        let (map, step) = (facet.height_map?, plan.step(i));
+        let footprint = if step.is_finite() { (step * facet.density) as f32 } else { 1.0 };
+        Some(Self { plan, map, corners: plan.corners(i).map(|v| v as usize), footprint })
+    }
+
+    /// The height at a point with these barycentric coordinates.
+    pub(super) fn at(&self, w: [f64; 3]) -> f64 {
+        let uv = mix(&self.plan.mesh.uvs, self.corners, w).map(|x| x as f32);
+        f64::from(self.map.sample(uv, self.footprint)) * self.plan.options.scale
     }
 }
 

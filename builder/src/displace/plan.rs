@@ -3,6 +3,7 @@
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
+use super::dice::{Borders, segments};
 use super::options::DisplaceOptions;
 use super::weld::{Edges, Vertices};
 use crate::Mesh;
@@ -27,7 +28,11 @@ pub(super) struct Plan<'a> {
     pub(super) facets: Vec<Facet<'a>>,
     pub(super) places: Edges,
     /// For each edge of `places`, the shortest step of the triangles with height maps around it.
-    pub(super) edge_steps: Vec<f64>,
+    edge_steps: Vec<f64>,
+    /// All steps are multiplied by this.
+    factor: f64,
+    /// For each edge of `places`, the number of segments that it is cut into. Empty until [`cut`](Self::cut).
+    segments: Vec<u32>,
 }
 
 impl<'a> Plan<'a> {
@@ -61,7 +66,37 @@ impl<'a> Plan<'a> {
                 edge_steps[edge as usize] = edge_steps[edge as usize].min(facet.step);
             }
         }
-        Self { mesh, vertices, options, touched, facets, places, edge_steps }
+        Self { mesh, vertices, options, touched, facets, places, edge_steps, factor: 1.0, segments: Vec::new() }
+    }
+
+    /// Decides how all edges are cut if all steps are multiplied by `factor`.
+    pub(super) fn cut(&mut self, factor: f64) {
+        let position = |p: u32| self.vertices.positions[p as usize];
+        self.factor = factor;
+        self.segments = (self.places.ends.iter().zip(&self.edge_steps))
+            .map(|(&[a, b], step)| segments(position(a).distance(position(b)), step * factor))
+            .collect();
+        let (of, segments) = (self.places.of.clone(), &self.segments);
+        self.places.number_points(|i, e| segments[of[i][e] as usize]);
+    }
+
+    /// Longest side of the small triangles of touched triangle `i`.
+    pub(super) fn step(&self, i: usize) -> f64 {
+        self.facets[i].step * self.factor
+    }
+
+    /// Segments of edge `e` of touched triangle `i`.
+    pub(super) fn segments(&self, i: usize, e: usize) -> u32 {
+        self.segments[self.places.of[i][e] as usize]
+    }
+
+    /// How the edges of touched triangle `i` are cut.
+    pub(super) fn borders(&self, i: usize) -> Borders {
+        let places = self.places_of(i);
+        Borders {
+            segments: std::array::from_fn(|e| self.segments(i, e)),
+            reversed: std::array::from_fn(|e| places[e] > places[(e + 1) % 3]),
+        }
     }
 
     pub(super) fn corners(&self, i: usize) -> [u32; 3] {
@@ -74,6 +109,14 @@ impl<'a> Plan<'a> {
 
     pub(super) fn positions_of(&self, i: usize) -> [DVec3; 3] {
         self.places_of(i).map(|p| self.vertices.positions[p as usize])
+    }
+
+    /// The vertices at the ends of edge `e` of touched triangle `i`, the one at the lower place first.
+    pub(super) fn ends_of(&self, i: usize, e: usize) -> [u32; 2] {
+        let corners = self.corners(i);
+        let (a, b) = (corners[e], corners[(e + 1) % 3]);
+        let place = |v: u32| self.vertices.place[v as usize];
+        if place(a) <= place(b) { [a, b] } else { [b, a] }
     }
 
     /// The approximate number of new triangles if all steps are multiplied by `factor`.

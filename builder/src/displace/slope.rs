@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::join::Moved;
-use super::patch::{Normals, Patch};
+use super::patch::{Normals, Patch, on_triangle};
 use super::plan::Plan;
 
 /// The slope of the displacement around a vertex: sums over small triangles, weighted by area.
@@ -35,6 +35,7 @@ impl Slope {
 pub(super) struct Slopes {
     pub(super) border: Vec<Slope>,
     pub(super) inside_positions: Vec<[f64; 3]>,
+    /// Only of vertices around which no part was left out.
     pub(super) inside_normals: Vec<[f32; 3]>,
 }
 
@@ -42,24 +43,22 @@ impl Slopes {
     pub(super) fn of(plan: &Plan<'_>, i: usize, patch: &Patch, moved: &Moved) -> Self {
         let normals = Normals::of(plan, i);
         let corners = plan.positions_of(i);
-        let base = |w: [f64; 3]| corners[0] * w[0] + corners[1] * w[1] + corners[2] * w[2];
-        let inside = patch.borders.first()[3] as usize;
+        let inside = patch.inside();
         let count = inside + patch.diced.interior.len();
         let mut positions = Vec::with_capacity(count);
         let mut heights = Vec::with_capacity(count);
         for (local, w) in patch.borders.all_weights().enumerate() {
-            positions.push(base(w));
-            heights.push(normals.at(w).dot(moved.of(plan, i, patch, local)));
+            positions.push(on_triangle(&corners, w));
+            heights.push(normals.at(w).dot(moved.of(plan, i, &patch.borders, local)));
         }
         let mut inside_positions = Vec::with_capacity(count - inside);
-        let mut inside_unit = Vec::with_capacity(count - inside);
-        for (k, &w) in patch.diced.interior.iter().enumerate() {
-            let height = patch.heights.get(k).map_or(0.0, |&h| f64::from(h));
-            let (position, normal) = (base(w), normals.at(w));
+        let mut unit = Vec::with_capacity(count - inside);
+        for k in 0..count - inside {
+            let (position, normal, height) = patch.vertex_inside(&corners, &normals, k);
             positions.push(position);
             heights.push(height);
             inside_positions.push((position + normal * height).to_array());
-            inside_unit.push(normal);
+            unit.push(normal);
         }
         let mut slopes = vec![Slope::default(); count];
         for t in &patch.diced.triangles {
@@ -78,7 +77,7 @@ impl Slopes {
             }
         }
         let inside_normals =
-            slopes[inside..].iter().zip(&inside_unit).map(|(s, n)| s.lean(*n, n.as_vec3().to_array())).collect();
+            slopes[inside..].iter().zip(&unit).map(|(s, n)| s.lean(*n, n.as_vec3().to_array())).collect();
         slopes.truncate(inside);
         Self { border: slopes, inside_positions, inside_normals }
     }

@@ -12,7 +12,7 @@ use crate::mesh::maps::{LinearTexture, UvTransform};
 const OPTIONS: DisplaceOptions = DisplaceOptions { scale: 1.0, cell: 0.07, max_triangles: 1 << 20 };
 
 /// A pseudo-random height texture from a fixed seed.
-fn bumpy(side: u32) -> LinearTexture<1> {
+pub(crate) fn bumpy(side: u32) -> LinearTexture<1> {
     let mut state = 7u32;
     let texels = (0..side * side).map(|_| {
         state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
@@ -21,14 +21,14 @@ fn bumpy(side: u32) -> LinearTexture<1> {
     LinearTexture::new(side, side, texels.collect()).unwrap()
 }
 
-fn material(texture: LinearTexture<1>, amplitude: f32, bias: f32) -> Material {
+pub(crate) fn material(texture: LinearTexture<1>, amplitude: f32, bias: f32) -> Material {
     let texture = Arc::new(texture);
     let height_map = Some(HeightMap { texture, amplitude, bias, uv_transform: UvTransform::IDENTITY });
     Material { height_map, ..Material::default() }
 }
 
 /// A cube whose faces have their own vertices, normals and texture coordinates. Face `f` has material `f % materials`.
-fn cube(materials: Vec<Material>) -> Mesh {
+pub(crate) fn cube(materials: Vec<Material>) -> Mesh {
     let mut mesh = Mesh::default();
     for face in 0..6u32 {
         let (axis, side) = ((face / 2) as usize, if face % 2 == 0 { -1.0 } else { 1.0 });
@@ -56,7 +56,7 @@ fn cube(materials: Vec<Material>) -> Mesh {
 }
 
 /// An octahedron with smooth normals at its corners; texture coordinates by longitude, with a seam.
-fn ball(materials: Vec<Material>) -> Mesh {
+pub(crate) fn ball(materials: Vec<Material>) -> Mesh {
     let mut mesh = Mesh::default();
     for octant in 0..8u32 {
         let sign = |bit: u32| if octant >> bit & 1 == 1 { 1.0 } else { -1.0 };

@@ -94,9 +94,42 @@ impl Edges {
         self.first.push(total);
     }
 
+    /// Which triangles use which edges.
+    pub(super) fn users(&self) -> Users {
+        let mut first = vec![0u32; self.ends.len() + 1];
+        for &edge in self.of.as_flattened() {
+            first[edge as usize + 1] += 1;
+        }
+        for k in 1..first.len() {
+            first[k] += first[k - 1];
+        }
+        let mut next = first.clone();
+        let mut slots = vec![0; self.of.len() * 3];
+        for (slot, &edge) in self.of.as_flattened().iter().enumerate() {
+            let place = &mut next[edge as usize];
+            slots[*place as usize] = slot as u32;
+            *place += 1;
+        }
+        Users { first, slots }
+    }
+
     /// The number of points on all edges.
     pub(super) fn points(&self) -> usize {
         self.first.last().copied().unwrap_or(0)
+    }
+}
+
+/// For each edge, where triangles use it.
+#[derive(Debug)]
+pub(super) struct Users {
+    first: Vec<u32>,
+    slots: Vec<u32>,
+}
+
+impl Users {
+    /// Three times the number of each triangle that has this edge, plus which of its edges it is. Ascending.
+    pub(super) fn of(&self, edge: usize) -> &[u32] {
+        &self.slots[self.first[edge] as usize..self.first[edge + 1] as usize]
     }
 }
 
@@ -124,6 +157,8 @@ mod tests {
         let mut edges = Edges::of(&[[0, 1, 2], [2, 1, 3]], &place, |v| place[v as usize]);
         assert_eq!(edges.ends, [[0, 1], [0, 2], [1, 2]]);
         assert_eq!(edges.of, [[0, 2, 1], [2, 0, 1]]);
+        let users = edges.users();
+        assert_eq!([users.of(0), users.of(1), users.of(2)], [[0, 4], [2, 5], [1, 3]]);
         edges.number_points(edges_segments);
         assert_eq!((edges.first.as_slice(), edges.points()), ([0, 2, 2, 5].as_slice(), 5));
         let by_index = Edges::of(&[[0, 1, 2], [2, 1, 3]], &place, |v| v);

@@ -243,6 +243,14 @@ impl HeightMap {
         let [height] = self.texture.sample(self.uv_transform.apply(uv), footprint_texels);
         self.bias + self.amplitude * height
     }
+
+    /// The largest absolute displacement of a texel, rounded up: no [`sample`](Self::sample) exceeds it.
+    pub(crate) fn largest(&self) -> f32 {
+        let texels = self.texture.mips[0].texels.iter().map(|t| t[0]);
+        let (low, high) = texels.fold((u16::MAX, 0), |(low, high), t| (low.min(t), high.max(t)));
+        let height = |t: u16| (self.bias + self.amplitude * (f32::from(t) / ONE)).abs();
+        height(low).max(height(high)) + 1e-6 * (self.bias.abs() + self.amplitude.abs())
+    }
 }
 
 #[cfg(test)]

@@ -75,7 +75,7 @@ impl Ranges {
 
 impl Look {
     /// All materials of a mesh.
-    pub(crate) fn all(mesh: &Mesh, test: TextureTest) -> Vec<Self> {
+    pub(crate) fn all(mesh: &Mesh, test: TextureTest) -> Arc<[Self]> {
         let mut shared = Shared::default();
         mesh.materials.iter().map(|m| Self::new(m, mesh, test, &mut shared)).collect()
     }

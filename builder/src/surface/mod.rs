@@ -12,12 +12,14 @@ pub(crate) mod srgb;
 mod texels;
 pub(crate) mod voxel;
 
+use std::sync::Arc;
+
 use glam::{DMat4, DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::{BuildError, BuildSettings, Mesh, TextureTest};
 pub(crate) use edges::Edges;
-use look::Look;
+pub(crate) use look::Look;
 pub(crate) use prepared::PreparedMesh;
 pub(crate) use shading::Sample;
 use shading::Shading;
@@ -46,14 +48,23 @@ pub(crate) struct Surface<'a> {
 impl<'a> Surface<'a> {
     /// Checks the mesh and moves it into the root cube, see [`PreparedMesh::new`].
     pub(crate) fn new(mesh: &'a Mesh, settings: &BuildSettings) -> Result<Self, BuildError> {
-        let PreparedMesh { corners, source, octree_to_mesh, dropped } = PreparedMesh::new(mesh, settings.levels)?;
+        Ok(Self::of(mesh, PreparedMesh::new(mesh, settings.levels)?, Look::all(mesh, settings.texture_test), settings))
+    }
+
+    /// Some triangles of a larger mesh, in the root cube of the whole. `looks` are those of its materials; whether it has normals,
+    /// texture coordinates, colours and tangents must be the same for both.
+    pub(crate) fn part(mesh: &'a Mesh, octree_to_mesh: DMat4, looks: Arc<[Look]>, settings: &BuildSettings) -> Self {
+        Self::of(mesh, PreparedMesh::within(mesh, octree_to_mesh), looks, settings)
+    }
+
+    fn of(mesh: &'a Mesh, prepared: PreparedMesh, looks: Arc<[Look]>, settings: &BuildSettings) -> Self {
+        let PreparedMesh { corners, source, octree_to_mesh, dropped } = prepared;
         let normals: Vec<Vec3> =
             (corners.par_iter()).map(|[a, b, c]| (*b - *a).cross(*c - *a).normalize_or(DVec3::Z).as_vec3()).collect();
-        let looks = Look::all(mesh, settings.texture_test);
         let edges = edges::classify(&corners);
         let finest_voxel = (-(settings.levels as f32)).exp2();
         let shading = Shading::new(mesh, &source, &corners, &normals, looks, finest_voxel);
-        Ok(Self {
+        Self {
             dropped,
             has_holes: shading.has_holes(),
             test: settings.texture_test,
@@ -63,7 +74,7 @@ impl<'a> Surface<'a> {
             edges,
             octree_to_mesh,
             shading,
-        })
+        }
     }
 
     /// Number of triangles.

@@ -33,7 +33,16 @@ impl PreparedMesh {
     pub fn new(mesh: &Mesh, levels: u32) -> Result<Self, BuildError> {
         BuildSettings { levels, ..BuildSettings::default() }.check()?;
         mesh.validate().map_err(|e| BuildError::Mesh(e.to_string()))?;
-        let octree_to_mesh = place(mesh, levels)?;
+        let (lo, hi) = bounds(mesh);
+        let prepared = Self::within(mesh, place(lo, hi, levels)?);
+        if prepared.corners.is_empty() {
+            return Err(BuildError::Mesh("none of its triangles has an area; a mesh needs at least one".into()));
+        }
+        Ok(prepared)
+    }
+
+    /// The triangles of a valid mesh that have an area, in a root cube that is given. There may be none.
+    pub(crate) fn within(mesh: &Mesh, octree_to_mesh: DMat4) -> Self {
         let scale = 1.0 / octree_to_mesh.x_axis.x;
         let origin = octree_to_mesh.w_axis.truncate();
         let corner = |i: u32| (DVec3::from(mesh.positions[i as usize]) - origin) * scale;
@@ -41,12 +50,9 @@ impl PreparedMesh {
             .map(|(i, t)| (i as u32, t.map(corner)))
             .filter(|(_, corners)| has_area(corners) && corners.iter().all(in_cube))
             .collect();
-        if with_area.is_empty() {
-            return Err(BuildError::Mesh("none of its triangles has an area; a mesh needs at least one".into()));
-        }
         let (source, corners): (Vec<u32>, Vec<[DVec3; 3]>) = with_area.into_iter().unzip();
         let dropped = mesh.triangles.len() - source.len();
-        Ok(Self { corners, source, octree_to_mesh, dropped })
+        Self { corners, source, octree_to_mesh, dropped }
     }
 
     /// The corners of each triangle in octree space. They may be outside of the root cube by 1e-9.
@@ -77,13 +83,12 @@ impl PreparedMesh {
 /// far from the origin, is rarely exactly flat. A 256th of half a voxel on the deepest level that an octree can have.
 const FLAT: f64 = 1.0 / (1u64 << 32) as f64;
 
-/// The transform from the root cube to the bounding box of the triangles that have an area: uniform scale, centred, with the
-/// largest extent filling the cube.
+/// The transform from the root cube to the bounding box of the triangles that have an area, from `lo` to `hi`: uniform scale,
+/// centred, with the largest extent filling the cube.
 ///
 /// Along an axis in which the box is flat but for rounding (see [`FLAT`]), the cube is moved by half a voxel of the deepest
 /// level, so that the surface lies in the middle of one layer of voxels instead of on the border of two.
-fn place(mesh: &Mesh, levels: u32) -> Result<DMat4, BuildError> {
-    let (lo, hi) = bounds(mesh);
+pub(crate) fn place(lo: DVec3, hi: DVec3, levels: u32) -> Result<DMat4, BuildError> {
     let extent = (hi - lo).max_element();
     let farthest = lo.abs().max(hi.abs()).max_element();
     if extent == 0.0 {
@@ -122,11 +127,14 @@ fn bounds(mesh: &Mesh) -> (DVec3, DVec3) {
         triangles.map(|[a, b, c]| (a.min(b).min(c), a.max(b).max(c))).reduce(|| empty, join)
     };
     let (all_lo, all_hi) = of(&|_| true);
-    // Scaled by a power of two, which is exact, so that products neither overflow nor vanish.
-    let largest = all_lo.abs().max(all_hi.abs()).max_element();
-    let scale = (-largest.log2().floor().clamp(-1000.0, 1000.0)).exp2();
+    let scale = unit_scale(all_lo.abs().max(all_hi.abs()).max_element());
     let (lo, hi) = of(&|corners| has_area(&corners.map(|p| p * scale)));
     if lo.cmple(hi).all() { (lo, hi) } else { (all_lo, all_hi) }
+}
+
+/// The power of two that brings coordinates of this size near 1: exact, and products neither overflow nor vanish then.
+pub(crate) fn unit_scale(largest: f64) -> f64 {
+    (-largest.log2().floor().clamp(-1000.0, 1000.0)).exp2()
 }
 
 /// Whether a point lies in the root cube, with a margin for rounding. A triangle that has an area only because of rounding
@@ -137,7 +145,7 @@ fn in_cube(p: &DVec3) -> bool {
 }
 
 /// Whether three points are not on a line. The test is exact: an area that rounds to zero can still be an area.
-fn has_area(corners: &[DVec3; 3]) -> bool {
+pub(crate) fn has_area(corners: &[DVec3; 3]) -> bool {
     let [a, b, c] = *corners;
     let (ab, ac) = (b - a, c - a);
     // Far above rounding errors and underflow: no exact test needed.

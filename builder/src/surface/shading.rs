@@ -3,6 +3,8 @@
 //! Prepared per triangle: if its colour and normal are the same everywhere, these, which makes them almost free; otherwise
 //! how they are computed from a position.
 
+use std::sync::Arc;
+
 use esvo_format::RawNormal;
 use glam::{DVec3, Vec2, Vec3, Vec3A};
 use rayon::prelude::*;
@@ -26,7 +28,7 @@ const FLAT: f32 = 1e-4;
 /// The appearance of all triangles.
 pub(crate) struct Shading<'a> {
     mesh: &'a Mesh,
-    looks: Vec<Look>,
+    looks: Arc<[Look]>,
     facets: Vec<Facet>,
     frames: Vec<Frame>,
     /// Tangents with their handedness at the corners of triangles with normal maps.
@@ -84,7 +86,7 @@ impl<'a> Shading<'a> {
         source: &[u32],
         corners: &[[DVec3; 3]],
         normals: &[Vec3],
-        looks: Vec<Look>,
+        looks: Arc<[Look]>,
         finest_voxel: f32,
     ) -> Self {
         let varies: Vec<bool> = looks.iter().map(Look::varies).collect();

@@ -71,7 +71,7 @@ pub struct Tree {
 }
 
 /// The properties of a voxel that are known when its parent is pushed.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, serde::Serialize, serde::Deserialize)]
 pub struct Voxel {
     /// sRGB-encoded colour.
     pub color: Option<[u8; 3]>,

@@ -4,8 +4,9 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use esvo_bench::scene;
-use esvo_builder::{BuildError, Mesh, displace, import};
+use esvo_builder::{BuildError, Mesh, displace, displaced_triangles, import};
 
+use crate::commands::build::input::Input;
 use crate::fail::Failure;
 use crate::values::{Amplitude, parse_amplitude, parse_height_map};
 
@@ -21,12 +22,24 @@ pub(crate) struct Displacement {
     pub(crate) height_map: Vec<(String, PathBuf)>,
 }
 
+/// Displaced meshes with more triangles than this, about, are built subtree by subtree: 1 to 2 GB as a whole. Fixed, so that the
+/// octree does not depend on the memory.
+const WHOLE: f64 = 4e6;
+
 impl Displacement {
     /// Displaces the mesh for an octree of `levels`, in cells of two finest voxels, if an option asks for it or `always` is set;
-    /// otherwise returns it unchanged. Errors call the mesh `source`.
-    pub(crate) fn apply(&self, mut mesh: Mesh, source: &str, levels: u32, always: bool) -> Result<Mesh, Failure> {
+    /// otherwise returns it unchanged. If it would be large and `whole` is not set, it is left to be displaced while it is built.
+    /// Errors call the mesh `source`.
+    pub(crate) fn apply(
+        &self,
+        mut mesh: Mesh,
+        source: &str,
+        levels: u32,
+        always: bool,
+        whole: bool,
+    ) -> Result<Input, Failure> {
         if self.displace.is_none() && self.height_map.is_empty() && !always {
-            return Ok(mesh);
+            return Ok(Input::Mesh(mesh));
         }
         for (name, file) in &self.height_map {
             set_height_map(&mut mesh, name, file)?;
@@ -35,10 +48,14 @@ impl Displacement {
         if let Some(Amplitude::Units(units)) = self.displace {
             options.scale = units;
         }
-        displace(&mesh, &options).map_err(|error| match error {
-            BuildError::Setting { .. } => format!("--displace: {error}").into(),
-            _ => format!("{source}: {error}").into(),
-        })
+        let explain = |error: BuildError| match error {
+            BuildError::Setting { .. } => format!("--displace: {error}"),
+            _ => format!("{source}: {error}"),
+        };
+        if !whole && displaced_triangles(&mesh, &options).map_err(explain)? > WHOLE {
+            return Ok(Input::Displaced(mesh, options));
+        }
+        Ok(Input::Mesh(displace(&mesh, &options).map_err(explain)?))
     }
 }
 

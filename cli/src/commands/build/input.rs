@@ -6,7 +6,7 @@ use std::path::Path;
 
 use esvo_bench::Progress;
 use esvo_builder::import::{Format, ImportError, load_mesh, load_mesh_from, load_voxels, load_voxels_from};
-use esvo_builder::{Mesh, VoxelModel};
+use esvo_builder::{DisplaceOptions, Mesh, VoxelModel};
 
 use crate::fail::Failure;
 use crate::files::extension;
@@ -17,20 +17,23 @@ const STANDARD_INPUT: &str = "standard input";
 /// What is built.
 pub(crate) enum Input {
     Mesh(Mesh),
+    /// A mesh that is displaced while it is built.
+    Displaced(Mesh, DisplaceOptions),
     Voxels(VoxelModel),
 }
 
 impl Input {
+    /// Triangles before those that are displaced while building are diced.
     pub(crate) fn triangles(&self) -> usize {
         match self {
-            Self::Mesh(mesh) => mesh.triangle_count(),
+            Self::Mesh(mesh) | Self::Displaced(mesh, _) => mesh.triangle_count(),
             Self::Voxels(_) => 0,
         }
     }
 
     pub(crate) fn warnings(&self) -> &[String] {
         match self {
-            Self::Mesh(mesh) => &mesh.warnings,
+            Self::Mesh(mesh) | Self::Displaced(mesh, _) => &mesh.warnings,
             Self::Voxels(model) => &model.warnings,
         }
     }
@@ -38,7 +41,7 @@ impl Input {
     /// The mesh, or for a voxel model one without triangles that has its warnings.
     pub(crate) fn summary_mesh(&self) -> Cow<'_, Mesh> {
         match self {
-            Self::Mesh(mesh) => Cow::Borrowed(mesh),
+            Self::Mesh(mesh) | Self::Displaced(mesh, _) => Cow::Borrowed(mesh),
             Self::Voxels(model) => Cow::Owned(Mesh { warnings: model.warnings.clone(), ..Mesh::default() }),
         }
     }

@@ -12,7 +12,9 @@ use esvo_bench::build_summary::{BuildSeconds, BuildSummary};
 use esvo_bench::scene::SceneSource;
 use esvo_bench::system::peak_bytes;
 use esvo_bench::{Progress, scene};
-use esvo_builder::{BuildError, BuildSettings, FileOptions, build_voxels_file, import};
+use esvo_builder::{
+    BuildError, BuildSettings, FileOptions, build_displaced_file, build_file, build_voxels_file, import,
+};
 use esvo_format::WriteOptions;
 use esvo_scenes::{SceneEntry, SceneManifest};
 
@@ -228,8 +230,11 @@ pub(crate) fn run_build(arguments: &BuildArguments) -> Result<(), Failure> {
     let input = match input {
         Input::Mesh(mesh) => {
             let always = scene.is_some_and(|scene| scene.displaced);
-            Input::Mesh(arguments.displacement.apply(mesh, &source, settings.levels, always)?)
+            let whole = arguments.voxelizer != VoxelizerName::Exact;
+            arguments.displacement.apply(mesh, &source, settings.levels, always, whole)?
         }
+        // Nothing reads such a mesh.
+        displaced @ Input::Displaced(..) => displaced,
         Input::Voxels(model) => {
             check_for_voxels(arguments)?;
             settings.levels = model.levels().map_err(|e| format!("{source}: {e}"))?;
@@ -238,7 +243,7 @@ pub(crate) fn run_build(arguments: &BuildArguments) -> Result<(), Failure> {
         }
     };
     let import = start.elapsed().as_secs_f64();
-    if let Input::Mesh(mesh) = &input {
+    if let Input::Mesh(mesh) | Input::Displaced(mesh, _) = &input {
         warn_of_size(mesh, &settings);
     }
     let import_peak_bytes = peak_bytes();
@@ -256,24 +261,26 @@ pub(crate) fn run_build(arguments: &BuildArguments) -> Result<(), Failure> {
         resume: arguments.resume,
         memory_limit: arguments.memory_limit.map(|gigabytes| (gigabytes * 1e9) as u64),
     };
+    let report = |p: esvo_builder::Progress| {
+        if p.resumed > 0 {
+            let parts =
+                format!("{}.part, which holds {}", arguments.output.display(), count(p.resumed, "finished voxel"));
+            complain("note", &format!("going on from {parts}"));
+        }
+        progress.fraction(&what, p.done, &format!("{:.1} M voxels", p.voxels as f64 / 1e6));
+    };
+    let output = &arguments.output;
     let built = match &input {
         Input::Mesh(mesh) if arguments.voxelizer != VoxelizerName::Exact => {
             progress.say(format!("{what}, on a GPU"));
             voxelizer::build(arguments, mesh, &source, &settings, &options)?
         }
         _ => match &input {
-            Input::Mesh(mesh) => esvo_builder::build_file(mesh, &settings, &arguments.output, &options, &|p| {
-                if p.resumed > 0 {
-                    let parts = format!(
-                        "{}.part, which holds {}",
-                        arguments.output.display(),
-                        count(p.resumed, "finished voxel")
-                    );
-                    complain("note", &format!("going on from {parts}"));
-                }
-                progress.fraction(&what, p.done, &format!("{:.1} M voxels", p.voxels as f64 / 1e6));
-            }),
-            Input::Voxels(model) => build_voxels_file(model, &settings, &arguments.output, &options),
+            Input::Mesh(mesh) => build_file(mesh, &settings, output, &options, &report),
+            Input::Displaced(mesh, displacement) => {
+                build_displaced_file(mesh, displacement, &settings, output, &options, &report)
+            }
+            Input::Voxels(model) => build_voxels_file(model, &settings, output, &options),
         }
         .map_err(|e| match e {
             BuildError::Format(e) => name_file(&arguments.output, e),
@@ -299,7 +306,10 @@ pub(crate) fn run_build(arguments: &BuildArguments) -> Result<(), Failure> {
         write: built.stats.assemble.as_secs_f64(),
     };
     let mesh = input.summary_mesh();
-    let summary = BuildSummary::new(&source, &arguments.output, &mesh, &settings, seconds, peaks, &stats);
+    let mut summary = BuildSummary::new(&source, &arguments.output, &mesh, &settings, seconds, peaks, &stats);
+    if let Input::Displaced(..) = &input {
+        summary.triangles = built.stats.triangles as u64;
+    }
     if arguments.json {
         return print(&format!("{}\n", serde_json::to_string_pretty(&summary)?));
     }

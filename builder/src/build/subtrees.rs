@@ -1,0 +1,351 @@
+//! A build of a displaced mesh, subtree by subtree: the small triangles of one subtree at a time for each thread.
+//!
+//! The octree is divided from the root until a cube holds few enough small triangles, estimated from the [tiles](Tiles) that meet
+//! it. For such a cube its part of the displaced mesh is made, built like any other mesh, and dropped. All that the recursion
+//! asks about the surface in a voxel depends on the triangles that meet the voxel, and for the kinds of their edges on the
+//! triangles at edges that meet it. So a part has the triangles that meet the cube and a margin around it, and everything below
+//! the cube is as of the whole mesh, in every bit.
+//!
+//! Voxels above are those with a descendant. Their attributes are means of their children. They have no contours, and pass no
+//! slabs down: a whole build gives none to a voxel with so much surface, either.
+
+use std::collections::HashMap;
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use esvo_format::{BlockStore, Tree, Voxel as TreeVoxel, pack};
+use glam::{DMat4, DVec3};
+
+use super::journal::Journal;
+use super::progress::Progress;
+use super::recursion::{Cube, Part, Recursion, block_nodes, cut};
+use crate::displace::{Bounds, Parts, Source, Tiles};
+use crate::surface::attributes::Mean;
+use crate::surface::prepared::place;
+use crate::surface::{Look, Surface};
+use crate::{BuildError, BuildSettings, DisplaceOptions};
+
+/// Most small triangles of one subtree, about. Fixed, so that the octree depends neither on the memory nor on the threads.
+const MOST: usize = 1 << 18;
+/// Bytes for a small triangle, its prepared surface and its pieces.
+const BYTES_PER_TRIANGLE: usize = 400;
+/// Subtrees have at least so many levels: the fewer, the more of their triangles are in several.
+const LEAST_LEVELS: u32 = 4;
+/// Roots of subtrees are on this level at most: a path fits into 32 bits.
+const DEEPEST: u32 = 9;
+/// A part reaches this far beyond its cube, in edges of the cube: more than the clearance with which voxels look at edges.
+const MARGIN: f64 = 2e-6;
+
+/// A displaced mesh, ready to be built subtree by subtree.
+pub(super) struct Subtrees<'a> {
+    settings: &'a BuildSettings,
+    parts: Parts<'a>,
+    tiles: Tiles,
+    pub(super) octree_to_mesh: DMat4,
+    looks: Arc<[Look]>,
+    /// Most small triangles of a subtree.
+    most: f64,
+}
+
+/// What a build found.
+pub(super) struct Found {
+    /// Number of the root block; `None` if there is no surface.
+    pub(super) root: Option<u32>,
+    /// Small triangles.
+    pub(super) triangles: u64,
+    /// Those among them without an area.
+    pub(super) dropped: u64,
+}
+
+/// A finished subtree.
+#[derive(Clone, Default, serde::Serialize, serde::Deserialize)]
+pub(super) struct Finished {
+    pub(super) part: Option<Part>,
+    pub(super) voxels: u64,
+    /// Small triangles whose first corner is in the cube.
+    pub(super) triangles: u64,
+    /// Those among them without an area.
+    pub(super) dropped: u64,
+}
+
+/// A subtree to be built.
+struct Task {
+    /// Slots from the root to its cube.
+    path: Vec<usize>,
+    cube: Cube,
+    /// The triangles of the mesh that may meet it, ascending.
+    triangles: Vec<u32>,
+    /// Approximate number of small triangles.
+    count: f64,
+}
+
+impl Task {
+    /// The path as a number: a one, then three bits for each slot.
+    fn number(&self) -> u32 {
+        self.path.iter().fold(1, |number, &slot| number << 3 | slot as u32)
+    }
+}
+
+/// How a cube is built.
+enum Plan {
+    /// Nothing meets it.
+    Nothing,
+    /// As the subtree with this number.
+    Task(usize),
+    /// From its children.
+    Split(Box<[Plan; 8]>),
+}
+
+/// The builds of tasks by several threads.
+struct Work<'w> {
+    store: &'w BlockStore,
+    journal: Option<&'w Journal>,
+    progress: &'w (dyn Fn(Progress) + Sync),
+    tasks: &'w [Task],
+    next: AtomicUsize,
+    /// Sum of the counts of the finished tasks, and of all.
+    done: AtomicU64,
+    all: u64,
+    voxels: AtomicU64,
+    failed: AtomicBool,
+    finished: Mutex<Result<HashMap<usize, Finished>, BuildError>>,
+}
+
+/// Stops the other threads if this one panics, as the caller's report of progress may.
+struct StopOthers<'w>(&'w AtomicBool);
+
+impl Drop for StopOthers<'_> {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            self.0.store(true, Ordering::Relaxed);
+        }
+    }
+}
+
+impl<'a> Subtrees<'a> {
+    /// Dices nothing yet but the edges of the mesh, and finds the root cube.
+    pub(super) fn new(
+        source: &'a Source,
+        options: &'a DisplaceOptions,
+        settings: &'a BuildSettings,
+    ) -> Result<Self, BuildError> {
+        let parts = Parts::new(source, options);
+        let most = options.max_triangles.min(MOST) as f64;
+        // So that about a hundred fit into a subtree.
+        let tiles = parts.tiles((most.sqrt() / 8.0).max(4.0) as u32);
+        let Bounds { low, high } = parts.bounds(&tiles);
+        if low.cmpgt(high).any() {
+            return Err(BuildError::Mesh("none of its triangles has an area; a mesh needs at least one".into()));
+        }
+        let octree_to_mesh = place(low, high, settings.levels)?;
+        let looks = Look::all(&source.mesh, settings.texture_test);
+        Ok(Self { settings, parts, tiles, octree_to_mesh, looks, most })
+    }
+
+    /// Bytes in memory besides the mesh: what all threads share, and what each needs for its subtree.
+    pub(super) fn bytes(&self) -> (u64, u64) {
+        let shared = self.parts.bytes() + self.tiles.list.len() * 40;
+        (shared as u64, (self.most as usize * BYTES_PER_TRIANGLE) as u64)
+    }
+
+    /// Builds the octree on this many threads.
+    pub(super) fn run(
+        &self,
+        threads: usize,
+        store: &BlockStore,
+        journal: Option<&Journal>,
+        progress: &(dyn Fn(Progress) + Sync),
+    ) -> Result<Found, BuildError> {
+        let mut tasks = Vec::new();
+        let all: Vec<u32> = (0..self.tiles.list.len() as u32).collect();
+        let children = self.divide(Cube::ROOT, &mut Vec::new(), &all, &mut tasks);
+        drop(all);
+        let mut finished = self.build(&tasks, threads, store, journal, progress)?;
+        let mut found = Found { root: None, triangles: 0, dropped: 0 };
+        for one in finished.values() {
+            found.triangles += one.triangles;
+            found.dropped += one.dropped;
+        }
+        if let Some((tree, _)) = self.join(Cube::ROOT, *children, &mut finished, store)? {
+            found.root = Some(store.put(pack(&tree, None, &self.settings.assemble)?)?);
+        }
+        Ok(found)
+    }
+
+    /// Divides a cube until its parts have few enough triangles. `tiles` are those that may meet it.
+    fn divide(&self, cube: Cube, path: &mut Vec<usize>, tiles: &[u32], tasks: &mut Vec<Task>) -> Box<[Plan; 8]> {
+        Box::new(std::array::from_fn(|slot| {
+            let child = cube.child(slot);
+            let bounds = self.bounds_of(child, MARGIN);
+            let inside: Vec<u32> = tiles.iter().copied().filter(|&tile| self.tiles.meets(tile, &bounds)).collect();
+            if inside.is_empty() {
+                return Plan::Nothing;
+            }
+            path.push(slot);
+            let count = inside.iter().map(|&tile| f64::from(self.tiles.list[tile as usize].count)).sum();
+            let may_split = child.level + LEAST_LEVELS <= self.settings.levels && child.level < DEEPEST;
+            let plan = if count > self.most && may_split {
+                Plan::Split(self.divide(child, path, &inside, tasks))
+            } else {
+                let mut triangles: Vec<u32> =
+                    inside.iter().map(|&tile| self.tiles.list[tile as usize].triangle).collect();
+                triangles.dedup();
+                tasks.push(Task { path: path.clone(), cube: child, triangles, count });
+                Plan::Task(tasks.len() - 1)
+            };
+            path.pop();
+            plan
+        }))
+    }
+
+    /// A cube in mesh space, larger on all sides by `margin` of its edge.
+    fn bounds_of(&self, cube: Cube, margin: f64) -> Bounds {
+        let reach = cube.size * (0.5 + margin);
+        let at = |p: DVec3| self.octree_to_mesh.w_axis.truncate() + p * self.octree_to_mesh.x_axis.x;
+        Bounds { low: at(cube.centre - reach), high: at(cube.centre + reach) }
+    }
+
+    fn build(
+        &self,
+        tasks: &[Task],
+        threads: usize,
+        store: &BlockStore,
+        journal: Option<&Journal>,
+        progress: &(dyn Fn(Progress) + Sync),
+    ) -> Result<HashMap<usize, Finished>, BuildError> {
+        let work = Work {
+            store,
+            journal,
+            progress,
+            tasks,
+            next: AtomicUsize::new(0),
+            done: AtomicU64::new(0),
+            all: tasks.iter().map(|task| task.count as u64).sum::<u64>().max(1),
+            voxels: AtomicU64::new(0),
+            failed: AtomicBool::new(false),
+            finished: Mutex::new(Ok(HashMap::new())),
+        };
+        // Each thread has a pool of its own. In a common one, a thread that waits for a part of its subtree would begin another
+        // subtree meanwhile, and hold the triangles of both.
+        let pools: Vec<_> = (0..threads.min(tasks.len()))
+            .map(|_| rayon::ThreadPoolBuilder::new().num_threads(1).build())
+            .collect::<Result<_, _>>()
+            .map_err(|e| BuildError::Threads(e.to_string()))?;
+        std::thread::scope(|scope| {
+            for pool in &pools {
+                scope.spawn(|| pool.install(|| self.work(&work)));
+            }
+        });
+        work.finished.into_inner().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Builds tasks until none is left.
+    fn work(&self, work: &Work) {
+        let _stop = StopOthers(&work.failed);
+        while !work.failed.load(Ordering::Relaxed) {
+            let number = work.next.fetch_add(1, Ordering::Relaxed);
+            let Some(task) = work.tasks.get(number) else { return };
+            let built = self.build_task(task, work);
+            let mut finished = work.finished.lock().unwrap_or_else(PoisonError::into_inner);
+            match (built, &mut *finished) {
+                (Ok(one), Ok(finished)) => {
+                    let done = work.done.fetch_add(task.count as u64, Ordering::Relaxed) + task.count as u64;
+                    let voxels = work.voxels.fetch_add(one.voxels, Ordering::Relaxed) + one.voxels;
+                    finished.insert(number, one);
+                    (work.progress)(Progress { done: done as f64 / work.all as f64, voxels, resumed: 0 });
+                }
+                (Err(error), Ok(_)) => {
+                    work.failed.store(true, Ordering::Relaxed);
+                    *finished = Err(error);
+                }
+                (_, Err(_)) => {}
+            }
+        }
+    }
+
+    fn build_task(&self, task: &Task, work: &Work) -> Result<Finished, BuildError> {
+        if let Some(finished) = work.journal.and_then(|journal| journal.finished_part(task.number())) {
+            return Ok(finished);
+        }
+        let finished = self.build_part(task, work.store)?;
+        if let Some(journal) = work.journal {
+            journal.finish_part(task.number(), &finished, work.store)?;
+        }
+        Ok(finished)
+    }
+
+    fn build_part(&self, task: &Task, store: &BlockStore) -> Result<Finished, BuildError> {
+        let finest = (-f64::from(self.settings.levels)).exp2();
+        let margin = MARGIN.max(finest / task.cube.size);
+        let mesh = self.parts.within(&task.triangles, &self.bounds_of(task.cube, margin));
+        if mesh.triangles.is_empty() {
+            return Ok(Finished::default());
+        }
+        let looks = Arc::clone(&self.looks);
+        let surface = Surface::part(&mesh, self.octree_to_mesh, looks, self.settings);
+        let corners = surface.corners.iter().map(|corners| corners[0]);
+        let with_area = corners.filter(|&p| is_counted(task.cube, p)).count() as u64;
+        let first = mesh.triangles.iter().map(|t| DVec3::from(mesh.positions[t[0] as usize]));
+        let scale = 1.0 / self.octree_to_mesh.x_axis.x;
+        let in_octree = |p: DVec3| (p - self.octree_to_mesh.w_axis.truncate()) * scale;
+        let triangles = first.filter(|&p| is_counted(task.cube, in_octree(p))).count() as u64;
+        if surface.len() == 0 {
+            return Ok(Finished { triangles, dropped: triangles, ..Finished::default() });
+        }
+        let recursion = Recursion::new(&surface, self.settings, store, None, &|_| ());
+        let part = recursion.part(&task.path)?;
+        Ok(Finished { part, voxels: recursion.voxels(), triangles, dropped: triangles - with_area })
+    }
+
+    /// Joins the finished children of a cube.
+    fn join(
+        &self,
+        cube: Cube,
+        children: [Plan; 8],
+        finished: &mut HashMap<usize, Finished>,
+        store: &BlockStore,
+    ) -> Result<Option<(Tree, Mean)>, BuildError> {
+        let mut parts: [Option<Part>; 8] = Default::default();
+        for (slot, (part, plan)) in parts.iter_mut().zip(children).enumerate() {
+            *part = match plan {
+                Plan::Nothing => None,
+                Plan::Task(task) => finished.get_mut(&task).and_then(|finished| finished.part.take()),
+                Plan::Split(children) => {
+                    self.join(cube.child(slot), *children, finished, store)?.map(|(tree, mean)| {
+                        let (color, normal) = mean.encode();
+                        let color = self.settings.colors.then_some(color);
+                        let normal = self.settings.normals.then_some(normal);
+                        let voxel = TreeVoxel { color, normal, contour: None, leaf: false };
+                        Part { voxel, tree: Some(tree), mean }
+                    })
+                }
+            };
+        }
+        if parts.iter().all(Option::is_none) {
+            return Ok(None);
+        }
+        let mut tree = Tree::default();
+        tree.plain = self.settings.plain_attributes;
+        let node = tree.open(&std::array::from_fn(|slot| parts[slot].as_ref().map(|part| part.voxel)));
+        for part in parts.iter().flatten() {
+            if let Some(subtree) = &part.tree {
+                tree.append(subtree);
+            }
+        }
+        tree.close(node);
+        let nodes = block_nodes(&self.settings.assemble);
+        cut(&mut tree, node, &cube, nodes, self.settings, store)?;
+        Ok(Some((tree, Mean::of_parts(parts.iter().flatten().map(|part| &part.mean)))))
+    }
+}
+
+/// Whether a point is counted to a cube: each point to one cube of any that together fill the root cube. Points outside of the
+/// root cube count to the nearest.
+fn is_counted(cube: Cube, p: DVec3) -> bool {
+    let p = p.clamp(DVec3::ZERO, DVec3::splat(1.0f64.next_down()));
+    let low = cube.centre - cube.size * 0.5;
+    p.cmpge(low).all() && p.cmplt(low + cube.size).all()
+}
+
+#[cfg(test)]
+mod tests;
