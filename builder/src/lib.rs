@@ -17,7 +17,8 @@
 //! ```
 //!
 //! [`import::load_mesh`] reads a mesh from a file, [`import::load_voxels`] a voxel model. [`build`] makes an octree in memory;
-//! [`build_file`] writes it directly to a file, within a memory limit, and can continue an interrupted build.
+//! [`build_file`] writes it directly to a file, within a memory limit, and can continue an interrupted build. [`build_displaced`]
+//! and [`build_displaced_file`] displace the mesh meanwhile, one subtree at a time.
 //!
 //! # From triangles to blocks
 //!
@@ -27,7 +28,8 @@
 //!                                     per voxel: clip -> shape, attributes
 //! ```
 //!
-//! 1. A [`Mesh`] comes from a file (`import/`) or from the caller. [`displace`] can move its surfaces by height maps.
+//! 1. A [`Mesh`] comes from a file (`import/`) or from the caller. [`displace`] can move its surfaces by height maps. Where that
+//!    would give too many triangles, `build/subtrees.rs` makes those of one subtree at a time, and goes through 2 and 3 with each.
 //! 2. `surface/` prepares the mesh once: triangles in the root cube, normals, kinds of edges, appearance.
 //! 3. `build/recursion.rs` goes from the root cube to the leaves, on all threads. For each voxel, `clip/` cuts the triangles
 //!    of its parent to the voxel, `shape/` decides on a contour and whether it is close enough to the surface, and
@@ -78,7 +80,7 @@ pub mod voxels;
 
 pub use build::{
     BuildStats, Built, BuiltFile, FileOptions, Progress, build, build_displaced, build_displaced_file, build_file,
-    expected_leaves,
+    expected_leaves, visit_displaced,
 };
 pub use cells::{CellTriangles, Cells, PreparedMesh, build_cells, build_cells_file};
 pub use displace::{DisplaceOptions, displace, displaced_triangles};

@@ -2,7 +2,9 @@
 
 use std::sync::Arc;
 
-use esvo_builder::{BuildSettings, Mesh, build};
+use esvo_builder::{
+    BuildSettings, DisplaceOptions, HeightMap, LinearTexture, Mesh, UvTransform, build, build_displaced,
+};
 use esvo_core::reference::cast_ray;
 use esvo_core::{Caster, Fan, Fans, Ray};
 use esvo_cpu::CpuCaster;
@@ -153,6 +155,43 @@ fn no_random_ray_leaves_a_closed_mesh_at_any_level() {
 #[ignore = "long: a minute in release"]
 fn ten_million_random_rays_never_leave() {
     check_random_rays(10_000_000);
+}
+
+/// A sphere with bumps of about a tenth of its radius.
+fn bumpy_sphere() -> Mesh {
+    let mut mesh = sphere(2);
+    mesh.uvs = mesh.positions.iter().map(|p| [p[0] as f32, p[1] as f32 + 0.3 * p[2] as f32]).collect();
+    let mut random = Random(5);
+    let texels = (0..32 * 32).map(|_| [(random.next() * 32767.0 + 32767.0) as u16]).collect();
+    let texture = Arc::new(LinearTexture::new(32, 32, texels).unwrap());
+    let map = HeightMap { texture, amplitude: 0.1, bias: -0.05, uv_transform: UvTransform::IDENTITY };
+    mesh.materials.iter_mut().for_each(|material| material.height_map = Some(map.clone()));
+    mesh
+}
+
+/// Subtrees of 4000 triangles, so that there are some fifty.
+fn displaced(mesh: &Mesh, levels: u32) -> Arc<Octree> {
+    let options = DisplaceOptions { max_triangles: 4000, ..DisplaceOptions::for_levels(mesh, levels, 1.0) };
+    Arc::new(build_displaced(mesh, &options, &shape_only(levels, f64::from(levels)), &|_| ()).unwrap().octree)
+}
+
+#[test]
+fn no_ray_leaves_a_closed_mesh_that_is_displaced_subtree_by_subtree() {
+    let mut caster = CpuCaster::new(None).unwrap();
+    for levels in [5, 7, 9] {
+        let octree = displaced(&bumpy_sphere(), levels);
+        assert_eq!(leaks(&octree, 20_000), 0, "{levels} levels");
+        assert_eq!(leaving(&octree, &mut caster, 1 << 17, u64::from(levels)), 0, "{levels} levels");
+    }
+}
+
+#[test]
+fn a_missing_displaced_triangle_is_a_leak() {
+    let mut mesh = bumpy_sphere();
+    mesh.triangles.remove(17);
+    mesh.triangle_materials.remove(17);
+    let octree = displaced(&mesh, 8);
+    assert!(leaving(&octree, &mut CpuCaster::new(None).unwrap(), 20_000, 1) > 10);
 }
 
 #[test]

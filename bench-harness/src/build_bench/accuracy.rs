@@ -1,11 +1,11 @@
 //! The depth error of the octree in a file against the triangles that it was built from.
 
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
-use esvo_builder::{Mesh, displace};
+use esvo_builder::{BuildError, DisplaceOptions, Mesh, visit_displaced};
 use esvo_core::exact::{CameraRays, TriangleHit};
-use esvo_core::{CastOptions, Caster, View};
+use esvo_core::{Camera, CastOptions, Caster, View};
 use esvo_cpu::CpuCaster;
 use esvo_cpu::triangles::TriangleScene;
 use esvo_format::Octree;
@@ -23,11 +23,17 @@ pub(crate) struct SceneTruth {
     known: Option<(u32, Triangles)>,
 }
 
+/// What an octree is compared with.
+enum SceneSurface {
+    /// The triangles of the scene's mesh.
+    AsItIs(TriangleScene),
+    /// The mesh, displaced part by part when rays are cast.
+    Displaced(DisplaceOptions),
+}
+
 /// Triangles and the hits of the rays that were cast against them.
 struct Triangles {
-    /// The mesh after displacement; `None` if the scene's own mesh is used.
-    displaced: Option<Mesh>,
-    sorted: TriangleScene,
+    surface: SceneSurface,
     /// Rays of each view and their hits. The rays depend on the position of the root cube, which is the same for all octrees of
     /// a mesh.
     views: Vec<(CameraRays, Vec<TriangleHit>)>,
@@ -41,28 +47,64 @@ pub(crate) struct Errors {
 
 impl Triangles {
     fn new(scene: &Scene, levels: u32) -> Result<Self, BenchError> {
-        let failed = |e: String| BenchError::scene(&scene.name, e);
-        let displaced = if scene.displaced {
-            let options = displacement(&scene.mesh, levels);
-            Some(displace(&scene.mesh, &options).map_err(|e| failed(e.to_string()))?)
+        let surface = if scene.displaced {
+            SceneSurface::Displaced(displacement(&scene.mesh, levels))
         } else {
-            None
+            SceneSurface::AsItIs(sorted(&scene.mesh).map_err(|e| BenchError::scene(&scene.name, e.to_string()))?)
         };
-        let mesh = displaced.as_ref().unwrap_or(&scene.mesh);
-        let corners = mesh.triangles.iter().map(|t| t.map(|v| mesh.positions[v as usize])).collect();
-        let sorted = TriangleScene::new(corners).map_err(|e| failed(e.to_string()))?;
-        Ok(Self { displaced, sorted, views: Vec::new() })
+        Ok(Self { surface, views: Vec::new() })
     }
 
-    fn hits(&mut self, scene: &Scene, rays: CameraRays) -> &[TriangleHit] {
-        let known = self.views.iter().position(|(known, _)| *known == rays);
-        let index = known.unwrap_or_else(|| {
-            let hits = cast_solid(self.displaced.as_ref().unwrap_or(&scene.mesh), &self.sorted, &rays);
-            self.views.push((rays, hits));
-            self.views.len() - 1
-        });
-        &self.views[index].1
+    /// Casts the rays that were not cast before.
+    fn cast(&mut self, scene: &Scene, mut rays: Vec<CameraRays>) -> Result<(), BenchError> {
+        rays.retain(|rays| self.views.iter().all(|(known, _)| known != rays));
+        if rays.is_empty() {
+            return Ok(());
+        }
+        let hits = match &self.surface {
+            SceneSurface::AsItIs(triangles) => {
+                rays.iter().map(|rays| cast_solid(&scene.mesh, triangles, rays)).collect()
+            }
+            SceneSurface::Displaced(options) => cast_displaced(&scene.mesh, options, &rays)
+                .map_err(|e| BenchError::scene(&scene.name, e.to_string()))?,
+        };
+        self.views.extend(rays.into_iter().zip(hits));
+        Ok(())
     }
+
+    /// The hits of rays that were cast.
+    fn hits(&self, rays: &CameraRays) -> &[TriangleHit] {
+        self.views.iter().find(|(known, _)| known == rays).map_or(&[], |(_, hits)| hits)
+    }
+}
+
+fn sorted(mesh: &Mesh) -> Result<TriangleScene, impl std::error::Error + use<>> {
+    TriangleScene::new(mesh.triangles.iter().map(|t| t.map(|v| mesh.positions[v as usize])).collect())
+}
+
+/// What the rays of pictures hit first of a displaced mesh, with holes as in [`cast_solid`]. Part by part: on deep levels the mesh
+/// does not fit into memory as a whole. The triangles' numbers are those in some part.
+fn cast_displaced(
+    mesh: &Mesh,
+    options: &DisplaceOptions,
+    rays: &[CameraRays],
+) -> Result<Vec<Vec<TriangleHit>>, BuildError> {
+    let nothing = |rays: &CameraRays| Mutex::new(vec![TriangleHit::MISS; rays.pixels()]);
+    let found: Vec<Mutex<Vec<TriangleHit>>> = rays.iter().map(nothing).collect();
+    visit_displaced(mesh, options, &|part| {
+        // Fails if none of the triangles has an area: then no ray hits them.
+        let Ok(triangles) = sorted(part) else { return };
+        for (rays, hits) in rays.iter().zip(&found) {
+            let of_part = cast_solid(part, &triangles, rays);
+            let mut hits = hits.lock().unwrap_or_else(PoisonError::into_inner);
+            for (hit, other) in hits.iter_mut().zip(of_part) {
+                if !other.is_miss() && (hit.is_miss() || other.t < hit.t) {
+                    *hit = other;
+                }
+            }
+        }
+    })?;
+    Ok(found.into_iter().map(|hits| hits.into_inner().unwrap_or_else(PoisonError::into_inner)).collect())
 }
 
 impl SceneTruth {
@@ -87,19 +129,64 @@ impl SceneTruth {
         caster.load(&octree).map_err(cast)?;
         let (to_mesh, root) = (octree.octree_to_mesh(0), octree.objects()[0].root_slot as u32);
         let edges = voxel_edges(&octree, 0);
+        let view_of = |camera: &Camera, max_voxel_pixels| {
+            let options = CastOptions { contours: true, beam: false, max_voxel_pixels };
+            View::new(camera, to_mesh, root, self.size.into(), &options)
+        };
+        // The rays of the views, as the casters use them: rounding in the camera is not an error of the octree.
+        let rays_of = |view: &_| Ok(CameraRays::of_view(&view_of(view, 0.0)?, to_mesh));
+        let rays: Result<Vec<CameraRays>, _> = scene.views.iter().map(|view| rays_of(&view.camera)).collect();
+        triangles.cast(scene, rays.map_err(cast)?)?;
         let mut hits = Vec::new();
         let [leaves, pixel] = [0.0, 1.0].map(|max_voxel_pixels| {
             let mut errors = DepthErrors::default();
             for view in &scene.views {
-                let options = CastOptions { contours: true, beam: false, max_voxel_pixels };
-                let view = View::new(&view.camera, to_mesh, root, self.size.into(), &options)?;
+                let view = view_of(&view.camera, max_voxel_pixels)?;
                 caster.cast(&view, &mut hits)?;
-                // The rays of the view, as the casters use them: rounding in the camera is not an error of the octree.
                 let rays = CameraRays::of_view(&view, to_mesh);
-                errors.add(&rays, triangles.hits(scene, rays), &hits, edges);
+                errors.add(&rays, triangles.hits(&rays), &hits, edges);
             }
             Ok(errors.finish())
         });
         Ok(Errors { leaves: leaves.map_err(cast)?, pixel: pixel.map_err(cast)? })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use esvo_builder::{HeightMap, LinearTexture, UvTransform, displace};
+
+    use super::*;
+
+    /// A square with bumps, seen from above.
+    #[test]
+    fn parts_are_hit_where_the_whole_mesh_is() {
+        let corners = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
+        let texels = (0..64u32 * 64).map(|i| [(i.wrapping_mul(2_654_435_761) >> 16) as u16]).collect();
+        let texture = Arc::new(LinearTexture::new(64, 64, texels).unwrap());
+        let map = HeightMap { texture, amplitude: 0.05, bias: 0.0, uv_transform: UvTransform::IDENTITY };
+        let mesh = Mesh {
+            positions: corners.map(|[x, y]| [x, y, 0.2 * x]).to_vec(),
+            uvs: corners.map(|[x, y]| [x as f32, y as f32]).to_vec(),
+            triangles: vec![[0, 1, 2], [0, 2, 3]],
+            triangle_materials: vec![0; 2],
+            materials: vec![esvo_builder::Material { height_map: Some(map), ..Default::default() }],
+            ..Mesh::default()
+        };
+        let options = DisplaceOptions { max_triangles: 2000, ..DisplaceOptions::for_levels(&mesh, 8, 1.0) };
+        let (eye, forward, up) = ([0.4, 0.6, 3.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]);
+        let camera = Camera { eye, forward, up, fov_degrees: 30.0, near: 0.1, far: 10.0 };
+        let rays = CameraRays::new(&camera, (64, 64)).unwrap();
+        let whole = displace(&mesh, &DisplaceOptions { max_triangles: 1 << 24, ..options }).unwrap();
+        let expected = cast_solid(&whole, &sorted(&whole).unwrap(), &rays);
+        let differing = |hits: &[TriangleHit]| {
+            let differs =
+                |(a, b): &(&TriangleHit, &TriangleHit)| a.is_miss() != b.is_miss() || (a.t - b.t).abs() > 1e-12;
+            hits.iter().zip(&expected).filter(differs).count()
+        };
+        assert!(expected.iter().filter(|hit| !hit.is_miss()).count() > 1500);
+        assert_eq!(differing(&cast_displaced(&mesh, &options, &[rays]).unwrap()[0]), 0);
+        let coarser = DisplaceOptions { cell: 3.0 * options.cell, ..options };
+        assert!(differing(&cast_displaced(&mesh, &coarser, &[rays]).unwrap()[0]) > 1000);
     }
 }

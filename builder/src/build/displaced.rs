@@ -42,7 +42,7 @@ pub fn build_displaced(
     let root = found.root.ok_or_else(no_surface)?;
     let voxelize = watch.lap();
     let mut octree = store.octree(root, subtrees.octree_to_mesh)?;
-    octree.set_meta(metadata(settings, mesh));
+    octree.set_meta(metadata(settings, found.triangles as usize));
     let stats = BuildStats { prepare, voxelize, assemble: watch.lap(), ..counts(&found) };
     Ok(Built { octree, stats })
 }
@@ -77,10 +77,32 @@ pub fn build_displaced_file(
     let found = subtrees.run(threads, &open.store, open.journal.as_ref(), progress)?;
     let root = found.root.ok_or_else(no_surface)?;
     let voxelize = watch.lap();
-    let meta = metadata(settings, mesh);
+    let meta = metadata(settings, found.triangles as usize);
     let (object, resumed_voxels) = open.write(root, subtrees.octree_to_mesh, &meta, path, options)?;
     let stats = BuildStats { prepare, voxelize, assemble: watch.lap(), ..counts(&found) };
     Ok(BuiltFile { object, stats, resumed: resumed_voxels > 0, resumed_voxels })
+}
+
+/// Calls `visit` with the parts of `mesh` [displaced](crate::displace) that [`build_displaced`] would build one after the other, from
+/// all threads: for what needs every triangle but not all at once, as measuring the error of an octree. Triangles that meet several
+/// parts are in all of them. If nothing moves, the only part is the mesh as it is.
+///
+/// # Errors
+/// Those of [`displace`](crate::displace).
+pub fn visit_displaced(
+    mesh: &Mesh,
+    displacement: &DisplaceOptions,
+    visit: &(dyn Fn(&Mesh) + Sync),
+) -> Result<(), BuildError> {
+    // The levels limit how far the root cube may be divided.
+    let settings = BuildSettings { levels: 23, ..BuildSettings::default() };
+    match Source::new(mesh, displacement, true)? {
+        Some(source) => Subtrees::new(&source, displacement, &settings)?.visit(rayon::current_num_threads(), visit),
+        None => {
+            visit(mesh);
+            Ok(())
+        }
+    }
 }
 
 fn counts(found: &Found) -> BuildStats {

@@ -15,7 +15,7 @@ use esvo_format::file::ObjectEntry;
 use esvo_format::{BlockStore, Octree, WriteOptions};
 use serde::Serialize;
 
-pub use self::displaced::{build_displaced, build_displaced_file};
+pub use self::displaced::{build_displaced, build_displaced_file, visit_displaced};
 pub use self::expectation::expected_leaves;
 use self::journal::Journal;
 pub use self::progress::Progress;
@@ -96,7 +96,7 @@ pub fn build(mesh: &Mesh, settings: &BuildSettings, progress: &(dyn Fn(Progress)
     let root = Recursion::new(&surface, settings, &store, None, progress).run()?.ok_or_else(no_surface)?;
     let voxelize = watch.lap();
     let mut octree = store.octree(root, surface.octree_to_mesh)?;
-    octree.set_meta(metadata(settings, mesh));
+    octree.set_meta(metadata(settings, mesh.triangles.len()));
     Ok(Built { octree, stats: stats(mesh, &surface, prepare, voxelize, watch.lap()) })
 }
 
@@ -143,7 +143,7 @@ fn build_file_here(
     let root = Recursion::new(&surface, settings, &open.store, open.journal.as_ref(), progress).run()?;
     let root = root.ok_or_else(no_surface)?;
     let voxelize = watch.lap();
-    let meta = metadata(settings, mesh);
+    let meta = metadata(settings, mesh.triangles.len());
     let (object, resumed_voxels) = open.write(root, surface.octree_to_mesh, &meta, path, options)?;
     let stats = stats(mesh, &surface, prepare, voxelize, watch.lap());
     Ok(BuiltFile { object, stats, resumed: resumed_voxels > 0, resumed_voxels })
@@ -240,10 +240,10 @@ fn stats(mesh: &Mesh, surface: &Surface, prepare: Duration, voxelize: Duration, 
     BuildStats { triangles, dropped_triangles, prepare, voxelize, assemble }
 }
 
-fn metadata(settings: &BuildSettings, mesh: &Mesh) -> String {
+fn metadata(settings: &BuildSettings, triangles: usize) -> String {
     let meta = serde_json::json!({
         "generator": concat!("esvo-builder ", env!("CARGO_PKG_VERSION")),
-        "triangles": mesh.triangles.len(),
+        "triangles": triangles,
         "settings": settings,
     });
     meta.to_string()

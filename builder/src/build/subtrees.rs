@@ -10,7 +10,7 @@
 //! slabs down: a whole build gives none to a voxel with so much surface, either.
 
 use std::collections::HashMap;
-use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use esvo_format::{BlockStore, Tree, Voxel as TreeVoxel, pack};
@@ -23,7 +23,7 @@ use crate::displace::{Bounds, Parts, Source, Tiles};
 use crate::surface::attributes::Mean;
 use crate::surface::prepared::place;
 use crate::surface::{Look, Surface};
-use crate::{BuildError, BuildSettings, DisplaceOptions};
+use crate::{BuildError, BuildSettings, DisplaceOptions, Mesh};
 
 /// Most small triangles of one subtree, about. Fixed, so that the octree depends neither on the memory nor on the threads.
 const MOST: usize = 1 << 18;
@@ -96,21 +96,6 @@ enum Plan {
     Split(Box<[Plan; 8]>),
 }
 
-/// The builds of tasks by several threads.
-struct Work<'w> {
-    store: &'w BlockStore,
-    journal: Option<&'w Journal>,
-    progress: &'w (dyn Fn(Progress) + Sync),
-    tasks: &'w [Task],
-    next: AtomicUsize,
-    /// Sum of the counts of the finished tasks, and of all.
-    done: AtomicU64,
-    all: u64,
-    voxels: AtomicU64,
-    failed: AtomicBool,
-    finished: Mutex<Result<HashMap<usize, Finished>, BuildError>>,
-}
-
 /// Stops the other threads if this one panics, as the caller's report of progress may.
 struct StopOthers<'w>(&'w AtomicBool);
 
@@ -156,10 +141,7 @@ impl<'a> Subtrees<'a> {
         journal: Option<&Journal>,
         progress: &(dyn Fn(Progress) + Sync),
     ) -> Result<Found, BuildError> {
-        let mut tasks = Vec::new();
-        let all: Vec<u32> = (0..self.tiles.list.len() as u32).collect();
-        let children = self.divide(Cube::ROOT, &mut Vec::new(), &all, &mut tasks);
-        drop(all);
+        let (tasks, children) = self.tasks();
         let mut finished = self.build(&tasks, threads, store, journal, progress)?;
         let mut found = Found { root: None, triangles: 0, dropped: 0 };
         for one in finished.values() {
@@ -170,6 +152,14 @@ impl<'a> Subtrees<'a> {
             found.root = Some(store.put(pack(&tree, None, &self.settings.assemble)?)?);
         }
         Ok(found)
+    }
+
+    /// The subtrees to be built, and how the children of the root cube come from them.
+    fn tasks(&self) -> (Vec<Task>, Box<[Plan; 8]>) {
+        let mut tasks = Vec::new();
+        let all: Vec<u32> = (0..self.tiles.list.len() as u32).collect();
+        let children = self.divide(Cube::ROOT, &mut Vec::new(), &all, &mut tasks);
+        (tasks, children)
     }
 
     /// Divides a cube until its parts have few enough triangles. `tiles` are those that may meet it.
@@ -213,65 +203,40 @@ impl<'a> Subtrees<'a> {
         journal: Option<&Journal>,
         progress: &(dyn Fn(Progress) + Sync),
     ) -> Result<HashMap<usize, Finished>, BuildError> {
-        let work = Work {
-            store,
-            journal,
-            progress,
-            tasks,
-            next: AtomicUsize::new(0),
-            done: AtomicU64::new(0),
-            all: tasks.iter().map(|task| task.count as u64).sum::<u64>().max(1),
-            voxels: AtomicU64::new(0),
-            failed: AtomicBool::new(false),
-            finished: Mutex::new(Ok(HashMap::new())),
-        };
-        // Each thread has a pool of its own. In a common one, a thread that waits for a part of its subtree would begin another
-        // subtree meanwhile, and hold the triangles of both.
-        let pools: Vec<_> = (0..threads.min(tasks.len()))
-            .map(|_| rayon::ThreadPoolBuilder::new().num_threads(1).build())
-            .collect::<Result<_, _>>()
-            .map_err(|e| BuildError::Threads(e.to_string()))?;
-        std::thread::scope(|scope| {
-            for pool in &pools {
-                scope.spawn(|| pool.install(|| self.work(&work)));
-            }
-        });
-        work.finished.into_inner().unwrap_or_else(PoisonError::into_inner)
+        let all = tasks.iter().map(|task| task.count).sum::<f64>();
+        let finished = Mutex::new((HashMap::new(), 0.0, 0));
+        on_threads(tasks, threads, |number, task| {
+            let one = match journal.and_then(|journal| journal.finished_part(task.number())) {
+                Some(one) => one,
+                None => {
+                    let one = self.build_part(task, store)?;
+                    if let Some(journal) = journal {
+                        journal.finish_part(task.number(), &one, store)?;
+                    }
+                    one
+                }
+            };
+            let mut finished = finished.lock().unwrap_or_else(PoisonError::into_inner);
+            let (finished, done, voxels) = &mut *finished;
+            *done += task.count;
+            *voxels += one.voxels;
+            finished.insert(number, one);
+            progress(Progress { done: (*done / all).min(1.0), voxels: *voxels, resumed: 0 });
+            Ok(())
+        })?;
+        Ok(finished.into_inner().unwrap_or_else(PoisonError::into_inner).0)
     }
 
-    /// Builds tasks until none is left.
-    fn work(&self, work: &Work) {
-        let _stop = StopOthers(&work.failed);
-        while !work.failed.load(Ordering::Relaxed) {
-            let number = work.next.fetch_add(1, Ordering::Relaxed);
-            let Some(task) = work.tasks.get(number) else { return };
-            let built = self.build_task(task, work);
-            let mut finished = work.finished.lock().unwrap_or_else(PoisonError::into_inner);
-            match (built, &mut *finished) {
-                (Ok(one), Ok(finished)) => {
-                    let done = work.done.fetch_add(task.count as u64, Ordering::Relaxed) + task.count as u64;
-                    let voxels = work.voxels.fetch_add(one.voxels, Ordering::Relaxed) + one.voxels;
-                    finished.insert(number, one);
-                    (work.progress)(Progress { done: done as f64 / work.all as f64, voxels, resumed: 0 });
-                }
-                (Err(error), Ok(_)) => {
-                    work.failed.store(true, Ordering::Relaxed);
-                    *finished = Err(error);
-                }
-                (_, Err(_)) => {}
+    /// Calls `visit` with the triangles that meet each cube whose subtree would be built at once, on all threads.
+    pub(super) fn visit(&self, threads: usize, visit: &(dyn Fn(&Mesh) + Sync)) -> Result<(), BuildError> {
+        let tasks = self.tasks().0;
+        on_threads(&tasks, threads, |_, task| {
+            let mesh = self.parts.within(&task.triangles, &self.bounds_of(task.cube, MARGIN));
+            if !mesh.triangles.is_empty() {
+                visit(&mesh);
             }
-        }
-    }
-
-    fn build_task(&self, task: &Task, work: &Work) -> Result<Finished, BuildError> {
-        if let Some(finished) = work.journal.and_then(|journal| journal.finished_part(task.number())) {
-            return Ok(finished);
-        }
-        let finished = self.build_part(task, work.store)?;
-        if let Some(journal) = work.journal {
-            journal.finish_part(task.number(), &finished, work.store)?;
-        }
-        Ok(finished)
+            Ok(())
+        })
     }
 
     fn build_part(&self, task: &Task, store: &BlockStore) -> Result<Finished, BuildError> {
@@ -337,6 +302,38 @@ impl<'a> Subtrees<'a> {
         cut(&mut tree, node, &cube, nodes, self.settings, store)?;
         Ok(Some((tree, Mean::of_parts(parts.iter().flatten().map(|part| &part.mean)))))
     }
+}
+
+/// Calls `work` with all tasks, on this many threads. After an error no other task is begun.
+fn on_threads(
+    tasks: &[Task],
+    threads: usize,
+    work: impl Fn(usize, &Task) -> Result<(), BuildError> + Sync,
+) -> Result<(), BuildError> {
+    // Each thread has a pool of its own. In a common one, a thread that waits for a part of its subtree would begin another
+    // subtree meanwhile, and hold the triangles of both.
+    let pools: Vec<_> = (0..threads.min(tasks.len()))
+        .map(|_| rayon::ThreadPoolBuilder::new().num_threads(1).build())
+        .collect::<Result<_, _>>()
+        .map_err(|e| BuildError::Threads(e.to_string()))?;
+    let (next, failed, error) = (AtomicUsize::new(0), AtomicBool::new(false), Mutex::new(None));
+    let until_none_is_left = || {
+        let _stop = StopOthers(&failed);
+        while !failed.load(Ordering::Relaxed) {
+            let number = next.fetch_add(1, Ordering::Relaxed);
+            let Some(task) = tasks.get(number) else { return };
+            if let Err(found) = work(number, task) {
+                failed.store(true, Ordering::Relaxed);
+                error.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(found);
+            }
+        }
+    };
+    std::thread::scope(|scope| {
+        for pool in &pools {
+            scope.spawn(|| pool.install(until_none_is_left));
+        }
+    });
+    error.into_inner().unwrap_or_else(PoisonError::into_inner).map_or(Ok(()), Err)
 }
 
 /// Whether a point is counted to a cube: each point to one cube of any that together fill the root cube. Points outside of the

@@ -108,12 +108,12 @@ impl Border {
         EdgePoint { position: position.to_array(), normal, ends: plan.ends_of(i, e).map(|v| v as usize), t }
     }
 
-    /// The longest displacement of a corner or a point on an edge of touched triangle `i`.
-    pub(super) fn reach(&self, plan: &Plan<'_>, i: usize) -> f64 {
-        let corners = plan.places_of(i).into_iter().map(|p| self.moved.places[p as usize].length());
+    /// How far the corners and points on edges of touched triangle `i` move at most along each axis.
+    pub(super) fn reach(&self, plan: &Plan<'_>, i: usize) -> DVec3 {
+        let corners = plan.places_of(i).into_iter().map(|p| self.moved.places[p as usize]);
         let edges = plan.places.of[i].map(|e| plan.places.first[e as usize]..plan.places.first[e as usize + 1]);
-        let points = edges.into_iter().flatten().map(|k| self.moved.points[k].length());
-        corners.chain(points).fold(0.0, f64::max)
+        let points = edges.into_iter().flatten().map(|k| self.moved.points[k]);
+        corners.chain(points).fold(DVec3::ZERO, |most, moved| most.max(moved.abs()))
     }
 
     /// Bytes in memory.

@@ -8,6 +8,10 @@
 //!    planes as far as possible (`displace/join.rs`).
 //! 3. The new position of a place is computed only once.
 //!
+//! A mesh is displaced whole ([`displace`]), or box by box while it is built (`displace/parts.rs`), with the same result in every
+//! bit. All triangles are diced to the same cells, so the boxes fit whatever they are: there are no levels of dicing between which
+//! the surface could tear.
+//!
 //! The new normals are those of the mesh minus the slope of the displacement, `N - grad d`, brought to unit length. The slope
 //! is averaged over the small triangles around a vertex that share its normal. On a flat surface this is the normal of the
 //! displaced surface; where the mesh's normals smooth its facets, the new normals do so, too.

@@ -15,7 +15,8 @@ pub struct DisplaceOptions {
     /// is used instead. Above zero and finite.
     pub cell: f64,
     /// Most triangles that may result from those with height maps and their neighbours. If there would be more, cells are
-    /// made larger, with a warning. At least 1.
+    /// made larger, with a warning. At least 1. [`build_displaced`](crate::build_displaced) keeps to the cells, and limits the
+    /// triangles of each subtree instead, about.
     pub max_triangles: usize,
 }
 

@@ -26,8 +26,8 @@ const ROUNDING: f64 = 1.0 + 1e-5;
 pub(crate) struct Parts<'a> {
     plan: Plan<'a>,
     border: Border,
-    /// For each touched triangle, the longest displacement on it.
-    reach: Vec<f64>,
+    /// For each touched triangle, how far it moves at most along each axis.
+    reach: Vec<DVec3>,
     /// How many small triangles beyond a box are displaced for the slopes in it: 1.
     pub(crate) ring: f64,
 }
@@ -66,7 +66,7 @@ impl Bounds {
         Self { low: a.min(b).min(c), high: a.max(b).max(c) }
     }
 
-    fn grown(self, by: f64) -> Self {
+    fn grown(self, by: DVec3) -> Self {
         Self { low: self.low - by, high: self.high + by }
     }
 
@@ -110,12 +110,14 @@ impl<'a> Parts<'a> {
         let highest: Vec<f64> = (source.mesh.materials.iter())
             .map(|m| m.height_map.as_ref().map_or(0.0, |map| f64::from(map.largest()) * options.scale.abs()))
             .collect();
+        // Vertices inside are computed in two ways, from the ends of their side and from their weights.
+        let rounding = farthest(&source.mesh) * 1e-12;
         let reach = (0..plan.touched.len())
             .into_par_iter()
             .map(|i| {
                 let material = source.mesh.triangle_materials[plan.touched[i] as usize] as usize;
                 let inside = if plan.facets[i].height_map.is_some() { highest[material] } else { 0.0 };
-                inside.max(border.reach(&plan, i)) * ROUNDING
+                (Normals::of(&plan, i).most() * inside).max(border.reach(&plan, i)) * ROUNDING + rounding
             })
             .collect();
         Self { plan, border, reach, ring: 1.0 }
@@ -168,8 +170,7 @@ impl<'a> Parts<'a> {
     /// Only tiles that may reach beyond what was found before are diced.
     pub(crate) fn bounds(&self, tiles: &Tiles) -> Bounds {
         let mut best = Bounds::NONE;
-        let farthest = self.mesh().positions.as_flattened().iter().fold(0.0, |m: f64, x| m.max(x.abs()));
-        let scale = unit_scale(farthest);
+        let scale = unit_scale(farthest(self.mesh()));
         // Neighbours are alike, so from all over the mesh.
         let order: Vec<usize> = (0..64).flat_map(|k| (k..tiles.list.len()).step_by(64)).collect();
         for chunk in order.chunks(CHUNK) {
@@ -255,7 +256,7 @@ impl<'a> Parts<'a> {
         // The small triangles that meet the box lie within the reach of the displacement before it. The slope at a vertex
         // inside needs all triangles around: those of one step more. Without a step there are no vertices inside.
         let ring = if step.is_finite() { step * self.ring } else { 0.0 };
-        let near = bounds.grown(self.reach[i] + ring);
+        let near = bounds.grown(self.reach[i] + DVec3::splat(ring));
         let patch = Patch::new(&self.plan, dicer, i, |part: &Part| Bounds::of(&part.positions).meets(&near));
         if patch.diced.triangles.is_empty() {
             return;
@@ -306,6 +307,11 @@ impl<'a> Parts<'a> {
     /// Bytes in memory, without the mesh.
     pub(crate) fn bytes(&self) -> usize {
         let plan = &self.plan;
-        self.border.bytes() + 8 * self.reach.len() + plan.touched.len() * (4 + 32 + 12) + plan.places.ends.len() * 28
+        self.border.bytes() + 24 * self.reach.len() + plan.touched.len() * (4 + 32 + 12) + plan.places.ends.len() * 28
     }
+}
+
+/// The largest absolute coordinate.
+fn farthest(mesh: &Mesh) -> f64 {
+    mesh.positions.as_flattened().iter().fold(0.0, |most, x| most.max(x.abs()))
 }

@@ -80,6 +80,16 @@ impl Normals {
         Self { corners, flat: (b - a).cross(c - a).normalize_or_zero() }
     }
 
+    /// A bound of the absolute components of all interpolated normals.
+    pub(super) fn most(&self) -> DVec3 {
+        let [a, b, c] = self.corners;
+        // A mixture of the corners' normals is at least as long as its part along any direction.
+        let along = (a + b + c).normalize_or_zero();
+        let shortest = a.dot(along).min(b.dot(along)).min(c.dot(along));
+        let largest = a.abs().max(b.abs()).max(c.abs()) / shortest;
+        if shortest > 0.0 { largest.min(DVec3::ONE) } else { DVec3::ONE }
+    }
+
     /// The interpolated normal, of unit length; zero on a triangle without area whose normals cancel out.
     pub(super) fn at(&self, [a, b, c]: [f64; 3]) -> DVec3 {
         (self.corners[0] * a + self.corners[1] * b + self.corners[2] * c).try_normalize().unwrap_or(self.flat)

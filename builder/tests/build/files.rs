@@ -1,7 +1,10 @@
 //! Building directly into a file.
 
 use super::*;
-use esvo_builder::{FileOptions, Progress, build_file};
+use esvo_builder::{
+    DisplaceOptions, FileOptions, HeightMap, LinearTexture, Progress, UvTransform, build_displaced,
+    build_displaced_file, build_file,
+};
 use std::path::Path;
 use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -165,4 +168,48 @@ fn too_little_memory_is_said_before_anything_is_written() {
     assert!(names(folder.path()).is_empty());
     let options = FileOptions { memory_limit: Some(1 << 30), ..FileOptions::default() };
     build_file(&bumpy(20), &settings(5), &path, &options, &|_| ()).unwrap();
+}
+
+/// A square with bumps, and options under which it is displaced in several subtrees.
+fn bumpy_square() -> (Mesh, DisplaceOptions) {
+    let corners = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
+    let texels = (0..64u32 * 64).map(|i| [(i.wrapping_mul(2_654_435_761) >> 16) as u16]).collect();
+    let texture = Arc::new(LinearTexture::new(64, 64, texels).unwrap());
+    let map = HeightMap { texture, amplitude: 0.05, bias: 0.0, uv_transform: UvTransform::IDENTITY };
+    let mesh = Mesh {
+        positions: corners.map(|[x, y]| [x, y, 0.2 * x]).to_vec(),
+        uvs: corners.map(|[x, y]| [x as f32, y as f32]).to_vec(),
+        triangles: vec![[0, 1, 2], [0, 2, 3]],
+        triangle_materials: vec![0; 2],
+        materials: vec![Material { height_map: Some(map), ..Material::default() }],
+        ..Mesh::default()
+    };
+    let options = DisplaceOptions { max_triangles: 3000, ..DisplaceOptions::for_levels(&mesh, 8, 1.0) };
+    (mesh, options)
+}
+
+#[test]
+fn an_interrupted_build_of_a_displaced_mesh_goes_on() {
+    let ((mesh, displacement), settings) = (bumpy_square(), settings(8));
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.esvo");
+    let whole = written(&build_displaced(&mesh, &displacement, &settings, &|_| ()).unwrap().octree);
+    let options = FileOptions { resume: true, ..FileOptions::default() };
+    let build = |displacement: &DisplaceOptions, progress: &(dyn Fn(Progress) + Sync)| {
+        build_displaced_file(&mesh, displacement, &settings, &path, &options, progress)
+    };
+    let stopped = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
+        build(&displacement, &|p| assert!(p.done < 0.5)).map(|_| ())
+    }));
+    assert!(stopped.is_err(), "it was over too soon");
+    assert_eq!(names(folder.path()), ["a.esvo.part"]);
+    let other = build(&DisplaceOptions { scale: 0.5, ..displacement }, &|_| ()).err().unwrap();
+    assert!(matches!(other, BuildError::OtherWork(_)), "{other}");
+    let file = build(&displacement, &|_| ()).unwrap();
+    assert!(file.resumed && file.resumed_voxels > 1000, "{}", file.resumed_voxels);
+    assert!(std::fs::read(&path).unwrap() == whole);
+    assert_eq!(names(folder.path()), ["a.esvo"]);
+    let little = FileOptions { memory_limit: Some(1 << 20), ..FileOptions::default() };
+    let error = build_displaced_file(&mesh, &displacement, &settings, &path, &little, &|_| ()).err().unwrap();
+    assert!(error.to_string().contains("at least"), "{error}");
 }

@@ -1,12 +1,12 @@
 //! A mesh displaced subtree by subtree gives the octree of the mesh displaced as a whole.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 
 use esvo_format::Octree;
 
 use super::*;
 use crate::displace::tests::{ball, bumpy, cube, material};
-use crate::{Material, Mesh, build, build_displaced, displace};
+use crate::{Material, build, build_displaced, displace, visit_displaced};
 
 /// Small subtrees: their roots are on levels 1 to 4.
 const OPTIONS: DisplaceOptions = DisplaceOptions { scale: 1.0, cell: 0.02, max_triangles: 2000 };
@@ -105,14 +105,39 @@ fn subtrees_give_the_octree_of_the_whole_mesh() {
 }
 
 #[test]
-fn without_a_ring_or_a_tile_the_octree_is_another() {
-    let mesh = shallow();
-    let expected = whole(&mesh, &settings());
-    // No small triangles around the box: the slopes at its border are wrong, and only they.
+fn what_is_left_out_is_noticed() {
+    // Without small triangles around a subtree's box the slopes at its border are wrong, and only they.
+    let (mesh, expected) = (shallow(), whole(&shallow(), &settings()));
     let no_ring = changed(&mesh, &settings(), |subtrees| subtrees.parts.ring = 0.0);
-    assert!(!same(&no_ring, &expected).1);
-    let torn = changed(&mesh, &settings(), |subtrees| _ = subtrees.tiles.list.remove(77));
+    assert_eq!(same(&no_ring, &expected), (true, false));
+    // Parts of triangles from which the surface moves into the box.
+    let (mesh, expected) = (&meshes()[2], whole(&meshes()[2], &settings()));
+    let narrow = changed(mesh, &settings(), |subtrees| subtrees.parts.ring = -4.0);
+    assert!(!same(&narrow, &expected).0);
+    // The tiles of one triangle.
+    let torn = changed(mesh, &settings(), |subtrees| {
+        let near = subtrees.tiles.list[77].triangle;
+        subtrees.tiles.list.retain(|tile| tile.triangle != near);
+    });
     assert!(!same(&torn, &expected).0);
+}
+
+#[test]
+fn every_triangle_is_visited() {
+    let mesh = &meshes()[1];
+    let whole = displace(mesh, &DisplaceOptions { max_triangles: 1 << 24, ..OPTIONS }).unwrap();
+    let places = |mesh: &Mesh| {
+        let place = |v: u32| mesh.positions[v as usize].map(f64::to_bits);
+        mesh.triangles.iter().map(|t| t.map(place)).collect::<Vec<_>>()
+    };
+    let found = Mutex::new(HashSet::new());
+    let visit = |part: &Mesh| {
+        part.validate().unwrap();
+        assert!(part.triangle_count() < whole.triangle_count() / 4);
+        found.lock().unwrap().extend(places(part));
+    };
+    visit_displaced(mesh, &OPTIONS, &visit).unwrap();
+    assert!(found.into_inner().unwrap() == places(&whole).into_iter().collect());
 }
 
 #[test]

@@ -22,9 +22,9 @@ pub(crate) struct Displacement {
     pub(crate) height_map: Vec<(String, PathBuf)>,
 }
 
-/// Displaced meshes with more triangles than this, about, are built subtree by subtree: 1 to 2 GB as a whole. Fixed, so that the
+/// Displaced meshes with more triangles than this, about, are built subtree by subtree, which takes less time and memory. Fixed, so that the
 /// octree does not depend on the memory.
-const WHOLE: f64 = 4e6;
+const WHOLE: f64 = 1e6;
 
 impl Displacement {
     /// Displaces the mesh for an octree of `levels`, in cells of two finest voxels, if an option asks for it or `always` is set;

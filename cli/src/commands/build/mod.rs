@@ -249,15 +249,18 @@ pub(crate) fn run_build(arguments: &BuildArguments) -> Result<(), Failure> {
     let import_peak_bytes = peak_bytes();
     let start = Instant::now();
     let what = format!("building {}", count(settings.levels, "level"));
+    let mut meta = serde_json::json!({
+        "generator": concat!("esvo ", env!("CARGO_PKG_VERSION")),
+        "source": source,
+        "triangles": input.triangles(),
+        "settings": settings,
+    });
+    if let Input::Displaced(_, displacement) = &input {
+        meta["displacement"] = serde_json::json!({ "scale": displacement.scale, "cell": displacement.cell });
+    }
     let options = FileOptions {
         write: WriteOptions { compress: arguments.compress },
-        meta: serde_json::json!({
-            "generator": concat!("esvo ", env!("CARGO_PKG_VERSION")),
-            "source": source,
-            "triangles": input.triangles(),
-            "settings": settings,
-        })
-        .to_string(),
+        meta: meta.to_string(),
         resume: arguments.resume,
         memory_limit: arguments.memory_limit.map(|gigabytes| (gigabytes * 1e9) as u64),
     };
