@@ -21,7 +21,8 @@ pub enum TextureTest {
     Averages,
     /// One colour and one normal for each triangle's part of the voxel, taken at its centroid and filtered to the voxel's
     /// size. Detail within a single triangle does not count, so a large flat wall may show its texture no finer than its
-    /// shape requires. The smallest files and the shortest builds.
+    /// shape requires. The smallest files and the shortest builds. Records of before have it as `samples`.
+    #[serde(alias = "samples")]
     Centroids,
 }
 

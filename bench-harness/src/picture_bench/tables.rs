@@ -27,7 +27,7 @@ pub fn to_markdown(pairs: &[PicturePair], machine: &Machine) -> String {
             "On the left the octree, on the right the triangles: the same view in the same light, {} rays a pixel.",
             RAYS * RAYS
         ),
-        "Built with the scene's settings and `--texture-test texels`. Triangles are counted after displacement in displaced \
+        "Built with the scene's settings and `--texture-test averages`. Triangles are counted after displacement in displaced \
          scenes (-D). FLIP: visible difference of the halves, mean over the picture, 0 to 1."
             .into(),
     ];

@@ -7,7 +7,9 @@
 //! attributes at this time, from the surface in it.
 //!
 //! If the block has such a leaf, its voxels keep these attributes, so that it is stored as it was tested. In other blocks the
-//! attributes of voxels that are split are the means of their children, which take less time and are as good.
+//! attributes of voxels that are split are the means of their children, which take less time and are as good. Two exceptions
+//! are rare: a voxel of the block that turns out to be all hole is removed later, and the roots of subtrees that are displaced
+//! one by one are tested apart from each other.
 
 use esvo_format::{ColorBlock, NormalBlock, RawNormal, Voxel as TreeVoxel};
 
