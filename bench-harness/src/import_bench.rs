@@ -196,8 +196,8 @@ impl Trial<'_> {
         let start = Instant::now();
         let process = Process::start(&mut command).map_err(|e| BenchError::io(&self.options.program, e))?;
         let status = loop {
-            if let Some(status) = process.ended().map_err(|e| BenchError::io(&self.options.program, e))? {
-                break status;
+            if let Some(exit) = process.ended().map_err(|e| BenchError::io(&self.options.program, e))? {
+                break exit.status;
             }
             if start.elapsed().as_secs_f64() > self.options.seconds {
                 return Ok(ImportOutcome::Broken(format!("not done after {:.0} s", self.options.seconds)));

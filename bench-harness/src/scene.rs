@@ -182,17 +182,19 @@ impl<'a> SceneSource<'a> {
 
     /// The mesh in one line: whether the file is the one that the manifest names, or which generator makes the mesh.
     pub fn identity(&self) -> String {
-        match (&self.found, &self.entry.stand_in) {
+        let identity = match (&self.found, &self.entry.stand_in) {
             (Some(found), _) => found.identity.to_string(),
             (None, Some(made)) => format!("procedural, generator {}, seed {}", made.generator, made.seed),
-            (None, None) => "absent".into(),
-        }
+            (None, None) => return "absent".into(),
+        };
+        if self.entry.textures { identity } else { format!("{identity}, without textures") }
     }
 
     /// The mesh in a few words, as octree files store it: the name of the file, the generator, or what another mesh is called.
     pub fn source(&self) -> String {
         let name = |found: &FoundScene| found.path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        self.other().or_else(|| self.found.as_ref().map(name)).unwrap_or_else(|| self.identity())
+        let Some(source) = self.other().or_else(|| self.found.as_ref().map(name)) else { return self.identity() };
+        if self.entry.textures { source } else { format!("{source}, without textures") }
     }
 
     /// All viewpoints, in the units of the mesh. For another mesh: those of the listed one.
@@ -209,6 +211,14 @@ impl<'a> SceneSource<'a> {
     /// # Errors
     /// A mesh file that cannot be read; a scene without a mesh file and without a stand-in.
     pub fn load(&self) -> Result<Mesh, BenchError> {
+        let mut mesh = self.load_with_textures()?;
+        if !self.entry.textures {
+            drop_textures(&mut mesh);
+        }
+        Ok(mesh)
+    }
+
+    fn load_with_textures(&self) -> Result<Mesh, BenchError> {
         let failed = |what: &dyn ToString| BenchError::scene(&self.entry.name, what.to_string());
         if let Some(found) = &self.found {
             let mut mesh = esvo_builder::import::load_mesh(&found.path).map_err(|e| failed(&e))?;
@@ -223,6 +233,15 @@ impl<'a> SceneSource<'a> {
         }
         self.entry.stand_in.as_ref().and_then(StandIn::generate).ok_or_else(|| failed(&"its generator does not exist"))
     }
+}
+
+/// Drops all images of a mesh, and what only they need.
+fn drop_textures(mesh: &mut Mesh) {
+    for material in &mut mesh.materials {
+        (material.texture, material.normal_map, material.height_map) = (None, None, None);
+    }
+    mesh.uvs.clear();
+    mesh.tangents.clear();
 }
 
 impl Scene {
@@ -271,4 +290,39 @@ impl Scene {
 fn named_view(spec: &CameraSpec) -> NamedView {
     let CameraSpec { name, eye, forward, up, fov_degrees, near, far } = spec.clone();
     NamedView { name, camera: Camera { eye, forward, up, fov_degrees, near, far } }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_scene_without_textures_has_plain_colours_and_says_so() {
+        let folder = tempfile::tempdir().unwrap();
+        let write = |name: &str, text: &[u8]| std::fs::write(folder.path().join(name), text).unwrap();
+        write("a.obj", b"mtllib a.mtl\nusemtl m\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n");
+        write("a.mtl", b"newmtl m\nKd 0.5 0.25 0.125\nmap_Kd a.bmp\n");
+        // One red pixel of 24 bits.
+        let head = [0x42, 0x4d, 58, 0, 0, 0, 0, 0, 0, 0, 54, 0, 0, 0, 40, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 24];
+        let mut image = head.to_vec();
+        image.resize(54, 0);
+        image.extend([0, 0, 255, 0]);
+        write("a.bmp", &image);
+        let camera = r#"cameras = [{ name = "v", eye = [0, 0, 2], target = [0, 0, 0], up = [0, 1, 0], fov = 60, near = 0.1, far = 9 }]"#;
+        let scene = |name: &str, textures: bool| {
+            format!("[[scene]]\nname = \"{name}\"\ntextures = {textures}\n[[scene.mesh]]\nfile = \"a.obj\"\n{camera}\n")
+        };
+        let text = format!("version = 1\n{}{}", scene("WITH", true), scene("WITHOUT", false));
+        write("scenes.toml", text.as_bytes());
+        let manifest = manifest(Some(&folder.path().join("scenes.toml"))).unwrap();
+        let source = |name: &str| SceneSource::find(manifest.scene(name).unwrap(), None, false).unwrap();
+        let [with, without] = ["WITH", "WITHOUT"].map(|name| source(name).load().unwrap());
+        assert!(with.warnings.is_empty(), "{:?}", with.warnings);
+        assert!(with.materials.iter().any(|m| m.texture.is_some()) && with.uvs.len() == 3);
+        assert!(without.materials.iter().all(|m| m.texture.is_none()) && without.uvs.is_empty());
+        assert!(without.validate().is_ok());
+        assert_eq!(with.materials[0].base_color, without.materials[0].base_color);
+        assert_eq!([source("WITH").source(), source("WITHOUT").source()], ["a.obj", "a.obj, without textures"]);
+        assert!(source("WITHOUT").identity().ends_with(", without textures"));
+    }
 }

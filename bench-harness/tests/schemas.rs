@@ -524,12 +524,28 @@ fn build() {
     }
     let stopped = json!([{ "contours": "off", "levels": 12, "limit": "memory", "why": "it takes 20 GB" }]);
     record["scenes"][0]["stopped"] = stopped;
+    // What records have since 2026-11-27.
+    let row = &mut record["scenes"][0]["rows"][0];
+    let errors = json!({
+        "both_hit": 100, "elsewhere": 2, "normals": row["error"]["pixels"], "colors": row["error"]["pixels"],
+    });
+    (row["attributes"], row["attributes_at_pixel"]) = (errors.clone(), errors);
+    row["flip_at_pixel"] = json!(0.08);
+    row["samples"][0]["cpu_seconds"] = json!(3.5);
+    row["beside"] = json!({ "voxels": 10, "image_bytes": 80, "samples": row["samples"] });
+    record["beside"] = json!({ "commit": "357f17512345" });
     let optional = [
+        "/beside",
         "/complete",
         "error/hit_voxels",
         "error_at_pixel/hit_voxels",
         "matrix/left_out",
         "matrix/time_limit_seconds",
+        "rows/attributes",
+        "rows/attributes_at_pixel",
+        "rows/beside",
+        "rows/flip_at_pixel",
+        "samples/cpu_seconds",
         "saved/measure",
         "scenes/stopped",
     ];

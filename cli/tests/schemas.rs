@@ -23,13 +23,27 @@ fn builds_are_recorded_as_the_schema_says() {
     let folder = Folder::new();
     std::fs::create_dir(folder.path("sibenik")).unwrap();
     folder.put("sibenik/sibenik.obj", BOX);
-    let bench = "bench build --scenes sibenik --levels 3,4 --scenes-dir . --repeats 1 --out out";
-    folder.ok(&bench.split(' ').collect::<Vec<_>>());
+    let bench = "bench build --scenes sibenik --levels 3,4 --scenes-dir . --repeats 2 --out out";
+    let mut bench: Vec<_> = bench.split(' ').collect();
+    bench.extend(["--beside", env!("CARGO_BIN_EXE_esvo")]);
+    folder.ok(&bench);
     let text = std::fs::read_to_string(folder.path("out/build.json")).unwrap();
     let mut record: Value = serde_json::from_str(&text).unwrap();
     let mut schema = schema("build");
     assert_eq!(errors(&schema, &record), [""; 0]);
     assert_eq!(record["scenes"][0]["rows"].as_array().unwrap().len(), 4);
+    for row in record["scenes"][0]["rows"].as_array().unwrap() {
+        let beside = &row["beside"];
+        assert_eq!(
+            [&beside["voxels"], &beside["image_bytes"]],
+            [&row["build"]["voxels"], &row["build"]["image_bytes"]]
+        );
+        for samples in [&row["samples"], &beside["samples"]] {
+            let cpu = |sample: &Value| sample["cpu_seconds"].as_f64().is_some_and(|seconds| seconds > 0.0);
+            assert_eq!(samples.as_array().unwrap().len(), 2);
+            assert!(!cfg!(unix) || samples.as_array().unwrap().iter().all(cpu), "{samples}");
+        }
+    }
 
     // The negative control.
     record["scenes"][0]["rows"][3]["build"]["voxels"] = json!(-1);

@@ -51,6 +51,10 @@ pub struct SceneEntry {
     /// Whether the mesh must be displaced by the height maps of its materials before it is built.
     #[serde(default)]
     pub displaced: bool,
+    /// Whether the mesh has its textures: the images of colours, normals and heights that its materials name. False: they are dropped, and
+    /// materials have their plain colours.
+    #[serde(default = "yes")]
+    pub textures: bool,
     /// Why the scene cannot be measured: tables list it as left out with this reason. Absent: it can be measured.
     pub unsupported: Option<String>,
     /// The paper's settings of the builder for this scene; those of most of its scenes if the manifest does not say.
@@ -245,6 +249,9 @@ impl SceneEntry {
         }
         if self.meshes.is_empty() && self.stand_in.is_none() {
             return Err("neither a `mesh` nor a `stand_in` is given; give at least one".into());
+        }
+        if self.displaced && !self.textures {
+            return Err("`displaced` needs height maps, which `textures = false` drops; leave one of them out".into());
         }
         let BuildSettings { color_error, normal_error, contour_error } = self.build;
         for (key, value, most) in [

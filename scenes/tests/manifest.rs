@@ -25,6 +25,10 @@ fn the_built_in_manifest_holds_the_papers_scenes() {
     }
     let displaced: Vec<_> = manifest.scenes.iter().filter(|s| s.displaced).map(|s| s.name.as_str()).collect();
     assert_eq!(displaced, ["SIBENIK-D"]);
+    let plain: Vec<_> = manifest.scenes.iter().filter(|s| !s.textures).map(|s| s.name.as_str()).collect();
+    assert_eq!(plain, ["SIBENIK-PLAIN"]);
+    let [with, without] = ["SIBENIK", "SIBENIK-PLAIN"].map(|name| &manifest.scene(name).expect("listed").meshes[0]);
+    assert_eq!((&with.sha256, &with.cameras), (&without.sha256, &without.cameras));
     assert!(manifest.scenes.iter().all(|s| s.unsupported.is_none()));
     assert!(manifest.scene("SIBENIK").is_some_and(|s| s.cameras(SceneVariant::Real).len() >= 4));
     assert!(manifest.scene("CONFERENCE").is_some_and(|s| s.cameras(SceneVariant::Real).len() >= 4));
@@ -94,6 +98,7 @@ fn bad_manifests_are_refused_with_the_reason() {
         (wrong_count.clone(), "makes 12"),
         (wrong_count.replace("\"cube\"", "\"teapot\""), "no generator is called \"teapot\""),
         (wrong_count.replace("13", "12"), "no `cameras`"),
+        (GOOD.replace("publish = true", "displaced = true\ntextures = false"), "leave one of them out"),
         (twice, "listed twice"),
         ("version = 1\nscene = 3".into(), "scene"),
         ("version = ".into(), "test.toml"),

@@ -1,18 +1,22 @@
-//! The depth error of the octree in a file against the triangles that it was built from.
+//! The error of the octree in a file against the triangles that it was built from: depth, colours, normals and pictures.
 
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use esvo_builder::{BuildError, DisplaceOptions, Mesh, visit_displaced};
 use esvo_core::exact::{CameraRays, TriangleHit};
-use esvo_core::{Camera, CastOptions, Caster, View};
+use esvo_core::shading::{Surface, shade};
+use esvo_core::{Camera, CastOptions, Caster, Picture, View};
 use esvo_cpu::CpuCaster;
 use esvo_cpu::triangles::TriangleScene;
 use esvo_format::Octree;
 
 use crate::BenchError;
+use crate::error::attributes::{AttributeError, AttributeErrors, Exact};
 use crate::error::depth::{DepthError, DepthErrors, voxel_edges};
+use crate::error::image::image_error;
 use crate::picture_bench::cutout::cast_solid;
+use crate::picture_bench::mesh_picture::{shade_mesh, surfaces};
 use crate::scene::{Scene, displacement};
 
 /// The triangles of a scene and the exact hits of its rays.
@@ -34,15 +38,29 @@ enum SceneSurface {
 /// Triangles and the hits of the rays that were cast against them.
 struct Triangles {
     surface: SceneSurface,
-    /// Rays of each view and their hits. The rays depend on the position of the root cube, which is the same for all octrees of
-    /// a mesh.
-    views: Vec<(CameraRays, Vec<TriangleHit>)>,
+    /// What each view shows. Its rays depend on the position of the root cube, which is the same for all octrees of a mesh.
+    views: Vec<(CameraRays, Seen)>,
+}
+
+/// The triangles from one viewpoint, pixel by pixel.
+struct Seen {
+    hits: Vec<TriangleHit>,
+    surfaces: Vec<Surface>,
+    picture: Picture,
+}
+
+/// Errors of an octree whose rays end in one way.
+pub(crate) struct Error {
+    pub(crate) depth: DepthError,
+    pub(crate) attributes: AttributeError,
+    /// Mean FLIP over the views.
+    pub(crate) flip: Option<f64>,
 }
 
 /// Errors of an octree when rays end at leaves only, and when they end at voxels of one pixel.
 pub(crate) struct Errors {
-    pub(crate) leaves: DepthError,
-    pub(crate) pixel: DepthError,
+    pub(crate) leaves: Error,
+    pub(crate) pixel: Error,
 }
 
 impl Triangles {
@@ -61,20 +79,41 @@ impl Triangles {
         if rays.is_empty() {
             return Ok(());
         }
-        let hits = match &self.surface {
+        let seen = match &self.surface {
             SceneSurface::AsItIs(triangles) => {
-                rays.iter().map(|rays| cast_solid(&scene.mesh, triangles, rays)).collect()
+                rays.iter().map(|rays| Seen::new(&scene.mesh, triangles, rays)).collect()
             }
-            SceneSurface::Displaced(options) => cast_displaced(&scene.mesh, options, &rays)
+            SceneSurface::Displaced(options) => see_displaced(&scene.mesh, options, &rays)
                 .map_err(|e| BenchError::scene(&scene.name, e.to_string()))?,
         };
-        self.views.extend(rays.into_iter().zip(hits));
+        self.views.extend(rays.into_iter().zip(seen));
         Ok(())
     }
 
-    /// The hits of rays that were cast.
-    fn hits(&self, rays: &CameraRays) -> &[TriangleHit] {
-        self.views.iter().find(|(known, _)| known == rays).map_or(&[], |(_, hits)| hits)
+    /// What rays that were cast show.
+    fn seen(&self, rays: &CameraRays) -> Option<&Seen> {
+        self.views.iter().find(|(known, _)| known == rays).map(|(_, seen)| seen)
+    }
+}
+
+impl Seen {
+    fn new(mesh: &Mesh, triangles: &TriangleScene, rays: &CameraRays) -> Self {
+        let hits = cast_solid(mesh, triangles, rays);
+        let (surfaces, picture) = (surfaces(mesh, rays, &hits), shade_mesh(mesh, rays, &hits));
+        Self { hits, surfaces, picture }
+    }
+
+    /// Takes over the pixels in which other triangles are nearer.
+    fn add(&mut self, other: Self) {
+        for (pixel, hit) in other.hits.into_iter().enumerate() {
+            let known = &mut self.hits[pixel];
+            if !hit.is_miss() && (known.is_miss() || hit.t < known.t) {
+                *known = hit;
+                self.surfaces[pixel] = other.surfaces[pixel];
+                let bytes = 3 * pixel..3 * pixel + 3;
+                self.picture.rgb8[bytes.clone()].copy_from_slice(&other.picture.rgb8[bytes]);
+            }
+        }
     }
 }
 
@@ -82,29 +121,27 @@ fn sorted(mesh: &Mesh) -> Result<TriangleScene, impl std::error::Error + use<>> 
     TriangleScene::new(mesh.triangles.iter().map(|t| t.map(|v| mesh.positions[v as usize])).collect())
 }
 
-/// What the rays of pictures hit first of a displaced mesh, with holes as in [`cast_solid`]. Part by part: on deep levels the mesh
-/// does not fit into memory as a whole. The triangles' numbers are those in some part.
-fn cast_displaced(
-    mesh: &Mesh,
-    options: &DisplaceOptions,
-    rays: &[CameraRays],
-) -> Result<Vec<Vec<TriangleHit>>, BuildError> {
-    let nothing = |rays: &CameraRays| Mutex::new(vec![TriangleHit::MISS; rays.pixels()]);
-    let found: Vec<Mutex<Vec<TriangleHit>>> = rays.iter().map(nothing).collect();
+/// What pictures show of a displaced mesh, with holes as in [`cast_solid`]. Part by part: on deep levels the mesh does not fit into
+/// memory as a whole. The triangles' numbers are those in some part.
+fn see_displaced(mesh: &Mesh, options: &DisplaceOptions, rays: &[CameraRays]) -> Result<Vec<Seen>, BuildError> {
+    let found: Vec<Mutex<Option<Seen>>> = rays.iter().map(|_| Mutex::new(None)).collect();
     visit_displaced(mesh, options, &|part| {
         // Fails if none of the triangles has an area: then no ray hits them.
         let Ok(triangles) = sorted(part) else { return };
-        for (rays, hits) in rays.iter().zip(&found) {
-            let of_part = cast_solid(part, &triangles, rays);
-            let mut hits = hits.lock().unwrap_or_else(PoisonError::into_inner);
-            for (hit, other) in hits.iter_mut().zip(of_part) {
-                if !other.is_miss() && (hit.is_miss() || other.t < hit.t) {
-                    *hit = other;
-                }
+        for (rays, found) in rays.iter().zip(&found) {
+            let of_part = Seen::new(part, &triangles, rays);
+            let mut found = found.lock().unwrap_or_else(PoisonError::into_inner);
+            match &mut *found {
+                Some(found) => found.add(of_part),
+                None => *found = Some(of_part),
             }
         }
     })?;
-    Ok(found.into_iter().map(|hits| hits.into_inner().unwrap_or_else(PoisonError::into_inner)).collect())
+    let nothing = || BuildError::Mesh("none of its triangles has an area; a mesh needs at least one".into());
+    found
+        .into_iter()
+        .map(|seen| seen.into_inner().unwrap_or_else(PoisonError::into_inner).ok_or_else(nothing))
+        .collect()
 }
 
 impl SceneTruth {
@@ -139,14 +176,24 @@ impl SceneTruth {
         triangles.cast(scene, rays.map_err(cast)?)?;
         let mut hits = Vec::new();
         let [leaves, pixel] = [0.0, 1.0].map(|max_voxel_pixels| {
-            let mut errors = DepthErrors::default();
+            let mut depth = DepthErrors::default();
+            let mut attributes = AttributeErrors::default();
+            let mut flips = Vec::new();
             for view in &scene.views {
                 let view = view_of(&view.camera, max_voxel_pixels)?;
                 caster.cast(&view, &mut hits)?;
                 let rays = CameraRays::of_view(&view, to_mesh);
-                errors.add(&rays, triangles.hits(&rays), &hits, edges);
+                let Some(seen) = triangles.seen(&rays) else { continue };
+                depth.add(&rays, &seen.hits, &hits, edges);
+                let exact = Exact { hits: &seen.hits, surfaces: &seen.surfaces };
+                attributes.add(&octree, &view, exact, &hits, edges.finest, f64::from(max_voxel_pixels));
+                // Where voxels are smaller than a pixel, pictures of leaves show noise.
+                if max_voxel_pixels > 0.0 {
+                    flips.extend(image_error(&seen.picture, &shade(&octree, &view, &hits)).map(|e| e.flip));
+                }
             }
-            Ok(errors.finish())
+            let flip = (!flips.is_empty()).then(|| flips.iter().sum::<f64>() / flips.len() as f64);
+            Ok(Error { depth: depth.finish(), attributes: attributes.finish(), flip })
         });
         Ok(Errors { leaves: leaves.map_err(cast)?, pixel: pixel.map_err(cast)? })
     }
@@ -185,8 +232,8 @@ mod tests {
             hits.iter().zip(&expected).filter(differs).count()
         };
         assert!(expected.iter().filter(|hit| !hit.is_miss()).count() > 1500);
-        assert_eq!(differing(&cast_displaced(&mesh, &options, &[rays]).unwrap()[0]), 0);
+        assert_eq!(differing(&see_displaced(&mesh, &options, &[rays]).unwrap()[0].hits), 0);
         let coarser = DisplaceOptions { cell: 3.0 * options.cell, ..options };
-        assert!(differing(&cast_displaced(&mesh, &coarser, &[rays]).unwrap()[0]) > 1000);
+        assert!(differing(&see_displaced(&mesh, &coarser, &[rays]).unwrap()[0].hits) > 1000);
     }
 }

@@ -1,9 +1,11 @@
-//! One build in a process of its own, so that its peak memory can be measured, and the limits of that process.
+//! One build in a process of its own, so that its peak memory and its processor time can be measured, and the limits of that process.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
+
+use serde::de::DeserializeOwned;
 
 use super::plan::Contours;
 use super::record::Limit;
@@ -43,10 +45,14 @@ pub(crate) struct BuildJob<'a> {
     pub(crate) seconds_of: Limit,
 }
 
-/// How a build ended.
-pub(crate) enum Ended {
+/// How a build ended. `Report` is what is read of what the program prints.
+pub(crate) enum Ended<Report> {
     /// The octree is written.
-    Done(Box<BuildSummary>),
+    Done {
+        report: Box<Report>,
+        /// Processor time of the process, user and system, in seconds; `None` if the system does not tell.
+        cpu_seconds: Option<f64>,
+    },
     /// There is no octree. The limit that was exceeded, and the reason in words.
     Stopped(Limit, String),
 }
@@ -71,11 +77,24 @@ impl BuildJob<'_> {
         command
     }
 
+    /// Runs the build by this version of the program: see [`BuildJob::run_as`].
+    ///
+    /// # Errors
+    /// As there.
+    pub(crate) fn run(&self) -> Result<Ended<BuildSummary>, BenchError> {
+        let mut ended = self.run_as::<BuildSummary>()?;
+        if let Ended::Done { report, .. } = &mut ended {
+            // Only the file name: the folder is temporary.
+            report.output = Path::new(&report.output).file_name().unwrap_or_default().to_string_lossy().into_owned();
+        }
+        Ok(ended)
+    }
+
     /// Runs the build until it ends or exceeds a limit. A failed build counts as [`Limit::Failed`].
     ///
     /// # Errors
     /// The program cannot be started, or its report cannot be read.
-    pub(crate) fn run(&self) -> Result<Ended, BenchError> {
+    pub(crate) fn run_as<Report: DeserializeOwned>(&self) -> Result<Ended<Report>, BenchError> {
         let failed = |what: String| {
             let what = format!("{} at {} levels, {}: {what}", self.scene, self.levels, self.contours.title());
             BenchError::scene(self.scene, what)
@@ -88,9 +107,9 @@ impl BuildJob<'_> {
         command.stdin(Stdio::null()).stdout(create(&out)?).stderr(create(&err)?);
         let start = Instant::now();
         let process = Process::start(&mut command).map_err(|e| BenchError::io(self.program, e))?;
-        let status = loop {
-            if let Some(status) = process.ended().map_err(|e| BenchError::io(self.program, e))? {
-                break status;
+        let exit = loop {
+            if let Some(exit) = process.ended().map_err(|e| BenchError::io(self.program, e))? {
+                break exit;
             }
             if start.elapsed().as_secs_f64() > self.seconds {
                 return stopped(self.seconds_of, format!("stopped at the limit of {:.0} s", self.seconds));
@@ -103,20 +122,19 @@ impl BuildJob<'_> {
             std::thread::sleep(POLL);
         };
         let read = |path: &PathBuf| std::fs::read(path).map(|b| String::from_utf8_lossy(&b).into_owned());
-        if !status.success() {
+        if !exit.status.success() {
             let log = read(&err).unwrap_or_default();
             let last = log.lines().last().unwrap_or("it printed no error");
             return stopped(Limit::Failed, format!("the build failed: {}", last.trim_start_matches("error: ")));
         }
         let text = read(&out).map_err(|e| BenchError::io(&out, e))?;
-        let mut summary: BuildSummary =
+        let report: Report =
             serde_json::from_str(&text).map_err(|e| failed(format!("its report cannot be read: {e}")))?;
-        if summary.file_bytes as f64 > self.disk {
-            let what = format!("its file took {:.1} GB of disk; see --disk", summary.file_bytes as f64 / GB);
+        let bytes = std::fs::metadata(self.output).map_err(|e| BenchError::io(self.output, e))?.len() as f64;
+        if bytes > self.disk {
+            let what = format!("its file took {:.1} GB of disk; see --disk", bytes / GB);
             return stopped(Limit::Disk, what);
         }
-        // Only the file name: the folder is temporary.
-        summary.output = Path::new(&summary.output).file_name().unwrap_or_default().to_string_lossy().into_owned();
-        Ok(Ended::Done(Box::new(summary)))
+        Ok(Ended::Done { report: Box::new(report), cpu_seconds: exit.cpu.map(|cpu| cpu.as_secs_f64()) })
     }
 }

@@ -4,6 +4,7 @@
 //! Every octree is built in a process of its own, which reports a [`BuildSummary`](crate::build_summary::BuildSummary).
 
 mod accuracy;
+mod beside;
 mod child;
 mod limit;
 mod output;
@@ -13,10 +14,11 @@ mod record;
 mod saved;
 mod tables;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use esvo_scenes::{SceneEntry, SceneVariant};
 
+use crate::build_summary::BuildSummary;
 use crate::matrix_parts::LeftOut;
 use crate::scene::{self, Scene, SceneSource};
 use crate::system::clock::Clock;
@@ -26,11 +28,15 @@ use crate::system::scratch::Scratch;
 use crate::units::GB;
 use crate::{BenchError, Progress};
 use accuracy::{Errors, SceneTruth};
+use beside::OtherSummary;
 use child::{BuildJob, Ended};
 
 pub use output::write_build_record;
 pub use plan::{BuildMatrix, Contours};
-pub use record::{BuildReport, BuildRow, BuildSample, Limit, Measure, SCHEMA, SavedLevels, SceneBuilds, Stopped};
+pub use record::{
+    BesideBuilds, BuildReport, BuildRow, BuildSample, Limit, Measure, OtherProgram, SCHEMA, SavedLevels, SceneBuilds,
+    Stopped,
+};
 pub use tables::{to_markdown, to_text};
 
 /// What [`run_build_bench`] measures.
@@ -44,6 +50,8 @@ pub struct BuildBenchOptions {
     pub manifest: Option<PathBuf>,
     /// The program whose `build` command is run: usually the `esvo` that is running.
     pub program: PathBuf,
+    /// Another esvo program, of an earlier version for instance, that builds each octree in the same rounds.
+    pub beside: Option<PathBuf>,
 }
 
 /// Builds all octrees of the matrix that its limits allow. Passes the report to `save` after every octree, so that a run that
@@ -51,7 +59,8 @@ pub struct BuildBenchOptions {
 /// run continues with the others.
 ///
 /// # Errors
-/// A scene that does not exist, a mesh that cannot be used, a repeated build with a different result, an error of `save`.
+/// A scene that does not exist, a mesh that cannot be used, a repeated build with a different result, another program that cannot be
+/// started, an error of `save`.
 pub fn run_build_bench(
     options: &BuildBenchOptions,
     progress: &Progress,
@@ -73,10 +82,10 @@ pub fn run_build_bench(
         left_out: matrix.left_out.clone(),
         seconds: 0.0,
         complete: false,
+        beside: options.beside.as_deref().map(beside::identify).transpose()?,
     };
     let clock = Clock::start(matrix.time_limit_seconds);
-    let mut runner =
-        BuildRun { options, progress, clock, file: scratch.file("octree.esvo"), entries: Vec::new(), report, save };
+    let mut runner = BuildRun { options, progress, clock, scratch: &scratch, entries: Vec::new(), report, save };
     for (entry, levels) in entries {
         runner.scene(entry, levels)?;
     }
@@ -92,8 +101,7 @@ struct BuildRun<'a> {
     options: &'a BuildBenchOptions,
     progress: &'a Progress,
     clock: Clock,
-    /// The file of the octree that is being built or measured.
-    file: PathBuf,
+    scratch: &'a Scratch,
     /// Names in the manifest of the report's scenes.
     entries: Vec<String>,
     report: BuildReport,
@@ -149,26 +157,42 @@ impl BuildRun<'_> {
             return Ok(Some(refused));
         }
         let load = proc::load();
-        let scene = self.report.scenes.len() - 1;
-        let ended = self.build(scene, ladder.stand_in, level, kind, &format!("at {level} levels"));
-        let build = match ended? {
+        let octree = OctreeOf { scene: self.report.scenes.len() - 1, stand_in: ladder.stand_in, levels: level, kind };
+        let file = self.scratch.file(OURS);
+        let (build, cpu_seconds) = match self.build(octree, &format!("at {level} levels"))? {
             Ended::Stopped(limit, why) => {
-                self.remove();
+                remove(&file);
                 return Ok(Some((limit, why)));
             }
-            Ended::Done(build) => build,
+            Ended::Done { report, cpu_seconds } => (report, cpu_seconds),
         };
+        let mut beside = None;
+        self.build_beside(octree, "the first time", &mut beside)?;
         self.progress.say(format!("{name}: error at {level} levels, {}", kind.title()));
-        let errors = ladder.truth.errors(&self.file, level);
-        self.remove();
-        let sample = BuildSample { seconds: build.seconds, peak_bytes: build.peak_bytes, load };
-        let (errors, failed) = match errors {
-            Ok(Errors { leaves, pixel }) => ([Some(leaves), Some(pixel)], None),
-            Err(e) => ([None, None], Some((Limit::Failed, format!("casting it: {e}")))),
+        let errors = ladder.truth.errors(&file, level);
+        remove(&file);
+        let sample = BuildSample { seconds: build.seconds, peak_bytes: build.peak_bytes, cpu_seconds, load };
+        let mut row = BuildRow {
+            levels: level,
+            contours: kind,
+            build: *build,
+            samples: vec![sample],
+            error: None,
+            error_at_pixel: None,
+            attributes: None,
+            attributes_at_pixel: None,
+            flip_at_pixel: None,
+            beside,
         };
-        let [error, error_at_pixel] = errors;
-        let row =
-            BuildRow { levels: level, contours: kind, build: *build, samples: vec![sample], error, error_at_pixel };
+        let failed = match errors {
+            Ok(Errors { leaves, pixel }) => {
+                (row.error, row.attributes) = (Some(leaves.depth), Some(leaves.attributes));
+                (row.error_at_pixel, row.attributes_at_pixel) = (Some(pixel.depth), Some(pixel.attributes));
+                row.flip_at_pixel = pixel.flip;
+                None
+            }
+            Err(e) => Some((Limit::Failed, format!("casting it: {e}"))),
+        };
         let builds = self.builds();
         builds.rows.push(row);
         builds.saved = saved::saved(&builds.rows);
@@ -190,11 +214,22 @@ impl BuildRun<'_> {
             if all > self.options.matrix.repeat_below_seconds || all > self.clock.left() {
                 continue;
             }
+            let octree = OctreeOf { scene: s, stand_in, levels, kind };
+            let what = format!("round {}", round + 1);
+            // Builds of the two programs are pairs. Every second round begins with the other one.
+            let paired = row.beside.as_ref().is_some_and(|beside| beside.samples.len() == row.samples.len());
+            let mut beside = row.beside.clone().filter(|_| paired);
+            let other_first = round % 2 == 1;
+            if paired && other_first {
+                self.build_beside(octree, &what, &mut beside)?;
+            }
             let load = proc::load();
-            let what = format!("at {levels} levels, round {}", round + 1);
-            let ended = self.build(s, stand_in, levels, kind, &what);
-            self.remove();
-            let Ended::Done(build) = ended? else { continue };
+            let ended = self.build(octree, &format!("at {levels} levels, {what}"));
+            remove(&self.scratch.file(OURS));
+            let Ended::Done { report: build, cpu_seconds } = ended? else { continue };
+            if paired && !other_first {
+                self.build_beside(octree, &what, &mut beside)?;
+            }
             let row = &mut self.report.scenes[s].rows[r];
             if (build.voxels, build.image_bytes) != (row.build.voxels, row.build.image_bytes) {
                 let what = format!(
@@ -208,39 +243,64 @@ impl BuildRun<'_> {
                 );
                 return Err(BenchError::scene(&name, what));
             }
-            row.samples.push(BuildSample { seconds: build.seconds, peak_bytes: build.peak_bytes, load });
+            row.samples.push(BuildSample { seconds: build.seconds, peak_bytes: build.peak_bytes, cpu_seconds, load });
+            if paired {
+                row.beside = beside;
+            }
             self.save()?;
         }
         Ok(())
     }
 
-    /// Builds an octree of a scene, given by its index in the report.
-    fn build(
-        &self,
-        scene: usize,
-        stand_in: bool,
-        levels: u32,
-        contours: Contours,
+    /// Builds an octree in the file [`OURS`].
+    fn build(&self, octree: OctreeOf, what: &str) -> Result<Ended<BuildSummary>, BenchError> {
+        let name = &self.report.scenes[octree.scene].name;
+        self.progress.say(format!("{name}: building {}, {what}", octree.kind.title()));
+        self.job(octree, &self.options.program, &self.scratch.file(OURS)).run()
+    }
+
+    /// Builds an octree by the other program, if there is one, and adds the build to `builds`. Why it does not build it is recorded once.
+    fn build_beside(
+        &mut self,
+        octree: OctreeOf,
         what: &str,
-    ) -> Result<Ended, BenchError> {
-        self.progress.say(format!("{}: building {}, {what}", self.report.scenes[scene].name, contours.title()));
+        builds: &mut Option<BesideBuilds>,
+    ) -> Result<(), BenchError> {
+        let Some(program) = &self.options.beside else { return Ok(()) };
+        let name = &self.report.scenes[octree.scene].name;
+        let kind = octree.kind.title();
+        self.progress.say(format!("{name}: building {kind} by the other program, {what}"));
+        let file = self.scratch.file("beside.esvo");
+        let load = proc::load();
+        let ended = self.job(octree, program, &file).run_as::<OtherSummary>();
+        remove(&file);
+        match ended? {
+            Ended::Done { report, cpu_seconds } => beside::add(builds, &report, cpu_seconds, load),
+            Ended::Stopped(_, reason) => {
+                let what = format!("{name}, {kind}, at {} levels, by the other program, {what}", octree.levels);
+                self.report.left_out.push(LeftOut { what, reason });
+            }
+        }
+        Ok(())
+    }
+
+    fn job<'j>(&'j self, octree: OctreeOf, program: &'j Path, output: &'j Path) -> BuildJob<'j> {
         let matrix = &self.options.matrix;
         let left = self.clock.left().max(1.0);
-        let job = BuildJob {
-            program: &self.options.program,
+        BuildJob {
+            program,
             scenes_dir: self.options.scenes_dir.as_deref(),
             manifest: self.options.manifest.as_deref(),
-            scene: &self.entries[scene],
-            stand_in,
-            levels,
-            contours,
-            output: &self.file,
+            scene: &self.entries[octree.scene],
+            stand_in: octree.stand_in,
+            levels: octree.levels,
+            contours: octree.kind,
+            output,
             memory: matrix.memory_gb * GB,
             disk: matrix.disk_gb * GB,
             seconds: matrix.build_limit_seconds.min(left),
             seconds_of: if left < matrix.build_limit_seconds { Limit::Run } else { Limit::Build },
-        };
-        job.run()
+        }
     }
 
     /// Records that the octrees of a kind end before `levels`.
@@ -253,11 +313,23 @@ impl BuildRun<'_> {
         builds.stopped.push(Stopped { contours: kind, levels: first, limit, why });
         self.report.left_out.push(LeftOut { what, reason });
     }
+}
 
-    /// Removes the octree's file. A stopped build may have left none, so errors are ignored.
-    fn remove(&self) {
-        let _ = std::fs::remove_file(&self.file);
-    }
+/// Name of the file of the octree that is being built or measured.
+const OURS: &str = "octree.esvo";
+
+/// Removes an octree's file. A stopped build may have left none, so errors are ignored.
+fn remove(file: &Path) {
+    let _ = std::fs::remove_file(file);
+}
+
+/// An octree of a scene, which is given by its index in the report.
+#[derive(Clone, Copy)]
+struct OctreeOf {
+    scene: usize,
+    stand_in: bool,
+    levels: u32,
+    kind: Contours,
 }
 
 /// Data that is kept while the levels of a scene are built.

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::plan::{BuildMatrix, Contours};
 use crate::build_summary::{BuildSeconds, BuildSummary};
+use crate::error::attributes::AttributeError;
 use crate::error::depth::{DepthError, Summary};
 use crate::matrix_parts::LeftOut;
 use crate::output::to_json;
@@ -34,6 +35,16 @@ pub struct BuildReport {
     /// Whether the run was completed. False: it was stopped, and this is what it had measured.
     #[serde(default = "yes")]
     pub complete: bool,
+    /// The program that built each octree beside this one, if one was given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub beside: Option<OtherProgram>,
+}
+
+/// Another esvo program, which builds the same octrees in the same rounds.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+pub struct OtherProgram {
+    /// The commit of its source, as its `--version` names it; `unknown` if it does not.
+    pub commit: String,
 }
 
 /// Everything about one scene.
@@ -82,6 +93,30 @@ pub struct BuildRow {
     pub error: Option<DepthError>,
     /// Distance from the triangles when rays end at voxels of one pixel.
     pub error_at_pixel: Option<DepthError>,
+    /// Colours and normals against those of the triangles when rays end at leaves only. Older records lack it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub attributes: Option<AttributeError>,
+    /// The same when rays end at voxels of one pixel.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub attributes_at_pixel: Option<AttributeError>,
+    /// FLIP of the picture whose rays end at voxels of one pixel beside that of the triangles: mean over the pixels and viewpoints, 0 to 1.
+    /// Older records lack it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub flip_at_pixel: Option<f64>,
+    /// The same octree by [`BuildReport::beside`]; `None` if there is no such program, or if it did not build this octree.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub beside: Option<BesideBuilds>,
+}
+
+/// The builds of an octree by another program, each beside the build of the same number in [`BuildRow::samples`].
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+pub struct BesideBuilds {
+    /// Voxels of its octree, without the root.
+    pub voxels: u64,
+    /// Bytes of its image.
+    pub image_bytes: u64,
+    /// All its builds.
+    pub samples: Vec<BuildSample>,
 }
 
 /// Time and memory of one build.
@@ -91,6 +126,10 @@ pub struct BuildSample {
     pub seconds: BuildSeconds,
     /// Most memory that the process ever held, import included.
     pub peak_bytes: u64,
+    /// Processor time of the whole process, user and system, in seconds: import, build and writing. `None` if the system does not tell;
+    /// older records lack it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cpu_seconds: Option<f64>,
     /// Load of the machine over the minute before the build, 0 if the system does not say. Above 1: other programs were running.
     pub load: f64,
 }
@@ -184,6 +223,18 @@ impl BuildRow {
         self.spread(|s| s.seconds.build).median
     }
 
+    /// Median and quartiles of the processor time of the whole process in seconds; `None` if a build has none.
+    pub fn cpu_seconds(&self) -> Option<Spread> {
+        Spread::of(&self.samples.iter().map(|s| s.cpu_seconds).collect::<Option<Vec<_>>>()?)
+    }
+
+    /// Processor time of the other program divided by that of this one: median over the rounds in which both built the octree.
+    pub fn cpu_ratio_beside(&self) -> Option<f64> {
+        let pairs = self.samples.iter().zip(&self.beside.as_ref()?.samples);
+        let ratios: Vec<f64> = pairs.filter_map(|(ours, other)| Some(other.cpu_seconds? / ours.cpu_seconds?)).collect();
+        Spread::of(&ratios).map(|ratio| ratio.median)
+    }
+
     /// Size of the image in MiB.
     pub fn mib(&self) -> f64 {
         self.build.image_bytes as f64 / MIB
@@ -269,7 +320,19 @@ pub(crate) mod tests {
             kinds: Vec::new(),
             warnings: Vec::new(),
         };
-        let sample = BuildSample { seconds: build.seconds, peak_bytes: build.peak_bytes, load: 0.0 };
-        BuildRow { levels, contours, build, samples: vec![sample], error: None, error_at_pixel: None }
+        let cpu_seconds = Some(2.0 * seconds);
+        let sample = BuildSample { seconds: build.seconds, peak_bytes: build.peak_bytes, cpu_seconds, load: 0.0 };
+        BuildRow {
+            levels,
+            contours,
+            build,
+            samples: vec![sample],
+            error: None,
+            error_at_pixel: None,
+            attributes: None,
+            attributes_at_pixel: None,
+            flip_at_pixel: None,
+            beside: None,
+        }
     }
 }

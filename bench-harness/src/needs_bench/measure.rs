@@ -64,7 +64,8 @@ pub fn resume_needs_bench(
     let mut scenes = options.scenes.clone();
     if scenes.is_empty() {
         let all = manifest.scenes.iter();
-        scenes = all.filter(|s| !s.displaced && s.unsupported.is_none()).map(|s| s.name.clone()).collect();
+        scenes =
+            all.filter(|s| !s.displaced && s.textures && s.unsupported.is_none()).map(|s| s.name.clone()).collect();
     }
     for (done, name) in scenes.iter().enumerate() {
         progress.parts(done, scenes.len(), elapsed());

@@ -31,7 +31,8 @@ pub const SCHEMA: u32 = 1;
 /// What [`run_needs_bench`] measures.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct NeedsBenchOptions {
-    /// Names of the scenes; empty: all of the manifest that are built as they are, which leaves out SIBENIK-D, displaced at each level.
+    /// Names of the scenes; empty: all of the manifest that are built as they are, which leaves out SIBENIK-D, displaced at each
+    /// level, and SIBENIK-PLAIN, whose textures are dropped.
     pub scenes: Vec<String>,
     /// Levels of their octrees. Small octrees have no far pointers.
     pub levels: Vec<u32>,

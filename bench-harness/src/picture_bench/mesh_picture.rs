@@ -5,6 +5,7 @@ use esvo_core::Picture;
 use esvo_core::exact::{CameraRays, TriangleHit};
 use esvo_core::shading::{Surface, encode_srgb, shade_triangles};
 use glam::{DVec3, Vec2, Vec3, Vec4};
+use rayon::prelude::*;
 
 /// Shades the hits of rays with the mesh's colours, textures and shading normals.
 pub(crate) fn shade_mesh(mesh: &Mesh, rays: &CameraRays, hits: &[TriangleHit]) -> Picture {
@@ -12,6 +13,18 @@ pub(crate) fn shade_mesh(mesh: &Mesh, rays: &CameraRays, hits: &[TriangleHit]) -
     shade_triangles(rays, hits, |triangle, point| {
         Looked::at(mesh, triangle as usize, point, per_distance * point.distance(rays.origin)).surface()
     })
+}
+
+/// The surface at each hit, with its textures at full resolution between their texels; that of a miss has no normal and is black.
+pub(crate) fn surfaces(mesh: &Mesh, rays: &CameraRays, hits: &[TriangleHit]) -> Vec<Surface> {
+    let surface = |(index, hit): (usize, &TriangleHit)| {
+        if hit.is_miss() {
+            return Surface { normal: DVec3::ZERO, color: [0.0; 3] };
+        }
+        let ray = rays.ray_at(index);
+        Looked::at(mesh, hit.triangle as usize, ray.origin + ray.direction * hit.t, 0.0).surface()
+    };
+    hits.par_iter().enumerate().map(surface).collect()
 }
 
 /// Footprint of a pixel at a point, divided by the distance of the point from the eye. It is about the same for all rays, as

@@ -18,6 +18,30 @@ pub(crate) fn of_thread() -> Option<Duration> {
     None
 }
 
+/// Processor time of all processes that this one started, that have ended and that were waited for: user and system, theirs and that of
+/// their own children. `None` if the system does not tell.
+pub(crate) fn of_ended_children() -> Option<Duration> {
+    #[cfg(unix)]
+    return usage_of_children();
+    #[cfg(not(unix))]
+    None
+}
+
+#[cfg(unix)]
+fn usage_of_children() -> Option<Duration> {
+    let mut usage = std::mem::MaybeUninit::<libc::rusage>::uninit();
+    // The standard library waits for children without asking what they took.
+    // SAFETY: `usage` is large enough for an rusage and lives until the call returns, and the call writes nothing else.
+    let failed = unsafe { libc::getrusage(libc::RUSAGE_CHILDREN, usage.as_mut_ptr()) } != 0;
+    if failed {
+        return None;
+    }
+    // SAFETY: a call that does not fail fills in all of it, and all bits are valid in an rusage of integers.
+    let usage = unsafe { usage.assume_init() };
+    let of = |time: libc::timeval| Duration::new(time.tv_sec as u64, time.tv_usec as u32 * 1000);
+    Some(of(usage.ru_utime) + of(usage.ru_stime))
+}
+
 #[cfg(unix)]
 fn clock(clock: libc::clockid_t) -> Option<Duration> {
     let mut time = libc::timespec { tv_sec: 0, tv_nsec: 0 };

@@ -3,7 +3,9 @@
 use std::io;
 use std::process::{Child, Command, ExitStatus};
 use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
+use crate::system::cpu_time::of_ended_children;
 use crate::system::proc::status_bytes;
 use crate::system::scratch::remove_temporaries;
 
@@ -12,6 +14,14 @@ static RUNNING: Mutex<Vec<Child>> = Mutex::new(Vec::new());
 
 fn running() -> MutexGuard<'static, Vec<Child>> {
     RUNNING.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// How a process ended.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct Exit {
+    pub(crate) status: ExitStatus,
+    /// Processor time of the process, user and system; `None` if the system does not tell, or if this was asked before.
+    pub(crate) cpu: Option<Duration>,
 }
 
 /// A child process. It is killed when this is dropped, or by [`interrupted`].
@@ -27,13 +37,16 @@ impl Process {
         Ok(Self { id })
     }
 
-    /// The exit status; `None` while the process runs.
-    pub(crate) fn ended(&self) -> io::Result<Option<ExitStatus>> {
-        match running().iter_mut().find(|child| child.id() == self.id) {
-            Some(child) => child.try_wait(),
-            // `interrupted` has removed it: this program is about to end.
-            None => Ok(None),
-        }
+    /// How the process ended; `None` while it runs.
+    pub(crate) fn ended(&self) -> io::Result<Option<Exit>> {
+        // No other of these processes is waited for while this is locked, so that the difference is what this one took.
+        let mut running = running();
+        // `interrupted` may have removed it: this program is about to end.
+        let Some(child) = running.iter_mut().find(|child| child.id() == self.id) else { return Ok(None) };
+        let before = of_ended_children();
+        let Some(status) = child.try_wait()? else { return Ok(None) };
+        let cpu = of_ended_children().zip(before).map(|(after, before)| after.saturating_sub(before));
+        Ok(Some(Exit { status, cpu: cpu.filter(|cpu| !cpu.is_zero()) }))
     }
 
     /// Bytes of anonymous memory that the process holds; mapped pages of files are not counted, as the system can drop them at
@@ -79,12 +92,30 @@ mod tests {
         while short.ended().unwrap().is_none() && began.elapsed() < Duration::from_secs(60) {
             std::thread::sleep(Duration::from_millis(5));
         }
-        assert!(short.ended().unwrap().is_some_and(|status| status.success()));
+        assert!(short.ended().unwrap().is_some_and(|exit| exit.status.success()));
         assert_eq!(long.ended().unwrap(), None);
         assert!(cfg!(not(target_os = "linux")) || long.held_bytes().is_some());
         let id = long.id;
         drop(long);
+        // Asked again, it has no time of its own any more, nor that of the process that was killed meanwhile.
+        assert_eq!(short.ended().unwrap().unwrap().cpu, None);
         assert!(running().iter().all(|child| child.id() != id));
         assert_eq!(status_bytes(&id.to_string(), "VmRSS:"), None);
+    }
+
+    #[test]
+    fn the_processor_time_of_a_process_is_its_own() {
+        let run = |program: &str, argument: &str| {
+            let process = Process::start(Command::new(program).args(["-c", argument])).unwrap();
+            loop {
+                if let Some(exit) = process.ended().unwrap() {
+                    break exit.cpu.unwrap_or_default();
+                }
+                std::thread::sleep(Duration::from_millis(5));
+            }
+        };
+        let busy = run("sh", "i=0; while [ $i -lt 200000 ]; do i=$((i+1)); done");
+        let idle = run("sh", "sleep 0.3");
+        assert!(busy > Duration::from_millis(20) && idle < busy, "{busy:?} {idle:?}");
     }
 }

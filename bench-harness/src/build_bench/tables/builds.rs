@@ -3,7 +3,7 @@
 use super::{millions, rows};
 use crate::build_bench::record::BuildReport;
 use crate::build_summary::BuildSeconds;
-use crate::text::{TextTable, short};
+use crate::text::{TextTable, or_dash, short};
 use crate::units::MIB;
 
 /// One row for each octree.
@@ -14,6 +14,7 @@ pub(super) fn builds(report: &BuildReport) -> TextTable {
         "levels",
         "triangles",
         "seconds",
+        "CPU s",
         "builds",
         "import",
         "prepare",
@@ -30,7 +31,8 @@ pub(super) fn builds(report: &BuildReport) -> TextTable {
     let mut table = TextTable::new("Builds", 2, &head);
     table.notes = vec![
         "Seconds: from the mesh in memory to the octree in its file, median ± half the distance between the quartiles. Prepare, \
-         voxelize and write (placing and writing blocks) are parts of them; import is not."
+         voxelize and write (placing and writing blocks) are parts of them; import is not. CPU s: processor time of the whole \
+         process, user and system, import included."
             .into(),
         "Triangles: in millions, after displacement. SIBENIK-D is displaced in cells of two finest voxels, and displacing \
          counts as import."
@@ -49,6 +51,7 @@ pub(super) fn builds(report: &BuildReport) -> TextTable {
             row.levels.to_string(),
             millions(row.build.triangles),
             format!("{} ±{:.0}%", short(seconds.median), seconds.percent()),
+            or_dash(row.cpu_seconds().map(|cpu| format!("{} ±{:.0}%", short(cpu.median), cpu.percent()))),
             row.samples.len().to_string(),
             phase(|s| s.import),
             phase(|s| s.prepare),

@@ -1,6 +1,8 @@
 //! The tables of `esvo bench build`, from a [`BuildReport`]: the paper's Table 1 and comparisons with the authors' builder.
 
+mod attributes;
 mod authors;
+mod beside;
 mod builds;
 mod errors;
 mod saved;
@@ -10,7 +12,9 @@ use super::peers::Authors;
 use super::record::{BuildReport, BuildRow, SceneBuilds};
 use crate::paper_bench::paper::Paper;
 use crate::text::{Document, TextTable, short};
-use authors::{beside_authors, errors_beside_authors};
+use attributes::attributes;
+use authors::beside_authors;
+use beside::beside;
 use builds::builds;
 use errors::errors;
 use saved::saved;
@@ -19,14 +23,15 @@ use table1::table1;
 /// Every table of a report, in the order of printing.
 fn tables(report: &BuildReport) -> Vec<TextTable> {
     let (paper, authors) = (Paper::figures(), Authors::figures());
-    let mut tables = vec![
-        beside_authors(report, &authors),
-        errors_beside_authors(report, &authors),
+    let mut tables = beside_authors(report, &authors);
+    tables.extend([
         builds(report),
+        beside(report),
         table1(report, &paper),
         saved(report),
         errors(report),
-    ];
+        attributes(report),
+    ]);
     tables.retain(|t| !t.rows.is_empty());
     tables
 }
@@ -127,6 +132,7 @@ pub(super) mod tests {
             left_out: Vec::new(),
             seconds: 1.0,
             complete: false,
+            beside: None,
         }
     }
 

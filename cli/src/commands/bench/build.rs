@@ -13,8 +13,9 @@ use crate::fail::{Failure, complain, print};
 /// Measure building: seconds, memory, bytes and error against the triangles.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Each octree is built in a process of its own and compared with the triangles of its mesh. Tables
-show the figures of the paper and of its authors' builder too. A deeper level is left out if the
+Each octree is built in a process of its own and compared with the triangles of its mesh: depth,
+colours, normals and pictures. Tables show the figures of the paper and of its authors' builder too,
+and mark where ours are worse. A deeper level is left out if the
 growth of the last two levels predicts that it exceeds a limit. Record and tables are written
 after every octree, so that a run which is stopped leaves its results. Octrees are built in the
 temporary folder ($TMPDIR) and removed. Exit code 1 if a build failed.
@@ -22,7 +23,8 @@ temporary folder ($TMPDIR) and removed. Exit code 1 if a build failed.
 Examples:
   esvo bench build         the scenes that the authors' builder was measured on
   esvo bench build --full  the paper's Table 1, levels 10 to 16; takes more than an hour
-  esvo bench build --scenes sibenik --levels 9,10 --contours on")]
+  esvo bench build --scenes sibenik --levels 9,10 --contours on
+  esvo bench build --beside ../old/esvo --scenes sibenik,sibenik-plain,conference --levels 10,12")]
 pub(crate) struct BenchBuildArguments {
     /// Measure the paper's Table 1: all scenes, levels 10 to 16, as far as the limits allow
     #[arg(long, conflicts_with = "matrix")]
@@ -44,6 +46,9 @@ pub(crate) struct BenchBuildArguments {
     /// Limit on the time of one build in seconds
     #[arg(long, value_name = "SECONDS")]
     pub(crate) build_limit: Option<f64>,
+    /// Let this esvo program, of another version for instance, build each octree in the same rounds, and print the ratio of CPU seconds
+    #[arg(long, value_name = "PROGRAM")]
+    pub(crate) beside: Option<PathBuf>,
     /// Folder for the record and the tables; the files are named after the matrix
     #[arg(long, value_name = "FOLDER", default_value = "results/build")]
     pub(crate) out: PathBuf,
@@ -71,6 +76,7 @@ pub(crate) fn run_bench_build(arguments: &BenchBuildArguments) -> Result<(), Fai
         scenes_dir: selection.scenes_dir.clone(),
         manifest: selection.manifest.clone(),
         program,
+        beside: arguments.beside.clone(),
     };
     let progress = Progress::terminal();
     let report =

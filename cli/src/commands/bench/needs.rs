@@ -25,7 +25,7 @@ Examples:
   esvo bench needs --scenes all --levels 7,9 --views 2 --rounds 3
   esvo bench needs --backends cpu,wgpu,ash --views 2 --size 320x240")]
 pub(crate) struct BenchNeedsArguments {
-    /// The scenes; all: every scene of the manifest but SIBENIK-D
+    /// The scenes; all: every scene of the manifest but SIBENIK-D and SIBENIK-PLAIN
     #[arg(long, value_name = "NAMES", value_delimiter = ',', default_value = "sibenik,conference")]
     pub(crate) scenes: Vec<String>,
     /// Levels of their octrees
