@@ -169,7 +169,7 @@ fn bumpy_sphere() -> Mesh {
     mesh
 }
 
-/// Subtrees of 4000 triangles, so that there are some fifty.
+/// In subtrees of some 4000 small triangles, of which there are many on the deeper levels.
 fn displaced(mesh: &Mesh, levels: u32) -> Arc<Octree> {
     let options = DisplaceOptions { max_triangles: 4000, ..DisplaceOptions::for_levels(mesh, levels, 1.0) };
     Arc::new(build_displaced(mesh, &options, &shape_only(levels, f64::from(levels)), &|_| ()).unwrap().octree)
