@@ -83,8 +83,9 @@ impl Triangles {
             SceneSurface::AsItIs(triangles) => {
                 rays.iter().map(|rays| Seen::new(&scene.mesh, triangles, rays)).collect()
             }
-            SceneSurface::Displaced(options) => see_displaced(&scene.mesh, options, &rays)
-                .map_err(|e| BenchError::scene(&scene.name, e.to_string()))?,
+            SceneSurface::Displaced(options) => {
+                see_displaced(&scene.mesh, options, &rays).map_err(|e| BenchError::scene(&scene.name, e.to_string()))?
+            }
         };
         self.views.extend(rays.into_iter().zip(seen));
         Ok(())
