@@ -394,7 +394,6 @@ impl Surface<'_> {
 
     /// The range of the texels on a piece. `moved` takes texture coordinates of the mesh to those of the map, which has
     /// `density` texels per unit of octree space. For `enough` see [`TexelMap::in_polygon`](super::texels::TexelMap::in_polygon).
-    #[expect(clippy::too_many_arguments, reason = "one map of two kinds")]
     fn texels(
         &self,
         range: &Ranges,
