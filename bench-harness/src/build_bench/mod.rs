@@ -1,7 +1,7 @@
 //! `esvo bench build`: time and memory of building, size of the octrees and their error against the triangles, compared with
 //! the paper and with its authors' builder.
 //!
-//! Every octree is built in a process of its own, which reports a [`BuildSummary`](crate::build_summary::BuildSummary).
+//! Every octree is built in a process of its own, which reports a [`BuildSummary`].
 
 mod accuracy;
 mod beside;
