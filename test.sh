@@ -70,6 +70,11 @@ else
     echo "none: the tests of the page in a browser are skipped. To run them, install Debian's chromium"
 fi
 
+# Files for incremental builds take time to write, and a build from nothing that is not built upon has no use for them.
+if [ ! -d "${CARGO_TARGET_DIR:-target}/debug" ]; then
+    export CARGO_INCREMENTAL=0
+fi
+
 step "format"
 cargo fmt --all --check
 
@@ -141,7 +146,8 @@ step "packages"
 # what it unpacked and compiled of these in an earlier run.
 packages="${CARGO_TARGET_DIR:-target}/packages"
 rm -rf "$packages"/debug/.fingerprint/esvo-* "${CARGO_HOME:-$HOME/.cargo}"/registry/{src,cache}/-*/esvo-*
-cargo package --workspace --locked --allow-dirty --exclude esvo-examples --target-dir "$packages"
+# A package has no profiles: without this, all dependencies would be built once more with everything that a debugger needs.
+CARGO_PROFILE_DEV_DEBUG=0 cargo package --workspace --locked --allow-dirty --exclude esvo-examples --target-dir "$packages"
 
 step "licences and advisories of the dependencies"
 if ! cargo deny --version >/dev/null 2>&1 && [ "${CI:-}" = true ]; then
