@@ -24,9 +24,16 @@ pub(super) struct OtherSummary {
 /// The program cannot be started, or it fails.
 pub(super) fn identify(program: &Path) -> Result<OtherProgram, BenchError> {
     let failed = |e: std::io::Error| BenchError::io(program, e);
-    let output = Command::new(program).arg("--version").stdin(Stdio::null()).output().map_err(failed)?;
+    let not_esvo =
+        || failed(std::io::Error::other("is not an esvo program that runs here; --beside needs the path of one"));
+    if !program.is_file() {
+        return Err(not_esvo());
+    }
+    // A name without a folder is a file here, not a command.
+    let path = std::path::absolute(program).map_err(failed)?;
+    let output = Command::new(path).arg("--version").stdin(Stdio::null()).output().map_err(|_| not_esvo())?;
     if !output.status.success() {
-        return Err(failed(std::io::Error::other("is not an esvo program: --version fails; give another one")));
+        return Err(not_esvo());
     }
     Ok(OtherProgram { commit: commit_of(&String::from_utf8_lossy(&output.stdout)).to_owned() })
 }
