@@ -172,6 +172,40 @@ fn decoded_attributes_of_varying_surfaces_are_within_their_bounds() {
 }
 
 #[test]
+fn decoded_normals_that_vary_over_a_large_triangle_are_within_their_bounds() {
+    let mut mesh = sheet(1, |x, y| 0.1 * x + 0.2 * y);
+    mesh.normals = [[0.3, 0.0, 1.0], [-0.5, 0.2, 1.0], [0.1, -0.6, 1.0], [0.4, 0.5, 1.0]]
+        .map(|n| Vec3::from(n).normalize().to_array())
+        .to_vec();
+    let settings = BuildSettings { levels: 8, contour_error: 5.0, normal_error: 0.05, ..BuildSettings::default() };
+    let checked = check_bounds(&mesh, settings);
+    assert!(checked > 10_000, "{checked}");
+}
+
+#[test]
+fn voxels_that_fit_have_contours_that_bring_them_nearer() {
+    // A plane, and a bound so wide that the cubes of level 1 fit as they are.
+    let mesh = sheet(1, |x, y| 0.3 * x + 0.2 * y);
+    let settings = BuildSettings { levels: 6, contour_error: 0.0, ..BuildSettings::default() };
+    let octree = run(&mesh, settings);
+    let (mut leaves, mut with_contour) = (0, 0);
+    let mut open = vec![octree.objects()[0].root_slot as u32];
+    while let Some(slot) = open.pop() {
+        let descriptor = octree.descriptor(slot);
+        for child in (0..8u8).filter(|child| descriptor.valid_mask() >> child & 1 != 0) {
+            match octree.child(slot, child) {
+                Some(next) => open.push(next),
+                None => {
+                    leaves += 1;
+                    with_contour += u32::from(descriptor.contour_mask() >> child & 1);
+                }
+            }
+        }
+    }
+    assert!(leaves > 3 && with_contour == leaves, "{with_contour} of {leaves}");
+}
+
+#[test]
 fn decoded_attributes_of_patchwork_are_within_their_bounds() {
     let mut mesh = sheet(12, |x, y| 0.1 * x + 0.2 * y);
     let mut random = Random(2);
