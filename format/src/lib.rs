@@ -86,7 +86,7 @@
 //! | convert between sRGB and linear light | [`srgb`] |
 //! | read the fields of a descriptor | [`ChildDescriptor`] |
 //! | upload to a device | [`Octree::slots`], unchanged; [`Octree::needs`] |
-//! | count, show, compare | [`stats`](stats()), [`dump`], [`diff`] |
+//! | count, show, compare | [`stats`](stats()), [`stream_stats`], [`dump`], [`diff`] |
 //! | read and write the files of the paper's authors | [`oct`] |
 //! | see the layout of headers and tables | [`file`](mod@file) |
 //!
@@ -148,6 +148,7 @@ pub use file::compression::COMPRESSION_LEVELS;
 pub use file::open::{DEFAULT_MEMORY_LIMIT, OpenOptions};
 pub use file::write::{WriteOptions, remove_temporaries, write_atomically};
 pub use inspect::stats::{Bytes, Stats, stats};
+pub use inspect::stream_stats::stream_stats;
 pub use inspect::{diff, dump};
 pub use layout::assemble::assemble;
 pub use layout::join::join;

@@ -12,7 +12,7 @@ use common::{Colors, Rng, Shape, bytes_of};
 use esvo_format::file::{HEADER_BYTES, NO_PARENT, TAG_META};
 use esvo_format::{
     AssembleOptions, FormatError, Octree, OpenOptions, RangeRead, Region, SeekSource, StreamReader, assemble, ids,
-    validate,
+    stats, stream_stats, validate,
 };
 use glam::{DMat4, DVec3};
 use proptest::prelude::*;
@@ -127,6 +127,7 @@ proptest! {
         prop_assert!(whole.slots() == octree.slots());
         prop_assert_eq!(whole.objects(), octree.objects());
         prop_assert_eq!(bytes_of(&whole), bytes.clone());
+        prop_assert_eq!(stream_stats(&reader).unwrap(), stats(&octree));
 
         let chosen = some_blocks(&octree, &mut Rng(seed), chance);
         let part = reader.partial(&chosen).unwrap();

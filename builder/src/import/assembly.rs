@@ -122,6 +122,20 @@ impl Assembly {
         Ok(())
     }
 
+    /// Adds a part as it is. The first part is not copied.
+    pub(super) fn append_all(&mut self, path: &Path, part: Part) -> Result<(), ImportError> {
+        if !self.mesh.positions.is_empty() {
+            return self.append(path, &part, None);
+        }
+        self.check_room(path, &part, 1)?;
+        let Part { positions, normals, uvs, colors, tangents, triangles, material } = part;
+        let mesh = &mut self.mesh;
+        mesh.triangle_materials.resize(triangles.len(), material);
+        (mesh.positions, mesh.triangles) = (positions, triangles);
+        (mesh.normals, mesh.uvs, mesh.colors, mesh.tangents) = (normals, uvs, colors, tangents);
+        Ok(())
+    }
+
     /// The finished mesh, not yet validated.
     pub(super) fn finish(mut self) -> Mesh {
         self.mesh.fill_missing_normals();

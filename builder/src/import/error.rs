@@ -82,6 +82,19 @@ pub enum ImportError {
         /// The limit it exceeds.
         limit: u64,
     },
+    /// Reading the file would need more memory than allowed.
+    #[error(
+        "{}: a memory limit of {} MB is too small to read it: that needs at least {} MB",
+        path.display(), limit / 1_000_000, least.div_ceil(1_000_000)
+    )]
+    Memory {
+        /// The file as given.
+        path: PathBuf,
+        /// The limit in bytes.
+        limit: u64,
+        /// What is needed at least, in bytes.
+        least: u64,
+    },
     /// The file was read, but the result is not a valid mesh.
     #[error("{}: {source}", path.display())]
     Mesh {

@@ -1,18 +1,28 @@
 //! Reads files as bytes and text, and finds out the kind of a mesh file by its extension and by its content.
 
 use std::borrow::Cow;
-use std::fs;
+use std::fs::{self, File};
+use std::io::Read;
 use std::path::Path;
 
 use super::error::ImportError;
 
-/// The whole content of a regular file. Devices and pipes are refused: they may never end.
-pub(super) fn read_file(path: &Path) -> Result<Vec<u8>, ImportError> {
-    let metadata = fs::metadata(path).map_err(|source| ImportError::Read { path: path.into(), source })?;
+/// Opens a regular file, and says how many bytes it has. Devices and pipes are refused: they may never end.
+pub(super) fn open(path: &Path) -> Result<(File, u64), ImportError> {
+    let failed = |source| ImportError::Read { path: path.into(), source };
+    let metadata = fs::metadata(path).map_err(failed)?;
     if !metadata.is_file() {
         return Err(ImportError::NotAFile { path: path.into() });
     }
-    fs::read(path).map_err(|source| ImportError::Read { path: path.into(), source })
+    Ok((File::open(path).map_err(failed)?, metadata.len()))
+}
+
+/// The whole content of a regular file.
+pub(super) fn read_file(path: &Path) -> Result<Vec<u8>, ImportError> {
+    let (mut file, length) = open(path)?;
+    let mut bytes = Vec::with_capacity(usize::try_from(length).unwrap_or(0));
+    file.read_to_end(&mut bytes).map_err(|source| ImportError::Read { path: path.into(), source })?;
+    Ok(bytes)
 }
 
 /// A format of mesh files or of voxel models.

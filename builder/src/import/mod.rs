@@ -22,6 +22,7 @@ mod map_statement;
 mod mtl;
 mod mtl_material;
 mod names;
+mod need;
 mod numbers;
 mod obj;
 mod obj_text;
@@ -33,13 +34,13 @@ mod polygon;
 mod stl;
 mod vox;
 
-use std::io;
+use std::io::{self, Read};
 use std::path::Path;
 
 use crate::mesh::Mesh;
 use crate::mesh::maps::{HeightMap, UvTransform};
 use crate::voxels::VoxelModel;
-use file::{Content, read_file};
+use file::{Content, open, read_file};
 use image::{Channel, TextureStore};
 
 pub use crate::mesh::{MAX_ELEMENTS, MAX_TEXTURE_SIDE, TextureError};
@@ -57,8 +58,33 @@ pub use image::MAX_TEXTURE_TEXELS;
 /// See [`ImportError`]. A mesh without triangles, with a vertex that is not finite, or with an index out of range is an
 /// error. Files of other programs that cannot be read (point clouds, volumes) are named in the error.
 pub fn load_mesh(path: &Path) -> Result<Mesh, ImportError> {
-    let format = format_of(path)?;
-    load_mesh_from(path, format, read_file(path)?)
+    load_mesh_within(path, format_of(path)?, u64::MAX)
+}
+
+/// Reads a mesh from a file of this format, whatever its extension, unless that needs more than `limit` bytes of memory.
+///
+/// The need is estimated before the file is read, and again before it is parsed: what the file's bytes and the mesh take at least.
+/// Images, and the buffers that a glTF file names, come on top of it.
+///
+/// # Errors
+/// As [`load_mesh`], and [`ImportError::Memory`].
+pub fn load_mesh_within(path: &Path, format: Format, limit: u64) -> Result<Mesh, ImportError> {
+    let (file, length) = open(path)?;
+    if format == Format::Stl {
+        let mut head = Vec::new();
+        let failed = |source| ImportError::Read { path: path.into(), source };
+        (&file).take(stl::HEAD as u64).read_to_end(&mut head).map_err(failed)?;
+        check_content(path, format, &head)?;
+        need::check(path, need::of_stl(&head, length), limit)?;
+        return checked(path, stl::load(path, &head, file, length)?);
+    }
+    need::check(path, length, limit)?;
+    let bytes = read_file(path)?;
+    check_content(path, format, &bytes)?;
+    if limit < u64::MAX {
+        need::check(path, need::of_bytes(format, &bytes), limit)?;
+    }
+    load_mesh_from(path, format, bytes)
 }
 
 /// Reads a mesh from the bytes of its file. `path` is its name in messages. Files that it refers to are searched in the
@@ -69,10 +95,13 @@ pub fn load_mesh(path: &Path) -> Result<Mesh, ImportError> {
 pub fn load_mesh_from(path: &Path, format: Format, bytes: Vec<u8>) -> Result<Mesh, ImportError> {
     check_content(path, format, &bytes)?;
     let mesh = match format {
-        Format::Obj => obj::load(path, &bytes)?,
+        Format::Obj => obj::load(path, bytes)?,
         Format::Gltf | Format::Glb => gltf::load(path, bytes)?,
         Format::Ply => ply::load(path, &bytes)?,
-        Format::Stl => stl::load(path, &bytes)?,
+        Format::Stl => {
+            let (head, rest) = bytes.split_at(bytes.len().min(stl::HEAD));
+            stl::load(path, head, rest, bytes.len() as u64)?
+        }
         Format::Vox => {
             return Err(ImportError::unsupported(
                 path,
@@ -80,6 +109,10 @@ pub fn load_mesh_from(path: &Path, format: Format, bytes: Vec<u8>) -> Result<Mes
             ));
         }
     };
+    checked(path, mesh)
+}
+
+fn checked(path: &Path, mesh: Mesh) -> Result<Mesh, ImportError> {
     mesh.validate().map_err(|source| ImportError::Mesh { path: path.into(), source })?;
     Ok(mesh)
 }
@@ -103,7 +136,10 @@ pub fn load_voxels_from(path: &Path, bytes: &[u8]) -> Result<VoxelModel, ImportE
 }
 
 /// The format of a file by its extension.
-fn format_of(path: &Path) -> Result<Format, ImportError> {
+///
+/// # Errors
+/// The extension is of no format that can be read; the error says what the file is, if its content shows that.
+pub fn format_of(path: &Path) -> Result<Format, ImportError> {
     if let Some(format) = Format::of_extension(path) {
         return Ok(format);
     }

@@ -19,9 +19,10 @@ use crate::mesh::maps::UvTransform;
 use crate::mesh::{Material, Mesh};
 
 /// Reads an OBJ file. Materials and textures are searched in its folder.
-pub(super) fn load(path: &Path, bytes: &[u8]) -> Result<Mesh, ImportError> {
-    let text = text_of(bytes);
-    let prepared = prepare(path, &text)?;
+pub(super) fn load(path: &Path, bytes: Vec<u8>) -> Result<Mesh, ImportError> {
+    let mut prepared = prepare(path, &text_of(&bytes))?;
+    // What follows needs memory, too.
+    drop(bytes);
     let mut assembly = Assembly::default();
     for warning in &prepared.warnings {
         assembly.warn(warning);
@@ -29,6 +30,7 @@ pub(super) fn load(path: &Path, bytes: &[u8]) -> Result<Mesh, ImportError> {
     let dir = path.parent().unwrap_or(Path::new(""));
     let libraries = Libraries::read(dir, &prepared.libraries, &mut assembly);
     let models = parse(path, &prepared)?;
+    (prepared.text, prepared.lines) = Default::default();
     let material_of = |mesh: &tobj::Mesh| {
         let name = mesh.material_id.and_then(|id| prepared.material_names.get(id));
         (name, name.and_then(|name| libraries.find(name)))
@@ -64,7 +66,7 @@ pub(super) fn load(path: &Path, bytes: &[u8]) -> Result<Mesh, ImportError> {
             }
         };
         let part = Part { material: index, ..part_of(&mesh, &uv_transform) };
-        assembly.append(path, &part, None)?;
+        assembly.append_all(path, part)?;
     }
     if assembly.mesh.triangles.is_empty() && !prepared.free_form.is_empty() {
         let found = prepared.free_form.warning(["free-form curve or surface", "free-form curves and surfaces"], "");

@@ -5,6 +5,7 @@
 //! at the same position become one vertex.
 
 use std::collections::HashMap;
+use std::io::{self, Read};
 use std::path::Path;
 use std::str::Lines;
 
@@ -19,41 +20,53 @@ use crate::mesh::MAX_ELEMENTS;
 use crate::mesh::{Material, Mesh};
 
 /// Bytes before the triangles of a binary file: a comment, and the number of triangles.
-const HEADER: usize = 84;
+pub(super) const HEADER: usize = 84;
 
 /// Bytes per triangle in a binary file: normal, three corners, and two bytes in which some programs write a colour.
-const FACET: usize = 50;
+pub(super) const FACET: usize = 50;
 
-/// Reads an STL file.
-pub(super) fn load(path: &Path, bytes: &[u8]) -> Result<Mesh, ImportError> {
+/// Reads an STL file whose first bytes are `head`, at least [`HEAD`] of them or all, followed by those of `rest`; together `length`
+/// bytes. A binary file is not held in memory.
+pub(super) fn load(path: &Path, head: &[u8], rest: impl Read, length: u64) -> Result<Mesh, ImportError> {
+    let failed = |source| ImportError::Read { path: path.into(), source };
     let mut assembly = Assembly::default();
     let mut soup = Soup::default();
-    if is_text(bytes) {
-        read_text(&text_of(bytes), &mut soup, &mut assembly)
+    let mut all = head.chain(rest);
+    if is_text(head, length) {
+        let mut bytes = Vec::with_capacity(usize::try_from(length).unwrap_or(0));
+        all.read_to_end(&mut bytes).map_err(failed)?;
+        read_text(&text_of(&bytes), &mut soup, &mut assembly)
     } else {
-        read_binary(bytes, &mut soup, &mut assembly)
+        read_binary(head, &mut all, length, &mut soup, &mut assembly).map_err(failed)?
     }
     .map_err(|what| ImportError::malformed(path, what))?;
-    assembly.append(path, &soup.part, None)?;
-    if soup.colors.is_empty() {
-        assembly.mesh.materials.push(Material::default());
-    } else {
-        assembly.mesh.materials = soup.materials();
-        assembly.mesh.triangle_materials = soup.triangle_colors;
+    // Nothing asks for them any more, and what follows needs memory, too.
+    soup.by_place = HashMap::new();
+    let materials = (!soup.colors.is_empty()).then(|| (soup.materials(), std::mem::take(&mut soup.triangle_colors)));
+    assembly.append_all(path, soup.part)?;
+    match materials {
+        None => assembly.mesh.materials.push(Material::default()),
+        Some((materials, of_triangles)) => {
+            assembly.mesh.materials = materials;
+            assembly.mesh.triangle_materials = of_triangles;
+        }
     }
     Ok(assembly.finish())
 }
 
+/// Bytes that tell whether a file is text.
+pub(super) const HEAD: usize = 1024;
+
 /// Whether the file is text. Text begins with "solid", but so do the comments of some binary files. These have either the
 /// exact length for their number of triangles, or bytes that never occur in text. Without "solid", text has facets.
-fn is_text(bytes: &[u8]) -> bool {
+pub(super) fn is_text(bytes: &[u8], length: u64) -> bool {
     if bytes.starts_with(b"\xff\xfe") || bytes.starts_with(b"\xfe\xff") {
         return true;
     }
     let start = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes).trim_ascii_start();
     let begins = |word: &[u8]| start.get(..word.len()).is_some_and(|s| s.eq_ignore_ascii_case(word));
-    let fits = declared(bytes).is_some_and(|count| HEADER + FACET * count == bytes.len());
-    (begins(b"solid") || begins(b"facet")) && !fits && !bytes[..bytes.len().min(1024)].contains(&0)
+    let fits = declared(bytes).is_some_and(|count| (HEADER + FACET * count) as u64 == length);
+    (begins(b"solid") || begins(b"facet")) && !fits && !bytes[..bytes.len().min(HEAD)].contains(&0)
 }
 
 /// The number of triangles declared in the header of a binary file.
@@ -124,37 +137,58 @@ impl Soup {
     }
 }
 
-fn read_binary(bytes: &[u8], soup: &mut Soup, assembly: &mut Assembly) -> Result<(), String> {
-    let count = declared(bytes)
-        .ok_or_else(|| format!("neither begins with 'solid' nor has the {HEADER} bytes of a binary header"))?;
-    let facets = &bytes[HEADER..];
-    let held = facets.len() / FACET;
+/// Reads the facets of a binary file. `all` begins with the header, which is in `head`, too. The outer error is one of reading, the
+/// inner one says what is wrong with the content.
+fn read_binary(
+    head: &[u8],
+    all: &mut impl Read,
+    length: u64,
+    soup: &mut Soup,
+    assembly: &mut Assembly,
+) -> io::Result<Result<(), String>> {
+    let Some(declared) = declared(head) else {
+        return Ok(Err(format!("neither begins with 'solid' nor has the {HEADER} bytes of a binary header")));
+    };
+    let facets = length.saturating_sub(HEADER as u64);
+    let held = usize::try_from(facets / FACET as u64).unwrap_or(usize::MAX);
     // Programs that do not know the number when they write the header leave blanks, 0 or -1 there.
-    let unknown = matches!(count as u32, 0 | 0x2020_2020 | u32::MAX) && held > 0;
+    let unknown = matches!(declared as u32, 0 | 0x2020_2020 | u32::MAX) && held > 0;
     if unknown {
         assembly.warn(format!(
-            "the header declares {count} triangles, which stands for an unknown number; the file holds {held}, which are read"
+            "the header declares {declared} triangles, which stands for an unknown number; the file holds {held}, which are read"
         ));
     }
-    let count = if unknown { held } else { count };
+    let count = if unknown { held } else { declared };
     if held < count {
-        return Err(format!("the header declares {count} triangles, but the file ends after {held}"));
+        return Ok(Err(format!("the header declares {count} triangles, but the file ends after {held}")));
     }
-    if facets.len() > count * FACET {
-        let more = facets.len() - count * FACET;
+    let more = facets - (count * FACET) as u64;
+    if more > 0 {
         let declared = if unknown { "that fit into the file" } else { "that the header declares" };
         assembly.warn(format!("{more} bytes after the {count} triangles {declared} are not read"));
     }
-    let colors = Colors::of(&bytes[..HEADER - 4]);
-    for (number, facet) in facets.as_chunks::<FACET>().0.iter().take(count).enumerate() {
-        let float = |at: usize| f64::from(f32::from_le_bytes([facet[at], facet[at + 1], facet[at + 2], facet[at + 3]]));
-        let corners: [[f64; 3]; 3] = std::array::from_fn(|c| std::array::from_fn(|k| float(12 + 12 * c + 4 * k)));
-        if let Some(c) = corners.iter().position(|p| !p.iter().all(|x| x.is_finite())) {
-            return Err(format!("corner {c} of triangle {number} is not finite; repair or remove it"));
+    soup.part.triangles.reserve_exact(count.min(MAX_ELEMENTS));
+    let colors = Colors::of(&head[..HEADER - 4]);
+    let mut facets = io::BufReader::with_capacity(1 << 18, all);
+    facets.read_exact(&mut [0; HEADER])?;
+    let mut facet = [0; FACET];
+    for number in 0..count {
+        facets.read_exact(&mut facet)?;
+        if let Err(what) = read_facet(&facet, number, &colors, soup) {
+            return Ok(Err(what));
         }
-        soup.add(corners)?;
-        soup.color(number, colors.of_facet(u16::from_le_bytes([facet[48], facet[49]])));
     }
+    Ok(Ok(()))
+}
+
+fn read_facet(facet: &[u8; FACET], number: usize, colors: &Colors, soup: &mut Soup) -> Result<(), String> {
+    let float = |at: usize| f64::from(f32::from_le_bytes([facet[at], facet[at + 1], facet[at + 2], facet[at + 3]]));
+    let corners: [[f64; 3]; 3] = std::array::from_fn(|c| std::array::from_fn(|k| float(12 + 12 * c + 4 * k)));
+    if let Some(c) = corners.iter().position(|p| !p.iter().all(|x| x.is_finite())) {
+        return Err(format!("corner {c} of triangle {number} is not finite; repair or remove it"));
+    }
+    soup.add(corners)?;
+    soup.color(number, colors.of_facet(u16::from_le_bytes([facet[48], facet[49]])));
     Ok(())
 }
 

@@ -3,3 +3,4 @@
 pub mod diff;
 pub mod dump;
 pub(crate) mod stats;
+pub(crate) mod stream_stats;

@@ -2,6 +2,7 @@
 
 use std::ops::ControlFlow;
 
+use crate::block::BlockParts;
 use crate::check::topology::{Step, Visitor, walk};
 use crate::file::*;
 use crate::{Broken, ChildDescriptor, Octree};
@@ -91,6 +92,34 @@ pub struct Stats {
     pub bytes_per_voxel: f64,
 }
 
+impl Stats {
+    /// Nothing counted yet.
+    pub(super) fn none(objects: usize, blocks: usize, image_bytes: u64) -> Self {
+        let objects = objects as u64;
+        let mut voxels_per_level = vec![0; 24];
+        voxels_per_level[0] = objects;
+        Self { objects, blocks: blocks as u64, voxels_per_level, image_bytes, ..Self::default() }
+    }
+
+    /// Counts a descriptor whose children are at `level`, 1 to 23.
+    pub(super) fn count(&mut self, level: u32, descriptor: ChildDescriptor) {
+        let voxels = u64::from(descriptor.valid_mask().count_ones());
+        self.levels = self.levels.max(level);
+        self.descriptors += 1;
+        self.voxels += voxels;
+        self.leaf_voxels += u64::from(descriptor.leaf_mask().count_ones());
+        self.contours += u64::from(descriptor.contour_mask().count_ones());
+        self.voxels_per_level[level as usize] += voxels;
+    }
+
+    /// What follows from the counts.
+    pub(super) fn averages(&mut self) {
+        self.voxels_per_level.truncate(self.levels as usize + 1);
+        self.branching = self.voxels as f64 / self.descriptors.max(1) as f64;
+        self.bytes_per_voxel = self.image_bytes as f64 / self.voxels.max(1) as f64;
+    }
+}
+
 struct Counter<'a>(&'a mut Stats);
 
 impl Visitor for Counter<'_> {
@@ -100,14 +129,7 @@ impl Visitor for Counter<'_> {
     }
 
     fn descriptor(&mut self, _object: u32, step: &Step, descriptor: ChildDescriptor) {
-        let stats = &mut *self.0;
-        let voxels = u64::from(descriptor.valid_mask().count_ones());
-        stats.levels = stats.levels.max(step.level);
-        stats.descriptors += 1;
-        stats.voxels += voxels;
-        stats.leaf_voxels += u64::from(descriptor.leaf_mask().count_ones());
-        stats.contours += u64::from(descriptor.contour_mask().count_ones());
-        stats.voxels_per_level[step.level as usize] += voxels;
+        self.0.count(step.level, descriptor);
     }
 
     fn far_pointer(&mut self, _slot: u32) {
@@ -118,50 +140,45 @@ impl Visitor for Counter<'_> {
 /// Counts voxels and bytes in one walk. If the octree is not [sound](Octree::sound), only the parts that can be reached
 /// are counted, and the rest of the descriptor arrays counts as gaps.
 pub fn stats(octree: &Octree) -> Stats {
-    let mut stats = Stats {
-        objects: octree.objects().len() as u64,
-        blocks: octree.blocks().len() as u64,
-        voxels_per_level: vec![0; 24],
-        image_bytes: octree.slots().len() as u64 * 8,
-        ..Stats::default()
-    };
-    stats.voxels_per_level[0] = stats.objects;
+    let (objects, blocks) = (octree.objects().len(), octree.blocks().len());
+    let mut stats = Stats::none(objects, blocks, octree.slots().len() as u64 * 8);
     walk(octree, &mut Counter(&mut stats));
-    stats.voxels_per_level.truncate(stats.levels as usize + 1);
     stats.bytes = bytes(octree, &stats);
-    stats.branching = stats.voxels as f64 / stats.descriptors.max(1) as f64;
-    stats.bytes_per_voxel = stats.image_bytes as f64 / stats.voxels.max(1) as f64;
+    stats.averages();
     stats
 }
 
 fn bytes(octree: &Octree, stats: &Stats) -> Bytes {
-    let mut bytes =
-        Bytes { descriptors: stats.descriptors * 8, far_pointers: stats.far_pointers * 8, ..Bytes::default() };
-    let mut arrays = 0;
-    for parts in octree.parts() {
-        arrays += u64::from(parts.array_slots) * 8;
-        bytes.page_headers += u64::from(parts.array_slots.div_ceil(PAGE_SLOTS)) * 8;
-        bytes.info_sections += INFO_BYTES + parts.attachments.len() as u64 * ATTACHMENT_BYTES;
-        bytes.contours += u64::from(parts.contour_count) * 4;
+    let mut bytes = Bytes::default();
+    octree.parts().iter().for_each(|parts| bytes.add(parts));
+    bytes.finish(stats);
+    bytes
+}
+
+impl Bytes {
+    /// Adds what a block says of itself. The descriptor array counts as gaps.
+    pub(super) fn add(&mut self, parts: &BlockParts) {
+        let headers = u64::from(parts.array_slots.div_ceil(PAGE_SLOTS)) * 8;
+        self.page_headers += headers;
+        self.gaps += u64::from(parts.array_slots) * 8 - headers;
+        self.info_sections += INFO_BYTES + parts.attachments.len() as u64 * ATTACHMENT_BYTES;
+        self.contours += u64::from(parts.contour_count) * 4;
         for &(kind, _, size) in &parts.attachments {
             *match kind {
-                attachment::CORNERS => &mut bytes.corners,
-                kind if attachment::COLORS.contains(&kind) => &mut bytes.colors,
-                kind if attachment::NORMALS.contains(&kind) => &mut bytes.normals,
-                attachment::AMBIENT_BLOCKS => &mut bytes.ambient,
-                _ => &mut bytes.other_attachments,
+                attachment::CORNERS => &mut self.corners,
+                kind if attachment::COLORS.contains(&kind) => &mut self.colors,
+                kind if attachment::NORMALS.contains(&kind) => &mut self.normals,
+                attachment::AMBIENT_BLOCKS => &mut self.ambient,
+                _ => &mut self.other_attachments,
             } += size;
         }
     }
-    bytes.gaps = arrays - bytes.page_headers - bytes.descriptors - bytes.far_pointers;
-    bytes.padding = stats.image_bytes
-        - arrays
-        - bytes.info_sections
-        - bytes.contours
-        - bytes.colors
-        - bytes.normals
-        - bytes.corners
-        - bytes.ambient
-        - bytes.other_attachments;
-    bytes
+
+    /// Takes the counted descriptors and far pointers out of the gaps. What is left of the image is padding.
+    pub(super) fn finish(&mut self, stats: &Stats) {
+        self.descriptors = stats.descriptors * 8;
+        self.far_pointers = stats.far_pointers * 8;
+        self.gaps -= self.descriptors + self.far_pointers;
+        self.padding = stats.image_bytes - self.total();
+    }
 }

@@ -1,6 +1,6 @@
 //! Reading untrusted bytes.
 
-use esvo_format::{FormatError, Octree, OpenOptions, stats, validate_bytes_with};
+use esvo_format::{FormatError, Octree, OpenOptions, StreamReader, stats, stream_stats, validate_bytes_with};
 
 /// The largest image of a vector has 0.3 MiB. Damaged compressed files may claim any size.
 const OPTIONS: OpenOptions = OpenOptions { memory_limit: 16 << 20, verify: true };
@@ -22,12 +22,24 @@ pub(crate) fn survive(bytes: &[u8]) -> bool {
             octree.needs();
             match octree.sound() {
                 // Every sound octree can be walked to its end.
-                Ok(()) => visit(&octree),
+                Ok(()) => {
+                    visit(&octree);
+                    // Damage that no pointer leads to does not hinder the walk, but is found by the checksums.
+                    if report.is_ok() {
+                        let reader = StreamReader::open_with(bytes, &OPTIONS).unwrap();
+                        assert_eq!(stream_stats(&reader).unwrap(), counted);
+                    }
+                }
                 Err(broken) => assert!(!report.is_ok(), "{broken}"),
             }
         }
         Err(FormatError::Broken(broken)) => assert!(report.findings.iter().any(|f| f.broken == broken)),
         Err(other) => panic!("{other}"),
+    }
+    if let Ok(reader) = StreamReader::open_with(bytes, &OPTIONS)
+        && let Ok(counted) = stream_stats(&reader)
+    {
+        assert_eq!(counted.bytes.total(), counted.image_bytes);
     }
     !report.is_ok()
 }

@@ -5,7 +5,9 @@ use std::io::Read;
 use std::path::Path;
 
 use esvo_bench::Progress;
-use esvo_builder::import::{Format, ImportError, load_mesh, load_mesh_from, load_voxels, load_voxels_from};
+use esvo_builder::import::{
+    Format, ImportError, format_of, load_mesh_from, load_mesh_within, load_voxels, load_voxels_from,
+};
 use esvo_builder::{DisplaceOptions, Mesh, VoxelModel};
 
 use crate::fail::Failure;
@@ -53,7 +55,14 @@ pub(crate) fn is_standard_input(path: &Path) -> bool {
 }
 
 /// Reads a mesh or voxel model. Returns it with its name.
-pub(crate) fn read_input(path: &Path, format: Option<Format>, progress: &Progress) -> Result<(Input, String), Failure> {
+///
+/// A mesh that needs more than `limit` bytes of memory is refused before it is read.
+pub(crate) fn read_input(
+    path: &Path,
+    format: Option<Format>,
+    limit: Option<u64>,
+    progress: &Progress,
+) -> Result<(Input, String), Failure> {
     if is_standard_input(path) {
         let format = format.ok_or("standard input has no extension; give its format, e.g. --format obj")?;
         progress.say(format!("reading {STANDARD_INPUT}"));
@@ -66,23 +75,12 @@ pub(crate) fn read_input(path: &Path, format: Option<Format>, progress: &Progres
     }
     progress.say(format!("reading {}", path.display()));
     let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let format = format.map_or_else(|| format_of(path), Ok).map_err(|e| explain(path, &e))?;
     let input = match format {
-        Some(format) => of_bytes(path, format, read_file(path).map_err(|e| e.to_string())?)?,
-        None if Format::of_extension(path) == Some(Format::Vox) => {
-            Input::Voxels(load_voxels(path).map_err(|e| e.to_string())?)
-        }
-        None => Input::Mesh(load_mesh(path).map_err(|e| explain(path, &e))?),
+        Format::Vox => Input::Voxels(load_voxels(path).map_err(|e| e.to_string())?),
+        _ => Input::Mesh(load_mesh_within(path, format, limit.unwrap_or(u64::MAX)).map_err(|e| explain(path, &e))?),
     };
     Ok((input, name))
-}
-
-/// The content of a regular file. Devices and pipes are refused as the importer does: they may never end.
-fn read_file(path: &Path) -> Result<Vec<u8>, ImportError> {
-    let failed = |source| ImportError::Read { path: path.to_owned(), source };
-    if !std::fs::metadata(path).map_err(failed)?.is_file() {
-        return Err(ImportError::NotAFile { path: path.to_owned() });
-    }
-    std::fs::read(path).map_err(failed)
 }
 
 fn of_bytes(path: &Path, format: Format, bytes: Vec<u8>) -> Result<Input, Failure> {

@@ -4,7 +4,7 @@ pub(crate) mod displacement;
 mod input;
 mod voxelizer;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::{Args, ValueEnum};
@@ -15,7 +15,7 @@ use esvo_bench::{Progress, scene};
 use esvo_builder::{
     BuildError, BuildSettings, FileOptions, build_displaced_file, build_file, build_voxels_file, import,
 };
-use esvo_format::WriteOptions;
+use esvo_format::{FormatError, Stats, StreamReader, WriteOptions, stream_stats};
 use esvo_scenes::{SceneEntry, SceneManifest};
 
 use crate::commands::build::displacement::Displacement;
@@ -23,6 +23,7 @@ use crate::commands::build::input::{Input, is_standard_input, read_input};
 use crate::commands::build::voxelizer::VoxelizerName;
 use crate::fail::{Failure, complain, print};
 use crate::files::{check_extension, check_not_input, check_output, extension, name_file};
+use crate::memory::limit;
 use crate::values::parse_gigabytes;
 use crate::words::{count, size};
 
@@ -97,7 +98,8 @@ pub(crate) struct BuildArguments {
     /// another build are kept and refused
     #[arg(long)]
     pub(crate) resume: bool,
-    /// Memory limit in GB (10^9 bytes); with little memory, fewer threads work at once
+    /// Memory that the program may hold, in GB (10^9 bytes). With little, fewer threads work at once; what cannot fit is refused, before
+    /// anything is read where that is known, and at the limit otherwise
     #[arg(long, value_name = "GB", value_parser = parse_gigabytes)]
     pub(crate) memory_limit: Option<f64>,
     /// Compress blocks with Zstandard at this level, 1 to 22 [without a number: 3]
@@ -226,7 +228,11 @@ pub(crate) fn run_build(arguments: &BuildArguments) -> Result<(), Failure> {
     // Hashing the file is no part of the time of the import.
     let found = scene.map(|scene| found(arguments, scene)).transpose()?;
     let start = Instant::now();
-    let (input, source) = input(arguments, found.as_ref(), &progress)?;
+    let memory_limit = arguments.memory_limit.map(|gigabytes| (gigabytes * 1e9) as u64);
+    if let Some(bytes) = memory_limit {
+        limit::set(bytes);
+    }
+    let (input, source) = input(arguments, found.as_ref(), memory_limit, &progress)?;
     let input = match input {
         Input::Mesh(mesh) => {
             let always = scene.is_some_and(|scene| scene.displaced);
@@ -247,6 +253,7 @@ pub(crate) fn run_build(arguments: &BuildArguments) -> Result<(), Failure> {
         warn_of_size(mesh, &settings);
     }
     let import_peak_bytes = peak_bytes();
+    limit::build_begins();
     let start = Instant::now();
     let what = format!("building {}", count(settings.levels, "level"));
     let mut meta = serde_json::json!({
@@ -262,7 +269,7 @@ pub(crate) fn run_build(arguments: &BuildArguments) -> Result<(), Failure> {
         write: WriteOptions { compress: arguments.compress },
         meta: meta.to_string(),
         resume: arguments.resume,
-        memory_limit: arguments.memory_limit.map(|gigabytes| (gigabytes * 1e9) as u64),
+        memory_limit,
     };
     let report = |p: esvo_builder::Progress| {
         if p.resumed > 0 {
@@ -299,8 +306,7 @@ pub(crate) fn run_build(arguments: &BuildArguments) -> Result<(), Failure> {
     for warning in input.warnings() {
         complain("warning", warning);
     }
-    let written = esvo_format::Octree::open(&arguments.output).map_err(|e| name_file(&arguments.output, e))?;
-    let stats = esvo_format::stats(&written);
+    let stats = counts(&arguments.output).map_err(|e| name_file(&arguments.output, e))?;
     let seconds = BuildSeconds {
         import,
         build,
@@ -324,6 +330,12 @@ pub(crate) fn run_build(arguments: &BuildArguments) -> Result<(), Failure> {
         size(stats.image_bytes),
         stats.image_bytes as f64 / stats.voxels.max(1) as f64,
     ))
+}
+
+/// The counts of the octree in a file, which may be larger than the memory.
+fn counts(path: &Path) -> Result<Stats, FormatError> {
+    let file = std::fs::File::open(path).map_err(|source| FormatError::Io { path: path.into(), source })?;
+    stream_stats(&StreamReader::open(file)?)
 }
 
 /// Leaves from which a build says first how large it may become: some 7 GB, and minutes to hours.
@@ -364,10 +376,11 @@ fn found<'a>(arguments: &BuildArguments, scene: &'a SceneEntry) -> Result<SceneS
 fn input(
     arguments: &BuildArguments,
     scene: Option<&SceneSource>,
+    memory_limit: Option<u64>,
     progress: &Progress,
 ) -> Result<(Input, String), Failure> {
     if let Some(path) = &arguments.mesh {
-        return read_input(path, arguments.format.map(Into::into), progress);
+        return read_input(path, arguments.format.map(Into::into), memory_limit, progress);
     }
     // clap requires one of the two.
     let scene = scene.ok_or("neither a mesh nor a scene is given")?;

@@ -1,7 +1,9 @@
-//! Memory that the system refuses: one line and exit code 1, wherever it happens.
+//! Memory that the system refuses, or that `--memory-limit` does not allow: one line and exit code 1, wherever it happens.
 //!
 //! The standard library aborts if an allocation fails, and leaves temporary files. A build cannot know beforehand what it will
 //! need, and neither can the libraries that decode meshes and images, so the allocator of the program ends it instead.
+
+pub(crate) mod limit;
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
@@ -31,25 +33,28 @@ struct Ending;
 impl Ending {
     fn checked(&self, at: *mut u8, bytes: usize) -> *mut u8 {
         if at.is_null() && !HANDLES.get() {
-            end(bytes);
+            end(&Reason::Refused(bytes));
         }
         at
     }
 }
 
-// SAFETY: all four functions return what the system's allocator returns for the same arguments.
+// SAFETY: all four functions return what the system's allocator returns for the same arguments, or do not return.
 unsafe impl GlobalAlloc for Ending {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        limit::more(layout.size());
         // SAFETY: the caller keeps the rules of `GlobalAlloc::alloc`, which are the same.
         self.checked(unsafe { System.alloc(layout) }, layout.size())
     }
 
     unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
+        limit::more(layout.size());
         // SAFETY: as for `alloc`.
         self.checked(unsafe { System.alloc_zeroed(layout) }, layout.size())
     }
 
     unsafe fn realloc(&self, at: *mut u8, layout: Layout, new_size: usize) -> *mut u8 {
+        limit::changed(layout.size(), new_size);
         // SAFETY: as for `alloc`.
         self.checked(unsafe { System.realloc(at, layout, new_size) }, new_size)
     }
@@ -57,12 +62,23 @@ unsafe impl GlobalAlloc for Ending {
     unsafe fn dealloc(&self, at: *mut u8, layout: Layout) {
         // SAFETY: as for `alloc`.
         unsafe { System.dealloc(at, layout) }
+        limit::less(layout.size());
     }
 }
 
-/// Says what was refused, removes temporary files and ends the program. Nothing here needs memory.
+/// Why the program ends.
+enum Reason {
+    /// The system refuses so many bytes.
+    Refused(usize),
+    /// More than `--memory-limit` allows: its bytes, those held, and those asked for.
+    Limit { limit: u64, held: u64, asked: usize },
+}
+
+const MIB: f64 = (1 << 20) as f64;
+
+/// Says why, removes temporary files and ends the program. Nothing here needs memory.
 #[cold]
-fn end(bytes: usize) -> ! {
+fn end(reason: &Reason) -> ! {
     if ENDS_HERE.replace(true) {
         std::process::abort();
     }
@@ -71,11 +87,22 @@ fn end(bytes: usize) -> ! {
         std::thread::sleep(Duration::from_secs(1));
     }
     // Standard error has no buffer. If it is closed, nobody can be told.
-    let _ = writeln!(
-        std::io::stderr(),
-        "error: the system refuses {:.1} MiB of memory; free some, or choose a smaller --size, fewer --levels or a lower --memory-limit",
-        bytes as f64 / f64::from(1 << 20)
-    );
+    let mut out = std::io::stderr();
+    let _ = match *reason {
+        Reason::Refused(bytes) => writeln!(
+            out,
+            "error: the system refuses {:.1} MiB of memory; free some, or choose a smaller --size, fewer --levels or a lower --memory-limit",
+            bytes as f64 / MIB
+        ),
+        Reason::Limit { limit, held, asked } => writeln!(
+            out,
+            "error: --memory-limit {}: {} needs more: it holds {:.0} MB and asks for {:.1} MB; raise the limit, or choose fewer --levels",
+            limit as f64 / 1e9,
+            limit::stage(),
+            held as f64 / 1e6,
+            asked as f64 / 1e6
+        ),
+    };
     esvo_format::remove_temporaries();
     std::process::exit(1);
 }
