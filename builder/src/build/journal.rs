@@ -21,9 +21,9 @@ use crate::{BuildError, BuildSettings, DisplaceOptions, Mesh};
 /// The files in the folder: first the journal, second the blocks.
 const FILES: [&str; 2] = ["journal", "blocks"];
 
-/// Stands for what the builder makes of a mesh and its settings. Raise it with every change of a build's bytes: a build must not
+/// Stands for what the builder makes of a mesh and its settings, and how parts are kept. Raise it with every change of either: a build must not
 /// go on from parts that an older builder would finish in another way.
-const RESULTS: u32 = 4;
+const RESULTS: u32 = 5;
 
 /// Bytes of the first record with its length and CRC-32.
 const FIRST_RECORD: usize = 12 + 1 + 32;

@@ -10,6 +10,7 @@
 //! slabs down: a whole build gives none to a voxel with so much surface, either.
 
 use std::collections::HashMap;
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -60,12 +61,33 @@ pub(super) struct Found {
 /// A finished subtree.
 #[derive(Clone, Default, serde::Serialize, serde::Deserialize)]
 pub(super) struct Finished {
-    pub(super) part: Option<Part>,
+    pub(super) part: Waiting,
     pub(super) voxels: u64,
     /// Small triangles whose first corner is in the cube.
     pub(super) triangles: u64,
     /// Those among them without an area.
     pub(super) dropped: u64,
+}
+
+/// A finished subtree that waits for the others, as bytes: the descriptors of all subtrees that are not in a block yet would take
+/// gigabytes on deep levels, and less than a tenth of it in this form. `None` if nothing is in it.
+#[derive(Clone, Default, serde::Serialize, serde::Deserialize)]
+pub(super) struct Waiting(Option<Vec<u8>>);
+
+impl Waiting {
+    fn new(part: Option<&Part>) -> Result<Self, BuildError> {
+        let mut bytes = part.map(postcard::to_stdvec).transpose().map_err(Self::failed)?;
+        bytes.iter_mut().for_each(Vec::shrink_to_fit);
+        Ok(Self(bytes))
+    }
+
+    fn part(self) -> Result<Option<Part>, BuildError> {
+        self.0.map(|bytes| postcard::from_bytes(&bytes)).transpose().map_err(Self::failed)
+    }
+
+    fn failed(error: postcard::Error) -> BuildError {
+        BuildError::io(Path::new("a finished subtree"), std::io::Error::other(error))
+    }
 }
 
 /// A subtree to be built.
@@ -259,7 +281,12 @@ impl<'a> Subtrees<'a> {
         }
         let recursion = Recursion::new(&surface, self.settings, store, None, &|_| ());
         let part = recursion.part(&task.path)?;
-        Ok(Finished { part, voxels: recursion.voxels(), triangles, dropped: triangles - with_area })
+        Ok(Finished {
+            part: Waiting::new(part.as_ref())?,
+            voxels: recursion.voxels(),
+            triangles,
+            dropped: triangles - with_area,
+        })
     }
 
     /// Joins the finished children of a cube.
@@ -274,7 +301,7 @@ impl<'a> Subtrees<'a> {
         for (slot, (part, plan)) in parts.iter_mut().zip(children).enumerate() {
             *part = match plan {
                 Plan::Nothing => None,
-                Plan::Task(task) => finished.get_mut(&task).and_then(|finished| finished.part.take()),
+                Plan::Task(task) => finished.remove(&task).map_or(Ok(None), |finished| finished.part.part())?,
                 Plan::Split(children) => {
                     self.join(cube.child(slot), *children, finished, store)?.map(|(tree, mean)| {
                         let (color, normal) = mean.encode();
