@@ -258,14 +258,14 @@ fn fingerprint(mesh: &Mesh, displaced: Option<&DisplaceOptions>, settings: &Buil
 mod tests {
     use super::*;
 
-    /// Version 3 tested attributes before they were encoded.
+    /// Version 4 kept the descriptors of finished subtrees one by one.
     #[test]
     fn parts_of_builders_with_other_results_are_refused() {
         let (mesh, settings) = (Mesh::default(), BuildSettings::default());
         let files = tempfile::tempdir().unwrap();
         let output = files.path().join("a.esvo");
         std::fs::create_dir(files.path().join("a.esvo.part")).unwrap();
-        for (results, same) in [(3, false), (4, true)] {
+        for (results, same) in [(4, false), (5, true)] {
             let file = File::create(files.path().join("a.esvo.part/journal")).unwrap();
             let mut writer = Writer { file, blocks: 0 };
             writer.put(&Record::Build(fingerprint(&mesh, None, &settings, results))).unwrap();

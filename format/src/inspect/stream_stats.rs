@@ -97,12 +97,13 @@ impl<S: RangeRead> Walk<'_, S> {
         let near = u32::try_from(near).unwrap_or(u32::MAX);
         self.claim(Siblings { first: near, count: 1, level })?;
         stats.far_pointers += 1;
-        let target = u64::from(slot) + self.block.slots()[near as usize];
+        // The value may be anything.
+        let target = self.block.slots()[near as usize].saturating_add(slot.into());
         if target < u64::from(self.block.parts().array_slots) {
             return Ok(Some(target as u32));
         }
         let (blocks, own) = (self.reader.blocks(), self.block.index() as usize);
-        let place = blocks[own].image_offset / 8 + target;
+        let place = target.saturating_add(blocks[own].image_offset / 8);
         let found = blocks.partition_point(|block| block.image_offset / 8 <= place).wrapping_sub(1);
         let is_entry = blocks.get(found).is_some_and(|block| {
             found > own && block.image_offset / 8 + u64::from(FIRST_SLOT) == place && block.parent as usize == own
