@@ -10,6 +10,7 @@ use crate::commands::completions::CompletionsArguments;
 use crate::commands::convert::ConvertArguments;
 use crate::commands::diff::DiffArguments;
 use crate::commands::dump::DumpArguments;
+use crate::commands::export::ExportArguments;
 use crate::commands::hits::HitsArguments;
 use crate::commands::info::InfoArguments;
 use crate::commands::join::JoinArguments;
@@ -47,6 +48,7 @@ pub(crate) enum Command {
     Diff(DiffArguments),
     Validate(ValidateArguments),
     Convert(ConvertArguments),
+    Export(ExportArguments),
     Join(JoinArguments),
     Ambient(AmbientArguments),
     Render(RenderArguments),

@@ -49,6 +49,7 @@ fn main() -> ExitCode {
         Command::Diff(arguments) => commands::diff::run_diff(&arguments),
         Command::Validate(arguments) => commands::validate::run_validate(&arguments),
         Command::Convert(arguments) => commands::convert::run_convert(&arguments),
+        Command::Export(arguments) => commands::export::run_export(&arguments),
         Command::Join(arguments) => commands::join::run_join(&arguments),
         Command::Ambient(arguments) => commands::ambient::run_ambient(&arguments),
         Command::Render(arguments) => commands::render::run_render(&arguments),

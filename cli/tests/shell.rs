@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 use common::Folder;
 
 /// All commands, by the names of their pages.
-const PAGES: [&str; 30] = [
+const PAGES: [&str; 31] = [
     "esvo",
     "esvo-advise",
     "esvo-ambient",
@@ -30,6 +30,7 @@ const PAGES: [&str; 30] = [
     "esvo-convert",
     "esvo-diff",
     "esvo-dump",
+    "esvo-export",
     "esvo-hits",
     "esvo-info",
     "esvo-join",
