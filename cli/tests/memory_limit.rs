@@ -31,6 +31,7 @@ fn build(folder: &Folder, arguments: &[&str]) -> Ended {
     }
     let errors = folder.path("errors");
     command.args(arguments).stdout(Stdio::null()).stderr(std::fs::File::create(&errors).unwrap());
+    #[expect(clippy::zombie_processes, reason = "it is waited for below, in a way that tells its memory")]
     let child = command.spawn().unwrap();
     let (mut status, mut usage) = (0, std::mem::MaybeUninit::<libc::rusage>::zeroed());
     // SAFETY: the child exists and nothing else waits for it; both pointers are valid, and all zeros are a valid `rusage`.
