@@ -16,6 +16,17 @@ pub struct BlockParts {
 }
 
 impl BlockParts {
+    /// The same, relative to the start of the block.
+    pub(crate) fn within(&self) -> Self {
+        let start = self.start as usize;
+        Self {
+            start: 0,
+            contour_words: self.contour_words - start * 2,
+            attachments: self.attachments.iter().map(|&(kind, at, size)| (kind, at - start as u64 * 8, size)).collect(),
+            ..*self
+        }
+    }
+
     /// First word in the image of the attachment of this type.
     pub(crate) fn words(&self, kind: u32) -> Option<usize> {
         self.attachments.iter().find(|(k, ..)| *k == kind).map(|(_, at, _)| (*at / 4) as usize)

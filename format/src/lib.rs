@@ -99,6 +99,7 @@
 //! | `octree.rs`, `block.rs`, `descriptor.rs`, `needs.rs` | an octree in memory, and access to its voxels |
 //! | `morton.rs` | cubes of one level as numbers |
 //! | `check/` | the rules of the specification: tables, topology (the walk along all pointers), validation and its report |
+//! | `parts/` | blocks stored in parts by level, as streams of fields |
 //! | `layout/` | from a tree to blocks: planning, placing, encoding, packing; adding an attachment |
 //! | `stream/` | reading parts of a file |
 //! | `inspect/` | dumps, differences, statistics |
@@ -134,6 +135,7 @@ mod morton;
 mod needs;
 pub mod oct;
 mod octree;
+mod parts;
 mod stream;
 mod values;
 
@@ -158,7 +160,7 @@ pub use layout::tree::{Tree, TreeNode, Voxel};
 pub use morton::{morton, morton_place};
 pub use needs::Needs;
 pub use octree::{Octree, UnknownSection};
-pub use stream::block::{Block, Region};
+pub use stream::block::{Block, Part, Region};
 pub use stream::reader::StreamReader;
 pub use stream::source::{RangeRead, SeekSource};
 pub use values::ambient::AmbientBlock;

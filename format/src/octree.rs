@@ -105,6 +105,8 @@ pub struct Octree {
     pub(crate) origin: Option<Origin>,
     pub(crate) sound: OnceLock<Result<(), Broken>>,
     pub(crate) stored: Stored,
+    /// Where the table of parts is not in order, and what is wrong (S009).
+    pub(crate) part_order: Option<(u64, String)>,
     /// Result of comparing the checksums.
     pub(crate) compared: OnceLock<Result<(), Broken>>,
     /// Result of [`verified`](Self::verified).
@@ -152,7 +154,8 @@ impl Octree {
             })
             .collect::<Result<_, Broken>>()?;
         let (sound, compared, verified) = Default::default();
-        Ok(Self { objects, blocks, parts, meta, unknown, image, origin, sound, stored, compared, verified })
+        let part_order = None;
+        Ok(Self { objects, blocks, parts, meta, unknown, image, origin, sound, stored, part_order, compared, verified })
     }
 
     /// Offset of byte `at` of the image in the file that the octree was read from. `at` itself if there is no file, or

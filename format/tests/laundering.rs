@@ -20,7 +20,9 @@ const FLIPS: usize = 500;
 
 fn packed(octree: &Octree) -> Vec<u8> {
     let mut bytes = Vec::new();
-    octree.write_to_with(&mut bytes, &WriteOptions { compress: Some(3) }).expect("writing to memory does not fail");
+    octree
+        .write_to_with(&mut bytes, &WriteOptions { compress: Some(3), ..WriteOptions::default() })
+        .expect("writing to memory does not fail");
     bytes
 }
 
@@ -122,7 +124,7 @@ fn nothing_writes_a_damaged_octree() {
             let error = octree.write_to(&mut out).expect_err(&what);
             let inner = error.get_ref().and_then(|e| e.downcast_ref::<Broken>()).expect("a broken rule");
             assert!(*inner == intact && out.is_empty(), "{what}: {inner}");
-            for options in [WriteOptions::default(), WriteOptions { compress: Some(1) }] {
+            for options in [WriteOptions::default(), WriteOptions { compress: Some(1), ..WriteOptions::default() }] {
                 assert_eq!(rule(&what, &report, octree.write_with(&output, &options)), first, "{what}");
             }
             assert_eq!(rule(&what, &report, oct::write(octree, &output)), first, "{what}");

@@ -4,6 +4,7 @@ mod common;
 
 use std::collections::BTreeSet;
 
+use common::break_parts::broken_parts;
 use common::breaks::{Broken, broken_files, change_low, sample, set_slot};
 use common::samples::samples;
 use common::{Colors, Shape, bytes_of};
@@ -24,12 +25,17 @@ fn every_rule_is_reported_when_it_is_broken_and_no_other() {
     for (name, octree) in samples() {
         assert_eq!(reported(&bytes_of(&octree)), BTreeSet::new(), "{name} is valid before");
     }
-    for (number, broken) in broken_files().into_iter().enumerate() {
+    // Builds without Zstandard cannot say what is wrong with files in parts.
+    let parts = if cfg!(feature = "zstd") { broken_parts() } else { Vec::new() };
+    for (number, broken) in broken_files().into_iter().chain(parts).enumerate() {
         let Broken { rule, sample, bytes } = broken;
         assert_eq!(reported(&bytes), BTreeSet::from([rule]), "case {number} for {rule}, made from {sample}");
         tested.insert(rule);
     }
     for rule in RULES {
+        if rule.id.starts_with('S') && cfg!(not(feature = "zstd")) {
+            continue;
+        }
         assert_eq!(tested.contains(rule.id), rule.no_vector.is_none(), "{}: a case or a reason for none", rule.id);
     }
 }

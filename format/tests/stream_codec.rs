@@ -16,7 +16,9 @@ use proptest::prelude::*;
 
 fn compressed(octree: &Octree, level: i32) -> Vec<u8> {
     let mut bytes = Vec::new();
-    octree.write_to_with(&mut bytes, &WriteOptions { compress: Some(level) }).expect("a level that there is");
+    octree
+        .write_to_with(&mut bytes, &WriteOptions { compress: Some(level), ..WriteOptions::default() })
+        .expect("a level that there is");
     bytes
 }
 
@@ -103,7 +105,7 @@ fn a_compressed_file_says_so_and_is_smaller() {
     }
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.esvo");
-    octree.write_with(&path, &WriteOptions { compress: Some(3) }).unwrap();
+    octree.write_with(&path, &WriteOptions { compress: Some(3), ..WriteOptions::default() }).unwrap();
     assert_eq!(std::fs::read(&path).unwrap(), file.0);
     let opened = Octree::open(&path).unwrap();
     assert!(opened.slots() == octree.slots());
@@ -116,7 +118,10 @@ fn levels_that_there_are_not_are_refused_and_nothing_is_left() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.esvo");
     for level in [i32::MIN, -1, 0, 23, 99] {
-        let error = mixed().write_with(&path, &WriteOptions { compress: Some(level) }).unwrap_err().to_string();
+        let error = mixed()
+            .write_with(&path, &WriteOptions { compress: Some(level), ..WriteOptions::default() })
+            .unwrap_err()
+            .to_string();
         assert!(error.contains(&format!("compression level is {level}, expected 1 to 22")), "{error}");
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
     }

@@ -20,6 +20,9 @@ fn compressed_files_are_refused_by_name() {
     };
     check(Octree::from_bytes(&file.0).err().expect("refused"));
     check(StreamReader::open(&file.0).err().expect("refused"));
-    let error = samples()[0].1.write_to_with(&mut Vec::new(), &WriteOptions { compress: Some(3) }).unwrap_err();
+    let error = samples()[0]
+        .1
+        .write_to_with(&mut Vec::new(), &WriteOptions { compress: Some(3), ..WriteOptions::default() })
+        .unwrap_err();
     assert_eq!(error.kind(), std::io::ErrorKind::Unsupported);
 }

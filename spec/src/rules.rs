@@ -1,4 +1,4 @@
-//! The rules of version 1. Letter: H header, D directory, M metadata, O object table, B block table, P pages and info
+//! The rules of version 1. Letter: H header, D directory, M metadata, O object table, B block table, S parts, P pages and info
 //! sections, C child descriptors, K contours, A attachments.
 
 /// How strict a rule is (in the sense of BCP 14).
@@ -81,13 +81,23 @@ rules! {
     BLOCK_IMAGE = "B003" Must: "Blocks follow each other in the image without gaps, in table order, from offset 0; if all blocks have codec 0, BLKS has the size of the image.";
     BLOCK_RANGE = "B004" Must: "The stored bytes of a block, extended to the next multiple of 8192, start at a multiple of 8192 from the start of the file, lie within BLKS and overlap those of no other block; if all blocks have codec 0, each is as far into BLKS as into the image.";
     BLOCK_CODEC = "B005" Must: "The codec is known, and one other than 0 goes with required feature bit 0; codec 0 stores the image bytes as they are, codec 1 stores exactly one Zstandard frame that decodes to the image bytes.";
-    BLOCK_CHECKSUM = "B006" Must: "The block checksum is the CRC-32 of the stored bytes.";
+    BLOCK_CHECKSUM = "B006" Must: "The block checksum is the CRC-32 of the stored bytes, or of the checksums of the parts if the block is stored in parts.";
     BLOCK_PARENT = "B007" Must: "The object of a block exists; the root block of an object has no parent, and the parent of any other block comes before it in the table and belongs to the same object.";
     BLOCK_CUBE = "B008" Must: "The cube of a root block is the root cube; the cube of any other block has scale 1 to 23 and a position that is a multiple of its edge, lies within the parent's cube, and is the cube of the voxel whose descendants the block holds.";
     BLOCK_RESERVED = "B009" Must: "The reserved fields of the block table are zero.";
     BLOCK_REACHED = "B010" Must: "Every block but a root block is referred to by its parent.";
     BLOCK_LIMIT = "B011" Must: "The image has at most 2^32 slots.", no vector: "A file with such an image has more than 32 GiB, or more than 1 MiB of frames if it is compressed.";
     BLOCK_ORDER = "B012" Should: "The blocks of an object are in the order of their parents.";
+
+    PART_TABLE = "S001" Must: "The section PART occurs exactly if required feature bit 1 is set, and holds a whole number of entries, at least one.";
+    PART_PLACE = "S002" Must: "The parts lie in BLKS in the order of PART, the first at its start, every other at the next multiple of 8 after the one before, and BLKS ends at the next multiple of 8 after the last; a part has more than 16 bytes.";
+    PART_LEVELS = "S003" Must: "The block of a part exists; the parts of a block follow each other by level without gaps, from the level of its first descriptors on and to level 22 at most; a block with a codec other than 2 has one part, to level 22.";
+    PART_CHECKSUM = "S004" Must: "The checksum of a part is the CRC-32 of the bytes of the part after it.";
+    PART_HEADER = "S005" Must: "The other fields of a part header are those of PART and of the block table, and its reserved field is zero.";
+    PART_FIELDS = "S006" Must: "The parts of a block of codec 2 decode, as section 4.4 lays down, to the image of the block.";
+    PART_RESERVED = "S007" Must: "The reserved fields of PART are zero.";
+    PART_BLOCK = "S008" Must: "The file offset of a block that is stored in parts is that of its first part, and its stored size is the sum of the sizes of its parts.";
+    PART_ORDER = "S009" Should: "PART is in the order of first level, then block.";
 
     PAGE_HEADER = "P001" Must: "The first slot of every page of a descriptor array holds the distance in slots to the info section, and zero in its high word; the array has at least 4 slots and lies within the block.";
     INFO_RANGE = "P002" Must: "The info section comes directly after the descriptor array and says how long that is; together with the attachment directory it lies within the block.";

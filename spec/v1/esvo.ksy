@@ -82,6 +82,12 @@ types:
         size: length
         type: block_table
         if: tag == [0x42, 0x4c, 0x4b, 0x54]
+      parts:
+        io: _root._io
+        pos: offset
+        size: length
+        type: part_table
+        if: tag == [0x50, 0x41, 0x52, 0x54]
       metadata:
         io: _root._io
         pos: offset
@@ -165,7 +171,44 @@ types:
         pos: file_offset
         size: stored_size
         type: block_image
-        if: codec == codec::raw
+        if: codec == codec::raw and (_root.header.required_features & 2) == 0
+  part_table:
+    doc: Section 4.3; with required feature bit 1. The parts lie in BLKS in this order, each from a multiple of 8 bytes.
+    seq:
+      - id: entries
+        type: part_entry
+        repeat: eos
+  part_entry:
+    doc: 12 bytes.
+    seq:
+      - id: block
+        type: u4
+      - id: size
+        type: u4
+        doc: With the part header.
+      - id: first_level
+        type: u1
+      - id: last_level
+        type: u1
+      - id: reserved
+        type: u2
+  part_header:
+    doc: Section 4.3; 16 bytes that every part begins with.
+    seq:
+      - id: crc
+        type: u4
+      - id: size
+        type: u4
+      - id: block
+        type: u4
+      - id: first_level
+        type: u1
+      - id: last_level
+        type: u1
+      - id: codec
+        type: u1
+      - id: reserved
+        type: u1
   block_image:
     doc: Section 4.2; a block as it is in memory. The root of a stream where the block was compressed.
     seq:
@@ -476,6 +519,7 @@ enums:
   codec:
     0: raw
     1: zstandard
+    2: fields
   attachment:
     1: color_blocks
     2: normal_blocks

@@ -28,7 +28,7 @@ fn files() -> Result<Vec<Vec<u8>>, Box<dyn std::error::Error>> {
         let lit = octree.with_ambient_occlusion(|slot, child| (slot * 31) as u8 ^ child)?;
         for (octree, compress) in [(&*octree, None), (&*octree, Some(3)), (&lit, None)] {
             let mut file = Vec::new();
-            octree.write_to_with(&mut file, &WriteOptions { compress })?;
+            octree.write_to_with(&mut file, &WriteOptions { compress, ..WriteOptions::default() })?;
             files.push(file);
         }
     }

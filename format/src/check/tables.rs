@@ -146,12 +146,16 @@ pub(crate) fn compressed(blocks: &[BlockEntry]) -> bool {
     blocks.iter().any(|block| block.codec != CODEC_RAW)
 }
 
-/// Checks where and how the blocks are stored. `data` is the section of the block data, `features` are the required
-/// feature bits of the file.
-pub(crate) fn check_stored(blocks: &[BlockEntry], at: u64, data: &SectionEntry, features: u64) -> Result<(), Broken> {
+/// Checks the codecs of the blocks. `features` are the required feature bits of the file.
+pub(crate) fn check_codecs(blocks: &[BlockEntry], at: u64, features: u64) -> Result<(), Broken> {
+    let check = |(i, block)| check_codec(block, features).map_err(|fault| block_fault(fault, at, i));
+    blocks.iter().enumerate().try_for_each(check)
+}
+
+/// Checks where the blocks are stored, if not in parts. `data` is the section of the block data.
+pub(crate) fn check_stored(blocks: &[BlockEntry], at: u64, data: &SectionEntry) -> Result<(), Broken> {
     let in_place = !compressed(blocks);
     for (i, block) in blocks.iter().enumerate() {
-        check_codec(block, features).map_err(|fault| block_fault(fault, at, i))?;
         let fail = |what| Err(block_fault((ids::BLOCK_RANGE, 40, what), at, i));
         // A stored block occupies whole pages.
         let end = (block.stored_size.checked_next_multiple_of(PAGE_BYTES))
@@ -180,7 +184,9 @@ pub(crate) fn check_stored(blocks: &[BlockEntry], at: u64, data: &SectionEntry, 
 }
 
 fn check_codec(block: &BlockEntry, features: u64) -> Result<(), Fault> {
-    let (stored, image) = (block.stored_size, block.image_size);
+    let in_parts = features & FEATURE_PARTS != 0;
+    let header = if in_parts && block.codec != CODEC_FIELDS { PART_HEADER_BYTES } else { 0 };
+    let (stored, image) = (block.stored_size.saturating_sub(header), block.image_size);
     match block.codec {
         CODEC_RAW if stored == image => Ok(()),
         CODEC_RAW => {
@@ -194,6 +200,14 @@ fn check_codec(block: &BlockEntry, features: u64) -> Result<(), Fault> {
             Err((ids::BLOCK_CODEC, 48, format!("{stored} compressed bytes cannot decompress to {image} bytes")))
         }
         CODEC_ZSTD => Ok(()),
+        CODEC_FIELDS if features & FEATURE_COMPRESSED == 0 || !in_parts => {
+            Err((ids::BLOCK_CODEC, 56, "codec 2 is used, but required feature bit 0 or 1 is clear".into()))
+        }
+        // A byte of a stream stands for less than eight bytes of the image.
+        CODEC_FIELDS if image / (8 * MAX_RATIO) > stored => {
+            Err((ids::BLOCK_CODEC, 48, format!("{stored} bytes of parts cannot decode to {image} bytes")))
+        }
+        CODEC_FIELDS => Ok(()),
         codec => Err((ids::BLOCK_CODEC, 56, format!("this reader does not know codec {codec}"))),
     }
 }

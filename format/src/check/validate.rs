@@ -124,6 +124,9 @@ fn check(octree: &Octree, report: &mut Report) {
 /// Checks all rules except those of the metadata and of the stored bytes.
 fn check_contents(octree: &Octree, report: &mut Report) {
     check_table_order(octree, report);
+    if let Some((at, what)) = &octree.part_order {
+        report.add(Broken::new(ids::PART_ORDER, *at, what.clone()));
+    }
     let mut walker = Walker::new(octree, std::mem::take(report));
     let walked = walk(octree, &mut walker);
     let Walker { report: found, tallies, reached, far_pointers, contours, .. } = walker;

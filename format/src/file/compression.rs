@@ -17,13 +17,18 @@ pub const COMPRESSION_LEVELS: std::ops::RangeInclusive<i32> = 1..=22;
 pub(crate) fn encode(image: &[u8], level: Option<i32>) -> std::io::Result<(u32, Cow<'_, [u8]>)> {
     let raw = (CODEC_RAW, Cow::Borrowed(image));
     let Some(level) = level else { return Ok(raw) };
-    if !COMPRESSION_LEVELS.contains(&level) {
-        let what = format!("the compression level is {level}, expected 1 to 22");
-        return Err(Error::new(ErrorKind::InvalidInput, what));
-    }
+    check_level(level)?;
     let frame = compress(image, level)?;
     let fewer = (frame.len() as u64).next_multiple_of(PAGE_BYTES) < image.len() as u64;
     Ok(if fewer { (CODEC_ZSTD, Cow::Owned(frame)) } else { raw })
+}
+
+/// Refuses a compression level that there is not.
+pub(crate) fn check_level(level: i32) -> std::io::Result<()> {
+    if COMPRESSION_LEVELS.contains(&level) {
+        return Ok(());
+    }
+    Err(Error::new(ErrorKind::InvalidInput, format!("the compression level is {level}, expected 1 to 22")))
 }
 
 #[cfg(feature = "zstd")]
@@ -40,6 +45,11 @@ fn compress(_: &[u8], _: i32) -> std::io::Result<Vec<u8>> {
 /// that of the block table. Stored bytes that do not fill `image` exactly are refused.
 pub(crate) fn decode(index: usize, block: &BlockEntry, stored: &[u8], image: &mut [u8]) -> Result<(), Broken> {
     check_crc(index, block, stored)?;
+    decode_body(index, block, stored, image)
+}
+
+/// Like [`decode`], of bytes whose checksum has been compared.
+pub(crate) fn decode_body(index: usize, block: &BlockEntry, stored: &[u8], image: &mut [u8]) -> Result<(), Broken> {
     let fail = |what: String| Err(Broken::new(ids::BLOCK_CODEC, block.file_offset, format!("block {index}: {what}")));
     match block.codec {
         // The table has been checked, so different sizes would be a bug of this library.
@@ -63,22 +73,87 @@ pub(crate) fn check_crc(index: usize, block: &BlockEntry, stored: &[u8]) -> Resu
     Err(Broken::new(ids::BLOCK_CHECKSUM, block.file_offset, format!("block {index} is damaged: its checksum differs")))
 }
 
+/// Checks that bytes are one Zstandard frame. The decoder would accept several frames and skippable frames, which the format
+/// does not allow.
+#[cfg(feature = "zstd")]
+fn one_frame(stored: &[u8]) -> Result<(), String> {
+    const MAGIC: [u8; 4] = 0xFD2F_B528u32.to_le_bytes();
+    let whole = stored.starts_with(&MAGIC) && zstd::zstd_safe::find_frame_compressed_size(stored) == Ok(stored.len());
+    if whole { Ok(()) } else { Err("the stored bytes are not one Zstandard frame".into()) }
+}
+
+/// Decoders of frames that keep their memory from one frame to the next.
+#[cfg(feature = "zstd")]
+pub(crate) struct Unpacker(zstd::bulk::Decompressor<'static>);
+
+#[cfg(feature = "zstd")]
+impl Unpacker {
+    pub(crate) fn new() -> Result<Self, String> {
+        zstd::bulk::Decompressor::new().map(Self).map_err(|error| error.to_string())
+    }
+
+    /// Decodes one frame, whole and alone, to as many bytes as `out` has.
+    pub(crate) fn unpack(&mut self, stored: &[u8], out: &mut [u8]) -> Result<(), String> {
+        one_frame(stored)?;
+        let expected = out.len();
+        let size = (self.0.decompress_to_buffer(stored, out))
+            .map_err(|error| format!("the stored bytes cannot be decompressed to {expected} bytes: {error}"))?;
+        if size != expected {
+            return Err(format!("the stored bytes decompress to {size} bytes, expected {expected}"));
+        }
+        Ok(())
+    }
+}
+
+/// An encoder of frames that keeps its memory from one frame to the next.
+#[cfg(feature = "zstd")]
+pub(crate) struct Packer(zstd::bulk::Compressor<'static>);
+
+#[cfg(feature = "zstd")]
+impl Packer {
+    pub(crate) fn new(level: i32) -> std::io::Result<Self> {
+        zstd::bulk::Compressor::new(level).map(Self)
+    }
+
+    pub(crate) fn pack(&mut self, bytes: &[u8]) -> std::io::Result<Vec<u8>> {
+        self.0.compress(bytes)
+    }
+}
+
 #[cfg(feature = "zstd")]
 fn decompress(stored: &[u8], image: &mut [u8]) -> Result<(), String> {
-    use zstd::zstd_safe;
-    const MAGIC: [u8; 4] = 0xFD2F_B528u32.to_le_bytes();
-    // The decoder would accept several frames and skippable frames, which the format does not allow.
-    let whole = stored.starts_with(&MAGIC) && zstd_safe::find_frame_compressed_size(stored) == Ok(stored.len());
-    if !whole {
-        return Err("the stored bytes are not one Zstandard frame".into());
+    Unpacker::new()?.unpack(stored, image)
+}
+
+#[cfg(not(feature = "zstd"))]
+const WITHOUT: &str = "it needs a build of esvo-format with the feature `zstd`";
+
+#[cfg(not(feature = "zstd"))]
+pub(crate) struct Unpacker;
+
+#[cfg(not(feature = "zstd"))]
+impl Unpacker {
+    pub(crate) fn new() -> Result<Self, String> {
+        Err(WITHOUT.into())
     }
-    let expected = image.len();
-    let size = zstd::bulk::decompress_to_buffer(stored, image)
-        .map_err(|error| format!("the stored bytes cannot be decompressed to {expected} bytes: {error}"))?;
-    if size != expected {
-        return Err(format!("the stored bytes decompress to {size} bytes, expected {expected}"));
+
+    pub(crate) fn unpack(&mut self, _: &[u8], _: &mut [u8]) -> Result<(), String> {
+        Err(WITHOUT.into())
     }
-    Ok(())
+}
+
+#[cfg(not(feature = "zstd"))]
+pub(crate) struct Packer;
+
+#[cfg(not(feature = "zstd"))]
+impl Packer {
+    pub(crate) fn new(_: i32) -> std::io::Result<Self> {
+        Err(Error::new(ErrorKind::Unsupported, WITHOUT))
+    }
+
+    pub(crate) fn pack(&mut self, _: &[u8]) -> std::io::Result<Vec<u8>> {
+        Err(Error::new(ErrorKind::Unsupported, WITHOUT))
+    }
 }
 
 #[cfg(not(feature = "zstd"))]

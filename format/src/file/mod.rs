@@ -4,5 +4,6 @@ pub(crate) mod compression;
 pub(crate) mod open;
 mod records;
 pub(crate) mod write;
+pub(crate) mod write_parts;
 
 pub use records::*;

@@ -8,10 +8,12 @@ use rayon::prelude::*;
 
 use crate::check::metadata;
 use crate::check::stored::gaps;
-use crate::check::tables::{check_blocks, check_objects, check_stored, compressed, stored_ranges};
+use crate::check::tables::{check_blocks, check_codecs, check_objects, check_stored, compressed, stored_ranges};
 use crate::file::compression;
 use crate::file::*;
 use crate::octree::{Gaps, Image, Origin, Stored, UnknownSection};
+use crate::parts::block::decode_parts;
+use crate::parts::table::PartTable;
 use crate::{Broken, FormatError, Octree, ids};
 
 /// Default limit of the memory for decompressed blocks: 8 GiB.
@@ -116,6 +118,8 @@ pub(crate) struct Contents {
     /// Offset and length of the block data in the file.
     data: (usize, usize),
     origin: Origin,
+    /// The parts, if the blocks are stored in parts.
+    parts: Option<PartTable>,
     /// Start and end of header, directory and sections, in order. If any block is compressed, the ranges of the stored
     /// blocks replace that of the block data.
     pub(crate) ranges: Vec<(u64, u64)>,
@@ -161,6 +165,9 @@ impl Contents {
         }
         let results: Vec<Result<(), Broken>> = (work.into_par_iter())
             .map(|(index, block, image)| {
+                if let Some(parts) = &self.parts {
+                    return decode_parts(&self.blocks, parts, index, bytes, image);
+                }
                 let stored = block.file_offset as usize..(block.file_offset + block.stored_size) as usize;
                 compression::decode(index, block, &bytes[stored], image)
             })
@@ -173,7 +180,11 @@ impl Contents {
 
     fn into_octree(self, image: Image, gaps: Gaps, options: &OpenOptions) -> Result<Octree, FormatError> {
         let stored = Stored::File { gaps, verify: options.verify };
-        Octree::new(self.objects, self.blocks, self.meta, self.unknown, image, Some(self.origin), stored)
+        let part_order = self.parts.as_ref().and_then(PartTable::disorder);
+        let mut octree =
+            Octree::new(self.objects, self.blocks, self.meta, self.unknown, image, Some(self.origin), stored)?;
+        octree.part_order = part_order;
+        Ok(octree)
     }
 
     /// Reads and checks everything except info sections and blocks.
@@ -186,16 +197,16 @@ impl Contents {
             check_section(section, slice(section))?;
         }
         check_overlaps(&ranges)?;
-        let Tables { objects, blocks, data, object_at } =
+        let Tables { objects, blocks, data, object_at, parts } =
             Tables::read(&header, &sections, |section| Ok(slice(section).to_vec()))?;
-        let compressed = compressed(&blocks);
+        let compressed = compressed(&blocks) || parts.is_some();
         let mut origin = Origin { image: data.offset, objects: object_at, meta: 0, compressed };
         let mut meta = String::new();
         let mut unknown = Vec::new();
         check_tags(&sections)?;
         for section in &sections {
             match section.tag {
-                TAG_OBJECTS | TAG_BLOCKS | TAG_DATA => {}
+                TAG_OBJECTS | TAG_BLOCKS | TAG_DATA | TAG_PARTS => {}
                 TAG_META => {
                     let found = metadata::parse(slice(section)).map_err(|(at, what)| {
                         broken(ids::META_JSON, section.offset + at as u64, format!("the metadata: {what}"))
@@ -208,10 +219,14 @@ impl Contents {
         }
         if compressed {
             ranges.retain(|range| *range != (data.offset, data.offset + data.length));
-            ranges.extend(stored_ranges(&blocks));
+            match &parts {
+                Some(parts) => ranges.extend((0..parts.entries.len()).map(|part| parts.range(part as u32))),
+                None => ranges.extend(stored_ranges(&blocks)),
+            }
             ranges.sort_unstable();
         }
-        Ok(Self { objects, blocks, meta, unknown, data: (data.offset as usize, data.length as usize), origin, ranges })
+        let data = (data.offset as usize, data.length as usize);
+        Ok(Self { objects, blocks, meta, unknown, data, origin, parts, ranges })
     }
 }
 
@@ -223,6 +238,8 @@ pub(crate) struct Tables {
     pub(crate) data: SectionEntry,
     /// Offset of the object table in the file.
     pub(crate) object_at: u64,
+    /// The parts, if the blocks are stored in parts.
+    pub(crate) parts: Option<PartTable>,
 }
 
 impl Tables {
@@ -259,10 +276,30 @@ impl Tables {
             )
         })?;
         check_objects(&objects, object_section.offset)?;
-        let image = (!compressed(&blocks)).then_some(data.length);
+        let in_parts = header.required_features & FEATURE_PARTS != 0;
+        let image = (!compressed(&blocks) && !in_parts).then_some(data.length);
         check_blocks(&blocks, block_section.offset, &objects, image)?;
-        check_stored(&blocks, block_section.offset, &data, header.required_features)?;
-        Ok(Self { objects, blocks, data, object_at: object_section.offset })
+        check_codecs(&blocks, block_section.offset, header.required_features)?;
+        let part_section = sections.iter().find(|s| s.tag == TAG_PARTS);
+        let parts = match part_section {
+            Some(section) if in_parts => {
+                let parts = entries::<PartEntry>(&fetch(section)?, PART_BYTES).ok_or_else(|| {
+                    let what = format!("the table of parts is empty or no multiple of {PART_BYTES} bytes");
+                    broken(ids::PART_TABLE, section.offset, what)
+                })?;
+                Some(PartTable::new(parts, section.offset, &blocks, block_section.offset, &data)?)
+            }
+            None if !in_parts => {
+                check_stored(&blocks, block_section.offset, &data)?;
+                None
+            }
+            section => {
+                let at = section.map_or(16, |section| section.offset);
+                let what = "section PART and required feature bit 1 do not occur together".into();
+                return Err(broken(ids::PART_TABLE, at, what));
+            }
+        };
+        Ok(Self { objects, blocks, data, object_at: object_section.offset, parts })
     }
 }
 
@@ -275,7 +312,7 @@ pub(crate) fn check_tags(sections: &[SectionEntry]) -> Result<(), FormatError> {
                 let what = format!("section {} occurs twice", name(tag));
                 return Err(broken(ids::SECTION_MISSING, section.offset, what));
             }
-            TAG_META => {}
+            TAG_META | TAG_PARTS => {}
             tag if section.flags & SECTION_REQUIRED != 0 => {
                 let what = format!("section {} is required, but this reader does not know it", name(tag));
                 return Err(broken(ids::SECTION_REQUIRED, section.offset, what));

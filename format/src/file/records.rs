@@ -12,8 +12,11 @@ pub const MAJOR_VERSION: u16 = 1;
 pub const MINOR_VERSION: u16 = 0;
 /// Required feature bit 0: some blocks are stored compressed.
 pub const FEATURE_COMPRESSED: u64 = 1;
-/// All required feature bits that this reader knows: [`FEATURE_COMPRESSED`] with the crate's feature `zstd`.
-pub const KNOWN_REQUIRED: u64 = if cfg!(feature = "zstd") { FEATURE_COMPRESSED } else { 0 };
+/// Required feature bit 1: the blocks are stored in parts (spec 4.3).
+pub const FEATURE_PARTS: u64 = 2;
+/// All required feature bits that this reader knows: [`FEATURE_COMPRESSED`] and [`FEATURE_PARTS`] with the crate's feature
+/// `zstd`.
+pub const KNOWN_REQUIRED: u64 = if cfg!(feature = "zstd") { FEATURE_COMPRESSED | FEATURE_PARTS } else { 0 };
 
 /// Bytes in a page. Size and offset of a block are multiples of it.
 pub const PAGE_BYTES: u64 = 8192;
@@ -90,6 +93,8 @@ pub const TAG_OBJECTS: [u8; 4] = *b"OBJT";
 pub const TAG_BLOCKS: [u8; 4] = *b"BLKT";
 /// Tag of the block data.
 pub const TAG_DATA: [u8; 4] = *b"BLKS";
+/// Tag of the table of parts; only with [`FEATURE_PARTS`].
+pub const TAG_PARTS: [u8; 4] = *b"PART";
 /// Tag of the metadata: a JSON object in UTF-8 (M001).
 pub const TAG_META: [u8; 4] = *b"META";
 
@@ -152,7 +157,7 @@ pub struct BlockEntry {
     pub file_offset: u64,
     /// Size as stored in bytes (B004, B005).
     pub stored_size: u64,
-    /// How the block is stored: [`CODEC_RAW`] or [`CODEC_ZSTD`] (B005). Blocks in memory are never compressed.
+    /// How the block is stored: [`CODEC_RAW`], [`CODEC_ZSTD`] or [`CODEC_FIELDS`] (B005). Blocks in memory are never compressed.
     pub codec: u32,
     /// CRC-32 of the stored bytes (B006).
     pub crc: u32,
@@ -192,6 +197,54 @@ pub const NO_PARENT: u32 = u32::MAX;
 pub const CODEC_RAW: u32 = 0;
 /// The block is stored as one Zstandard frame; needs [`FEATURE_COMPRESSED`].
 pub const CODEC_ZSTD: u32 = 1;
+
+/// The block is stored as streams of fields, in parts by level; needs [`FEATURE_PARTS`].
+pub const CODEC_FIELDS: u32 = 2;
+
+/// Entry of the table of parts, 12 bytes (spec 4.3). The parts lie in the block data in the order of the table. The fields
+/// follow each other without gaps, in this order.
+#[derive(BinRead, BinWrite, Clone, Copy, PartialEq, Eq, Debug)]
+#[brw(little)]
+pub struct PartEntry {
+    /// Index of the block (S003).
+    pub block: u32,
+    /// Size as stored in bytes, with the part header (S002).
+    pub size: u32,
+    /// Level of the first descriptors of the part; that of a descriptor is the level of its voxel (S003).
+    pub first_level: u8,
+    /// Level of the last descriptors; [`LAST_LEVEL`] unless the codec of the block is [`CODEC_FIELDS`] (S003).
+    pub last_level: u8,
+    /// Zero (S007).
+    pub reserved: u16,
+}
+
+/// Size of a [`PartEntry`] in bytes.
+pub const PART_BYTES: u64 = 12;
+/// Deepest level of a voxel with a descriptor.
+pub const LAST_LEVEL: u8 = 22;
+
+/// What every part begins with, 16 bytes (spec 4.3). The fields follow each other without gaps, in this order.
+#[derive(BinRead, BinWrite, Clone, Copy, PartialEq, Eq, Debug)]
+#[brw(little)]
+pub struct PartHeader {
+    /// CRC-32 of the bytes of the part after this field (S004).
+    pub crc: u32,
+    /// As in [`PartEntry`] (S005).
+    pub size: u32,
+    /// As in [`PartEntry`] (S005).
+    pub block: u32,
+    /// As in [`PartEntry`] (S005).
+    pub first_level: u8,
+    /// As in [`PartEntry`] (S005).
+    pub last_level: u8,
+    /// Codec of the block (S005).
+    pub codec: u8,
+    /// Zero (S005).
+    pub reserved: u8,
+}
+
+/// Size of a [`PartHeader`] in bytes.
+pub const PART_HEADER_BYTES: u64 = 16;
 
 /// Fixed part of a block's info section, 32 bytes, followed by `attachment_count` [`AttachmentEntry`]
 /// (spec 6).

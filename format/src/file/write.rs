@@ -10,7 +10,9 @@ use rayon::prelude::*;
 
 use crate::check::metadata;
 use crate::file::compression;
+use crate::file::write_parts::{PartsFile, Waiting};
 use crate::file::*;
+use crate::parts::block::{StoredPart, encode_block};
 use crate::{FormatError, Octree, UnknownSection, ids};
 
 /// How a file is written.
@@ -20,6 +22,17 @@ pub struct WriteOptions {
     /// is stored uncompressed if compression would not save a page; a file without compressed blocks can be mapped.
     /// `None` (the default) stores all blocks uncompressed.
     pub compress: Option<i32>,
+    /// Whether the blocks are stored in parts by level, as streams of fields (codec 2): the smallest files, and the ones of
+    /// which a coarse version is read by few ranges. [`compress`](Self::compress) is the level of the streams then, 3 if
+    /// `None`. Default: false.
+    pub parts: bool,
+}
+
+impl WriteOptions {
+    /// Level of the streams of parts.
+    pub(crate) fn part_level(&self) -> i32 {
+        self.compress.unwrap_or(3)
+    }
 }
 
 impl Octree {
@@ -67,6 +80,9 @@ impl Octree {
             let what = format!("the metadata breaks rule {}: {what}, at byte {at}", ids::META_JSON);
             return Err(Error::new(ErrorKind::InvalidInput, what));
         }
+        if options.parts {
+            return self.write_parts(out, options.part_level());
+        }
         let image: &[u8] = bytemuck::cast_slice(self.slots());
         let stored = self.blocks.par_iter().map(|block| {
             let image = &image[block.image_offset as usize..(block.image_offset + block.image_size) as usize];
@@ -91,6 +107,31 @@ impl Octree {
             out.write_all(padding(bytes.len()))?;
         }
         Ok(())
+    }
+}
+
+impl Octree {
+    fn write_parts(&self, out: &mut dyn Write, level: i32) -> std::io::Result<()> {
+        let stored = (0..self.blocks.len()).into_par_iter().map(|index| {
+            let block = &self.blocks[index];
+            let image = &self.slots()[(block.image_offset / 8) as usize..][..(block.image_size / 8) as usize];
+            encode_block(&self.blocks, index as u32, image, &self.parts[index].within(), level)
+        });
+        let stored: Vec<(u32, Vec<StoredPart>)> = stored.collect::<std::io::Result<_>>()?;
+        let parts: Vec<(u32, &StoredPart)> =
+            stored.iter().flat_map(|(codec, parts)| parts.iter().map(|part| (*codec, part))).collect();
+        let waiting = |&(codec, part): &(u32, &StoredPart)| Waiting { entry: part.entry, codec, crc: part.crc() };
+        let waiting: Vec<Waiting> = parts.iter().map(waiting).collect();
+        let file =
+            PartsFile { objects: &self.objects, blocks: self.blocks.clone(), meta: &self.meta, unknown: &self.unknown };
+        let laid = file.lay_out(&waiting).map_err(Error::other)?;
+        out.write_all(&laid.head)?;
+        for part in laid.order {
+            let bytes = &parts[part as usize].1.bytes;
+            out.write_all(bytes)?;
+            out.write_all(&[0; 8][..bytes.len().next_multiple_of(8) - bytes.len()])?;
+        }
+        out.write_all(&laid.tail)
     }
 }
 
@@ -166,29 +207,37 @@ impl Front<'_> {
             crc: 0,
             reserved: 0,
         }));
-        let mut header = Header {
-            identifier: IDENTIFIER,
-            major: MAJOR_VERSION,
-            minor: MINOR_VERSION,
-            required_features: if compressed { FEATURE_COMPRESSED } else { 0 },
-            optional_features: 0,
-            file_length,
-            directory_offset: HEADER_BYTES,
-            directory_count: sections.len() as u32 + 1,
-            directory_crc: crc32fast::hash(&directory),
-            reserved: 0,
-            header_crc: 0,
-        };
-        header.header_crc = crc32fast::hash(&to_bytes(&header)[..HEADER_BYTES as usize - 4]);
+        let features = if compressed { FEATURE_COMPRESSED } else { 0 };
+        let header = header(features, file_length, sections.len() as u32 + 1, &directory, 0);
         let mut front = vec![0; data_offset as usize];
         let mut put = |at: u64, bytes: &[u8]| front[at as usize..at as usize + bytes.len()].copy_from_slice(bytes);
-        put(0, &to_bytes(&header));
+        put(0, &header);
         put(HEADER_BYTES, &directory);
         for (section, bytes) in &sections {
             put(section.offset, bytes);
         }
         front
     }
+}
+
+/// The bytes of a header with the directory directly after it. `head` is the length of the head.
+pub(crate) fn header(required_features: u64, file_length: u64, count: u32, directory: &[u8], head: u32) -> Vec<u8> {
+    let mut bytes = to_bytes(&Header {
+        identifier: IDENTIFIER,
+        major: MAJOR_VERSION,
+        minor: MINOR_VERSION,
+        required_features,
+        optional_features: 0,
+        file_length,
+        directory_offset: HEADER_BYTES,
+        directory_count: count,
+        directory_crc: crc32fast::hash(directory),
+        reserved: head,
+        header_crc: 0,
+    });
+    let crc = crc32fast::hash(&bytes[..HEADER_BYTES as usize - 4]);
+    bytes[HEADER_BYTES as usize - 4..].copy_from_slice(&crc.to_le_bytes());
+    bytes
 }
 
 /// Runs `write` on a temporary file in the folder of `path`, syncs it, and renames it to `path`.

@@ -16,10 +16,12 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::file::compression;
-use crate::file::write::{Front, padding, replace_file};
+use crate::file::write::{Front, padding, replace_file, write_atomically};
+use crate::file::write_parts::{PartsFile, Waiting};
 use crate::file::{BlockEntry, FIRST_SLOT, NO_PARENT, ObjectEntry, PAGE_BYTES};
 use crate::layout::block::Layout;
 use crate::layout::plan::{Plan, PlannedBlock, subtree_slots};
+use crate::parts::block::encode_block;
 use crate::{AssembleOptions, Broken, FormatError, Octree, Tree, WriteOptions, ids};
 
 /// A far pointer from one block to another.
@@ -247,6 +249,9 @@ impl BlockStore {
         options: &WriteOptions,
     ) -> Result<ObjectEntry, FormatError> {
         let mut ordered = self.order(root, octree_to_mesh)?;
+        if options.parts {
+            return self.write_parts(&ordered, meta, path, options.part_level());
+        }
         crate::check::tables::check_objects(std::slice::from_ref(&ordered.object), 0)?;
         let object = ordered.object;
         let front = Front { objects: &[object], meta, unknown: &[] };
@@ -283,6 +288,50 @@ impl BlockStore {
         }
         written.map_err(|e| FormatError::io(path, e))?;
         Ok(object)
+    }
+
+    /// Like [`write`](Self::write), in parts. They are written to another temporary file first, as those of all blocks are
+    /// needed before the first can have its place.
+    fn write_parts(&self, ordered: &Ordered, meta: &str, path: &Path, level: i32) -> Result<ObjectEntry, FormatError> {
+        let io = |e| FormatError::io(path, e);
+        crate::check::tables::check_objects(std::slice::from_ref(&ordered.object), 0)?;
+        let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let mut spool = tempfile::tempfile_in(folder).map_err(io)?;
+        let (mut waiting, mut places, mut end) = (Vec::new(), Vec::new(), 0u64);
+        let indices: Vec<usize> = (0..ordered.table.len()).collect();
+        for group in indices.chunks(4 * rayon::current_num_threads()) {
+            let encode = |&index: &usize| {
+                let image = self.block(ordered, index)?;
+                let parts = crate::check::tables::block_parts(bytemuck::cast_slice(&image), 0, 0, index)?;
+                encode_block(&ordered.table, index as u32, &image, &parts, level).map_err(io)
+            };
+            let blocks: Vec<_> = group.par_iter().map(encode).collect::<Result<_, FormatError>>()?;
+            for (codec, parts) in blocks {
+                for part in parts {
+                    spool.write_all(&part.bytes).map_err(io)?;
+                    waiting.push(Waiting { entry: part.entry, codec, crc: part.crc() });
+                    places.push(end);
+                    end += part.bytes.len() as u64;
+                }
+            }
+        }
+        let objects = &[ordered.object];
+        let laid = PartsFile { objects, blocks: ordered.table.clone(), meta, unknown: &[] }.lay_out(&waiting)?;
+        write_atomically(path, |out| {
+            out.write_all(&laid.head)?;
+            let mut bytes = Vec::new();
+            for part in &laid.order {
+                let size = waiting[*part as usize].entry.size as usize;
+                bytes.clear();
+                bytes.resize(size.next_multiple_of(8), 0);
+                spool.seek(SeekFrom::Start(places[*part as usize]))?;
+                spool.read_exact(&mut bytes[..size])?;
+                out.write_all(&bytes)?;
+            }
+            out.write_all(&laid.tail)
+        })
+        .map_err(io)?;
+        Ok(ordered.object)
     }
 
     /// The blocks of the octree in breadth-first order, with addresses in the image.

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use crate::block::BlockParts;
-use crate::file::{BlockEntry, CODEC_RAW};
+use crate::file::{BlockEntry, CODEC_RAW, PartEntry};
 
 /// A closed box in octree space, where the root cube is `[0, 1]³`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -55,6 +55,26 @@ impl Block {
     /// The image of the block in slots of 8 bytes.
     pub fn slots(&self) -> &[u64] {
         &self.slots
+    }
+}
+
+/// A part that has been read: some levels of a block. Its checksum and its header have been checked.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Part {
+    pub(crate) index: u32,
+    pub(crate) entry: PartEntry,
+    pub(crate) body: Vec<u8>,
+}
+
+impl Part {
+    /// Index in the table of parts of the file.
+    pub fn index(&self) -> u32 {
+        self.index
+    }
+
+    /// Its entry: block, levels, size.
+    pub fn entry(&self) -> &PartEntry {
+        &self.entry
     }
 }
 

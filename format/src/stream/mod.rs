@@ -2,5 +2,6 @@
 
 pub(crate) mod block;
 mod partial;
+mod parts;
 pub(crate) mod reader;
 pub(crate) mod source;

@@ -65,7 +65,8 @@ impl<'a> Partial<'a> {
         let mut image = Vec::with_capacity(blocks.iter().map(|b| b.slots.len()).sum());
         for (place, block) in blocks.iter().enumerate() {
             let index = block.index as usize;
-            let Some(entry) = table.get(index).filter(|entry| entry.image_size == block.slots.len() as u64 * 8) else {
+            // Blocks of which only the upper levels are there are smaller.
+            let Some(entry) = table.get(index).filter(|entry| entry.image_size >= block.slots.len() as u64 * 8) else {
                 return Err(FormatError::Limit(format!("block {index} does not belong to this file")));
             };
             let parent = match entry.parent {
@@ -78,10 +79,11 @@ impl<'a> Partial<'a> {
                 return Err(FormatError::Limit(format!("block {index} was given twice")));
             }
             let image_offset = image.len() as u64 * 8;
-            let stored_size = entry.image_size;
+            let stored_size = block.slots.len() as u64 * 8;
             entries.push(BlockEntry {
                 parent,
                 image_offset,
+                image_size: stored_size,
                 file_offset: 0,
                 stored_size,
                 codec: CODEC_RAW,

@@ -8,6 +8,7 @@ use crate::file::open::{
     Tables, check_overlaps, check_section, check_tags, directory_range, read_directory, read_header,
 };
 use crate::file::*;
+use crate::parts::table::PartTable;
 use crate::stream::block::{Block, Region, file_offset};
 use crate::stream::partial::assemble;
 use crate::stream::source::RangeRead;
@@ -42,6 +43,7 @@ pub struct StreamReader<S> {
     sections: Vec<SectionEntry>,
     objects: Vec<ObjectEntry>,
     blocks: Vec<BlockEntry>,
+    pub(super) parts: Option<PartTable>,
     bytes: AtomicU64,
     reads: AtomicU64,
 }
@@ -83,9 +85,9 @@ impl<S: RangeRead> StreamReader<S> {
         })?;
         check_tags(&directory.sections)?;
         let (bytes, reads) = (input.bytes.into(), input.reads.into());
-        let Tables { objects, blocks, .. } = tables;
+        let Tables { objects, blocks, parts, .. } = tables;
         let sections = directory.sections;
-        Ok(Self { source, length, options: *options, header, sections, objects, blocks, bytes, reads })
+        Ok(Self { source, length, options: *options, header, sections, objects, blocks, parts, bytes, reads })
     }
 
     /// The header.
@@ -157,6 +159,9 @@ impl<S: RangeRead> StreamReader<S> {
             )));
         };
         self.options.check(block.image_size)?;
+        if let Some(parts) = &self.parts {
+            return self.block_of_parts(parts, index);
+        }
         let stored = self.fetch(block.file_offset, block.stored_size)?;
         compression::check_crc(index as usize, block, &stored)?;
         // Allocated only now: the stored bytes exist, and the table has been checked for impossible ratios.
@@ -198,7 +203,12 @@ impl<S: RangeRead> StreamReader<S> {
         assemble(&self.objects, &self.blocks, &blocks)
     }
 
-    fn fetch(&self, offset: u64, length: u64) -> Result<Vec<u8>, FormatError> {
+    /// The limits of this reader.
+    pub(super) fn options(&self) -> &OpenOptions {
+        &self.options
+    }
+
+    pub(super) fn fetch(&self, offset: u64, length: u64) -> Result<Vec<u8>, FormatError> {
         let mut input = Input { source: &self.source, length: self.length, prefix: Vec::new(), bytes: 0, reads: 0 };
         let bytes = input.fetch(offset, length);
         self.bytes.fetch_add(input.bytes, Ordering::Relaxed);

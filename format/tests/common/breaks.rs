@@ -103,6 +103,10 @@ const SEALED: &[Case] = &[
         let entry = f.entry(b"BLKT");
         f.0[entry..entry + 5].copy_from_slice(b"NEW1\x00");
     }),
+    ("S001", "everything", |f| {
+        let entry = f.entry(b"META");
+        f.0[entry..entry + 4].copy_from_slice(b"PART");
+    }),
     ("D007", "everything", |f| {
         let entry = f.entry(b"META");
         f.set_u32(entry + 4, 4);

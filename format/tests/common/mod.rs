@@ -1,6 +1,7 @@
 //! Trees for the tests, and the comparison of a tree with the octree made from it.
 #![allow(dead_code, reason = "every test binary takes a part of this")]
 
+pub(crate) mod break_parts;
 pub(crate) mod breaks;
 pub(crate) mod oct;
 pub(crate) mod patch;

@@ -1,6 +1,7 @@
 //! Invalid vectors made from files of the generator. They have what the library's samples lack: second pages, compressed
 //! blocks, sections of 0 bytes. `common/breaks.rs` has the other invalid vectors.
 
+use super::common::break_parts::broken_parts;
 use super::common::breaks::{Broken, broken_files, change_low};
 use super::common::patch::File;
 use super::valid::topology::{branching, smallest};
@@ -14,6 +15,7 @@ pub(crate) fn broken_vectors() -> Vec<Broken> {
     container(&mut add);
     pages(&mut add);
     frames(&mut add);
+    list.extend(broken_parts());
     list
 }
 

@@ -70,6 +70,56 @@ pub(crate) fn vectors() -> Vec<Vector> {
     for seed in 0..6 {
         list.push(random(seed));
     }
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/vectors/parts");
+    for (name, octree) in in_parts() {
+        let about = match name {
+            "parts_levels" => {
+                "written by the library in parts: several levels of several blocks in parts of their own, frames"
+            }
+            "parts_pages" => "written by the library in parts: one block of three pages, far pointers",
+            "parts_whole" => "written by the library in parts: a block of codec 0, as codec 2 cannot give it again",
+            _ => "written by the library in parts: the octree of the vector with the rest of the name",
+        };
+        let bytes = std::fs::read(folder.join(name).with_extension("esvo")).unwrap_or_default();
+        let image: &[u8] = bytemuck::cast_slice(octree.slots());
+        list.push(Vector { name: name.into(), about, bytes, image: image.to_vec(), canonical: false });
+    }
+    list
+}
+
+/// The octrees of vectors in parts. The files are kept in `parts/`.
+pub(crate) fn in_parts() -> Vec<(&'static str, esvo_format::Octree)> {
+    let names = [
+        ("blocks", "parts_blocks"),
+        ("colors", "parts_colors"),
+        ("constant_color", "parts_constant_color"),
+        ("ambient", "parts_ambient"),
+        ("plain", "parts_plain"),
+        ("corners", "parts_corners"),
+        ("everything", "parts_everything"),
+    ];
+    let mut list: Vec<(&str, _)> = samples()
+        .into_iter()
+        .filter_map(|(name, octree)| Some((names.iter().find(|(sample, _)| *sample == name)?.1, octree)))
+        .collect();
+    let noise = |seed, levels, nodes, normals| Shape {
+        seed,
+        levels,
+        valid: 80,
+        leaf: 60,
+        contour: 100,
+        colors: if normals { Colors::Many } else { Colors::None },
+        normals,
+        nodes,
+    };
+    let options = AssembleOptions { block_slots: 300, near_limit: 20 };
+    let many = assemble(&noise(7, 8, 400, true).tree(), DMat4::IDENTITY, &options).expect("a small tree");
+    list.push(("parts_levels", many));
+    let options = AssembleOptions { near_limit: 1000, ..AssembleOptions::default() };
+    let pages = assemble(&noise(3, 9, 1400, false).tree(), DMat4::IDENTITY, &options).expect("a small tree");
+    list.push(("parts_pages", pages));
+    let (bytes, _) = one(1, topology::smallest(5)).write();
+    list.push(("parts_whole", esvo_format::Octree::from_bytes(&bytes).expect("a valid vector")));
     list
 }
 
