@@ -18,6 +18,8 @@ DTYPES = {
     "section_entry": records.SECTION_ENTRY,
     "object_entry": records.OBJECT_ENTRY,
     "block_entry": records.BLOCK_ENTRY,
+    "part_entry": records.PART_ENTRY,
+    "part_header": records.PART_HEADER,
     "info_section": records.INFO_SECTION,
     "attachment_entry": records.ATTACHMENT_ENTRY,
     "color_block": records.COLOR_BLOCK,
@@ -91,6 +93,7 @@ def test_every_record_of_the_ksy_is_compared():
     plain = {
         "object_table",
         "block_table",
+        "part_table",
         "block_image",
         "slot",
         "contour",
@@ -115,7 +118,7 @@ def test_codecs_and_attachments_have_their_numbers():
         "corners": "CORNERS",
     }
     assert {name: getattr(records, constant) for name, constant in names.items()} == numbers
-    assert KSY["enums"]["codec"] == {0: "raw", 1: "zstandard"}
+    assert KSY["enums"]["codec"] == {0: "raw", 1: "zstandard", 2: "fields"}
 
 
 def test_the_identifier_is_that_of_the_ksy():

@@ -21,22 +21,39 @@ def with_checksums(data):
     end = start + 32 * count
     if count > 1024 or end > len(data):
         return data
-    for number in range(count):
-        entry = np.frombuffer(data, records.SECTION_ENTRY, 1, start + 32 * number)[0]
+    entries = [np.frombuffer(data, records.SECTION_ENTRY, 1, start + 32 * number)[0] for number in range(count)]
+    ranges = {bytes(e["tag"]): (int(e["offset"]), int(e["offset"]) + int(e["length"])) for e in entries}
+    parts = seal_parts(data, ranges) if int(header["required_features"]) & 2 else None
+    for number, entry in enumerate(entries):
         low, high = int(entry["offset"]), int(entry["offset"]) + int(entry["length"])
         if high > len(data):
             continue
         if entry["tag"] == b"BLKT":
-            for at in range(low, high - 71, 72):
+            for index, at in enumerate(range(low, high - 71, 72)):
                 block = np.frombuffer(data, records.BLOCK_ENTRY, 1, at)[0]
                 stored = int(block["file_offset"]), int(block["file_offset"]) + int(block["stored_size"])
-                data[at + 60 : at + 64] = zlib.crc32(data[stored[0] : stored[1]]).to_bytes(4, "little")
+                of = data[stored[0] : stored[1]] if parts is None else parts.get(index, b"")
+                data[at + 60 : at + 64] = zlib.crc32(of).to_bytes(4, "little")
         if not entry["flags"] & 2:
             crc = zlib.crc32(data[low:high])
             data[start + 32 * number + 24 : start + 32 * number + 28] = crc.to_bytes(4, "little")
     data[52:56] = zlib.crc32(data[start:end]).to_bytes(4, "little")
     data[60:64] = zlib.crc32(data[:60]).to_bytes(4, "little")
     return data
+
+
+def seal_parts(data, ranges):
+    """Corrects the checksums of the parts that can be found. Returns those of each block, by level."""
+    (low, high), (at, _) = ranges.get(b"PART", (0, 0)), ranges.get(b"BLKS", (0, 0))
+    found = {}
+    for place in range(low, min(high, len(data)) - 11, 12):
+        part = np.frombuffer(data, records.PART_ENTRY, 1, place)[0]
+        size = int(part["size"])
+        if size > 16 and at + size <= len(data):
+            data[at : at + 4] = zlib.crc32(data[at + 4 : at + size]).to_bytes(4, "little")
+        found.setdefault(int(part["block"]), []).append((int(part["first_level"]), bytes(data[at : at + 4])))
+        at += size + -size % 8
+    return {block: b"".join(crc for _, crc in sorted(parts)) for block, parts in found.items()}
 
 
 def use(data):

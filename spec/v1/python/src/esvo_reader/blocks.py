@@ -40,7 +40,8 @@ class Block:
     to A004. Offsets are in bytes from the start of the block.
     """
 
-    def __init__(self, index: int, entry: Any, image: Array) -> None:
+    def __init__(self, index: int, entry: Any, image: Array, skip: int = 0) -> None:
+        """`skip`: bytes of the stored block before the image, where that is not compressed."""
         #: Index into the block table.
         self.index = index
         #: The entry of the block table.
@@ -49,7 +50,7 @@ class Block:
         self.image = image
         #: Slot of the image that is slot 0 of the block.
         self.start = int(entry["image_offset"]) // 8
-        self._raw = entry["codec"] == 0
+        self._raw, self._skip = entry["codec"] == 0, skip
         findings = Findings()
         self._find_info(findings)
         self._check_info(findings)
@@ -67,7 +68,7 @@ class Block:
 
     def at(self, offset: int) -> int:
         """Where a byte of the block is in the file; the start of the block if that is compressed."""
-        return int(self.entry["file_offset"]) + (int(offset) if self._raw else 0)
+        return int(self.entry["file_offset"]) + (self._skip + int(offset) if self._raw else 0)
 
     def _find_info(self, findings: Findings) -> None:
         name, size = f"block {self.index}", len(self.image)

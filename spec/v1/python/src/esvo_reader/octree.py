@@ -11,6 +11,7 @@ import numpy as np
 from . import opening, streaming, validation
 from .blocks import Block, block_image
 from .errors import EsvoError, Finding, Findings
+from .parts import Parts, read_parts
 from .records import (
     BLOCK_ENTRY,
     CHILD_DESCRIPTOR,
@@ -19,6 +20,7 @@ from .records import (
     MAX_LEVELS,
     OBJECT_ENTRY,
     PAGE_SLOTS,
+    PART_HEADER,
     POPCOUNT,
     RANK,
     Array,
@@ -75,6 +77,8 @@ class Octree:
         objects_at, blocks_at = int(tables[b"OBJT"]["offset"]), int(tables[b"BLKT"]["offset"])
         opening.check_objects(self.objects, objects_at)
         opening.check_blocks(self.header, tables[b"BLKS"], self.objects, self.blocks, blocks_at)
+        #: The parts, if the blocks are stored in parts.
+        self.parts: Optional[Parts] = read_parts(data, self.header, tables, self.blocks)
         opening.check_roots(self.objects, self.blocks, objects_at)
         self._image_ends = (self.blocks["image_offset"] + self.blocks["image_size"]).astype(np.int64) // 8
 
@@ -103,7 +107,7 @@ class Octree:
 
         Raises `ValueError` where a block is compressed, as there is no image in the file then.
         """
-        if self.blocks["codec"].any():
+        if self.blocks["codec"].any() or self.parts is not None:
             raise ValueError("some blocks are compressed: ask for single blocks")
         return self.section(b"BLKS").view("<u8")
 
@@ -128,7 +132,10 @@ class Octree:
             self._kept.move_to_end(index)
             return self._kept[index]
         entry = self.blocks[index]
-        block = Block(index, entry, block_image(self._data, index, entry, self._max_block_bytes))
+        if self.parts is not None:
+            block = Block(index, entry, self.parts.image(index, self._max_block_bytes), PART_HEADER.itemsize)
+        else:
+            block = Block(index, entry, block_image(self._data, index, entry, self._max_block_bytes))
         self._kept[index] = block
         self._kept_bytes += block.own_bytes
         while len(self._kept) > 1 and (self._kept_bytes > CACHE_BYTES or len(self._kept) > CACHE_BLOCKS):

@@ -23,9 +23,11 @@ from .records import (
 
 REQUIRED, OWN_CHECKSUMS = 1, 2
 NEEDED = (b"OBJT", b"BLKT", b"BLKS")
-KNOWN = (*NEEDED, b"META")
+KNOWN = (*NEEDED, b"PART", b"META")
 #: Required feature bit 0: some block is compressed.
 COMPRESSED = 1
+#: Required feature bit 1: the blocks are stored in parts.
+IN_PARTS = 2
 #: How deep arrays and objects in META may be nested.
 MAX_NESTING = 64
 #: Members of META whose values should be strings (M002).
@@ -58,7 +60,7 @@ def read_header(data: Array) -> Any:
     findings.settle()
     findings.require(crc(data[:60]) == header["header_crc"], "H005", 60, "the checksum of the header is wrong")
     findings.settle()
-    unknown = int(header["required_features"]) & ~COMPRESSED
+    unknown = int(header["required_features"]) & ~(COMPRESSED | IN_PARTS)
     findings.require(not unknown, "H003", 16, f"required feature bits {unknown:#x} are unknown")
     length = int(header["file_length"])
     findings.require(length == len(data), "H004", 32, f"the file has {len(data)} bytes, its header says {length}")
@@ -241,7 +243,9 @@ def check_blocks(header: Any, data_section: Any, objects: Array, blocks: Array, 
     table = Table(blocks, offset, "block")
     check_image_ranges(table)
     check_tree(table, objects)
-    check_stored(table, header, data_section)
+    check_codecs(table, header)
+    if not int(header["required_features"]) & IN_PARTS:
+        check_places(table, data_section)
 
 
 def check_image_ranges(table: Table) -> None:
@@ -307,18 +311,29 @@ def check_roots(objects: Array, blocks: Array, offset: int) -> None:
     table.findings.settle()
 
 
-def check_stored(table: Table, header: Any, section: Any) -> None:
-    """B004, B005 and the end of the image (B003)."""
-    blocks = table.entries
-    codec, size, stored, at = blocks["codec"], blocks["image_size"], blocks["stored_size"], blocks["file_offset"]
+def check_codecs(table: Table, header: Any) -> None:
+    """B005, as far as the table tells."""
+    blocks, features = table.entries, int(header["required_features"])
+    codec, size = blocks["codec"], blocks["image_size"]
+    in_parts = bool(features & IN_PARTS)
+    # Parts of whole blocks have a header before the stored bytes.
+    stored = blocks["stored_size"] - np.where((codec < 2) & in_parts, 16, 0).astype(np.uint64)
     raw = codec == 0
-    table.require(codec <= 1, "B005", "codec", "this reader knows 0 and 1")
-    flagged = bool(int(header["required_features"]) & COMPRESSED)
-    table.require((codec != 1) | flagged, "B005", "codec", "needs required feature bit 0")
+    table.require(codec <= 2, "B005", "codec", "this reader knows 0, 1 and 2")
+    table.require(raw | bool(features & COMPRESSED), "B005", "codec", "needs required feature bit 0")
+    table.require((codec != 2) | in_parts, "B005", "codec", "needs required feature bit 1")
     table.require(~raw | (stored == size), "B005", "stored_size", "differs from the size in the image, with codec 0")
-    # A byte of a Zstandard frame stands for at most 32768 bytes.
-    table.require(raw | (size // 32768 <= stored), "B005", "stored_size", "too few bytes for the size in the image")
+    # A byte of a Zstandard frame stands for at most 32768 bytes, one of a stream for less than 8.
+    most = np.where(codec == 2, 8 * 32768, 32768).astype(np.uint64)
+    table.require(raw | (size // most <= stored), "B005", "stored_size", "too few bytes for the size in the image")
     table.findings.settle()
+
+
+def check_places(table: Table, section: Any) -> None:
+    """B004 and the end of the image (B003)."""
+    blocks = table.entries
+    size, stored, at = blocks["image_size"], blocks["stored_size"], blocks["file_offset"]
+    raw = blocks["codec"] == 0
     low, length = int(section["offset"]), int(section["length"])
     end = low + length
     # Nothing below wraps: lengths that exceed the section are found before they are added.

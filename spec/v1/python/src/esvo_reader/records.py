@@ -87,6 +87,30 @@ BLOCK_ENTRY = np.dtype(
     ]
 )
 
+#: Section 4.3.
+PART_ENTRY = np.dtype(
+    [
+        ("block", "<u4"),
+        ("size", "<u4"),
+        ("first_level", "u1"),
+        ("last_level", "u1"),
+        ("reserved", "<u2"),
+    ]
+)
+
+#: Section 4.3.
+PART_HEADER = np.dtype(
+    [
+        ("crc", "<u4"),
+        ("size", "<u4"),
+        ("block", "<u4"),
+        ("first_level", "u1"),
+        ("last_level", "u1"),
+        ("codec", "u1"),
+        ("reserved", "u1"),
+    ]
+)
+
 #: Section 6.
 INFO_SECTION = np.dtype(
     [

@@ -43,6 +43,8 @@ def check(octree: Octree) -> List[Finding]:
     check_sections(octree, findings)
     check_gaps(octree, findings)
     check_block_order(octree, findings)
+    if octree.parts is not None:
+        octree.parts.check_order(findings)
     _Blocks(octree, findings).check()
     return findings.items
 
@@ -50,7 +52,7 @@ def check(octree: Octree) -> List[Finding]:
 def check_sections(octree: Octree, findings: Findings) -> None:
     """D004 of the sections that opening does not read, M001, M002."""
     for entry in octree.sections:
-        if bytes(entry["tag"]) not in (b"OBJT", b"BLKT", b"META"):
+        if bytes(entry["tag"]) not in (b"OBJT", b"BLKT", b"PART", b"META"):
             opening.check_section_crc(octree.data, entry, findings)
     try:
         members = octree.metadata
@@ -72,8 +74,13 @@ def check_gaps(octree: Octree, findings: Findings) -> None:
     for entry in octree.sections:
         if bytes(entry["tag"]) != b"BLKS":
             ranges.append((int(entry["offset"]), int(entry["offset"] + entry["length"])))
-    low = np.concatenate([[r[0] for r in ranges], blocks["file_offset"].astype(np.int64)])
-    high = np.concatenate([[r[1] for r in ranges], (blocks["file_offset"] + blocks["stored_size"]).astype(np.int64)])
+    if octree.parts is not None:
+        starts, ends = octree.parts.ranges()
+    else:
+        starts = blocks["file_offset"].astype(np.int64)
+        ends = starts + blocks["stored_size"].astype(np.int64)
+    low = np.concatenate([[r[0] for r in ranges], starts])
+    high = np.concatenate([[r[1] for r in ranges], ends])
     at = first_nonzero_outside(octree.data, low, high)
     findings.require(at is None, "D009", at or 0, "bytes that belong to no part of the file are not zero")
 
@@ -138,7 +145,7 @@ class _Blocks:
     def check_block(self, index: int, number: int) -> None:
         findings, octree = self.findings, self.octree
         entry = octree.blocks[index]
-        if entry["codec"] == 0:
+        if entry["codec"] == 0 and octree.parts is None:
             check_block_crc(octree.data, index, entry, findings)
         try:
             block = octree.block(index)
