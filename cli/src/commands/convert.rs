@@ -26,7 +26,8 @@ every rule first; if it is damaged, nothing is written.
 Examples:
   esvo convert sibenik.oct -o sibenik.esvo
   esvo convert sibenik.esvo -o sibenik.oct
-  esvo convert sibenik.esvo -o small.esvo --compress")]
+  esvo convert sibenik.esvo -o small.esvo --compress
+  esvo convert sibenik.esvo -o served.esvo --parts")]
 pub(crate) struct ConvertArguments {
     /// The file to read: .esvo or .oct
     pub(crate) input: PathBuf,
@@ -36,14 +37,17 @@ pub(crate) struct ConvertArguments {
     /// Compress the blocks of an .esvo with Zstandard at this level, 1 to 22 [without a number: 3]
     #[arg(long, value_name = "LEVEL", num_args = 0..=1, default_missing_value = "3", value_parser = clap::value_parser!(i32).range(1..=22))]
     pub(crate) compress: Option<i32>,
+    /// Store the blocks in parts by level, as streams of fields: the smallest files, and a coarse version is read by few
+    /// ranges. --compress says how hard their streams are compressed
+    #[arg(long)]
+    pub(crate) parts: bool,
 }
 
 pub(crate) fn run_convert(arguments: &ConvertArguments) -> Result<(), Failure> {
     let (from, to) = (kind(&arguments.input)?, kind(&arguments.output)?);
-    if arguments.compress.is_some() && to == Kind::Oct {
-        return Err(
-            format!("{}: .oct files are not compressed; leave out --compress", arguments.output.display()).into()
-        );
+    let option = if arguments.parts { "--parts" } else { "--compress" };
+    if (arguments.compress.is_some() || arguments.parts) && to == Kind::Oct {
+        return Err(format!("{}: .oct files are not compressed; leave out {option}", arguments.output.display()).into());
     }
     check_output(&arguments.output)?;
     let input = |e| name_file(&arguments.input, e);
@@ -56,7 +60,10 @@ pub(crate) fn run_convert(arguments: &ConvertArguments) -> Result<(), Failure> {
         }
     };
     match to {
-        Kind::Esvo => octree.write_with(&arguments.output, &WriteOptions { compress: arguments.compress }),
+        Kind::Esvo => {
+            let options = WriteOptions { compress: arguments.compress, parts: arguments.parts };
+            octree.write_with(&arguments.output, &options)
+        }
         Kind::Oct => oct::write(&octree, &arguments.output).map(|more| lost.extend(more)),
     }
     .map_err(|e| name_file(&arguments.output, e))?;

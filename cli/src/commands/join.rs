@@ -31,6 +31,10 @@ pub(crate) struct JoinArguments {
     /// Compress the blocks with Zstandard at this level, 1 to 22 [without a number: 3]
     #[arg(long, value_name = "LEVEL", num_args = 0..=1, default_missing_value = "3", value_parser = clap::value_parser!(i32).range(1..=22))]
     pub(crate) compress: Option<i32>,
+    /// Store the blocks in parts by level, as streams of fields: the smallest files, and a coarse version is read by few
+    /// ranges. --compress says how hard their streams are compressed
+    #[arg(long)]
+    pub(crate) parts: bool,
 }
 
 pub(crate) fn run_join(arguments: &JoinArguments) -> Result<(), Failure> {
@@ -42,7 +46,7 @@ pub(crate) fn run_join(arguments: &JoinArguments) -> Result<(), Failure> {
     let bytes = octrees.iter().map(|octree| size_of_val(octree.slots())).sum();
     check_memory(bytes, &format!("{}: {} octrees", output.display(), octrees.len()))?;
     let joined = join(&octrees.iter().collect::<Vec<_>>()).map_err(|error| name_file(output, error))?;
-    let options = WriteOptions { compress: arguments.compress };
+    let options = WriteOptions { compress: arguments.compress, parts: arguments.parts };
     joined.write_with(output, &options).map_err(|error| name_file(output, error))?;
     let bytes = std::fs::metadata(output).map_or(0, |m| m.len());
     let mut text = format!("{}: {}, {} objects\n", output.display(), size(bytes), joined.objects().len());

@@ -105,6 +105,10 @@ pub(crate) struct BuildArguments {
     /// Compress blocks with Zstandard at this level, 1 to 22 [without a number: 3]
     #[arg(long, value_name = "LEVEL", num_args = 0..=1, default_missing_value = "3", value_parser = clap::value_parser!(i32).range(1..=22))]
     pub(crate) compress: Option<i32>,
+    /// Store the blocks in parts by level, as streams of fields: the smallest files, and a coarse version is read by few
+    /// ranges. --compress says how hard their streams are compressed
+    #[arg(long)]
+    pub(crate) parts: bool,
     /// Store colours and normals uncompressed, 4 bytes each
     #[arg(long)]
     pub(crate) plain_attributes: bool,
@@ -266,7 +270,7 @@ pub(crate) fn run_build(arguments: &BuildArguments) -> Result<(), Failure> {
         meta["displacement"] = serde_json::json!({ "scale": displacement.scale, "cell": displacement.cell });
     }
     let options = FileOptions {
-        write: WriteOptions { compress: arguments.compress },
+        write: WriteOptions { compress: arguments.compress, parts: arguments.parts },
         meta: meta.to_string(),
         resume: arguments.resume,
         memory_limit,
