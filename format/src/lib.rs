@@ -78,6 +78,7 @@
 //! |---|---|
 //! | read a whole file | [`Octree`] |
 //! | read some blocks of a file, from a disk or an object store | [`StreamReader`], [`RangeRead`] |
+//! | read a file with an index page by page, without its tables | [`IndexReader`] |
 //! | find out which rules a file breaks | [`validate_file`], [`validate_bytes`], [`Report`] |
 //! | make an octree | [`Tree`], [`assemble`]; block by block, with little memory: [`pack`](pack()), [`BlockStore`] |
 //! | encode and decode values | [`Contour`], [`ColorBlock`], [`NormalBlock`], [`RawNormal`], [`AmbientBlock`] |
@@ -100,6 +101,7 @@
 //! | `morton.rs` | cubes of one level as numbers |
 //! | `check/` | the rules of the specification: tables, topology (the walk along all pointers), validation and its report |
 //! | `parts/` | blocks stored in parts by level, as streams of fields |
+//! | `index/` | the index of a file with parts, in pages |
 //! | `layout/` | from a tree to blocks: planning, placing, encoding, packing; adding an attachment |
 //! | `stream/` | reading parts of a file |
 //! | `inspect/` | dumps, differences, statistics |
@@ -129,6 +131,7 @@ mod check;
 mod descriptor;
 mod error;
 pub mod file;
+mod index;
 mod inspect;
 mod layout;
 mod morton;
@@ -162,6 +165,7 @@ pub use needs::Needs;
 pub use octree::{Octree, UnknownSection};
 pub use stream::block::{Block, Part, Region};
 pub use stream::reader::StreamReader;
+pub use stream::served::IndexReader;
 pub use stream::source::{RangeRead, SeekSource};
 pub use values::ambient::AmbientBlock;
 pub use values::color::ColorBlock;

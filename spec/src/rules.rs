@@ -1,4 +1,4 @@
-//! The rules of version 1. Letter: H header, D directory, M metadata, O object table, B block table, S parts, P pages and info
+//! The rules of version 1. Letter: H header, D directory, M metadata, O object table, B block table, S parts, I index, P pages and info
 //! sections, C child descriptors, K contours, A attachments.
 
 /// How strict a rule is (in the sense of BCP 14).
@@ -54,7 +54,7 @@ rules! {
     REQUIRED_FEATURES = "H003" Must: "The reader knows every required feature bit that is set.";
     FILE_LENGTH = "H004" Must: "The file length in the header is the length of the file.";
     HEADER_CHECKSUM = "H005" Must: "The header checksum is the CRC-32 of header bytes 0 to 59.";
-    HEADER_RESERVED = "H006" Must: "The reserved bytes of the header are zero.";
+    HEADER_HEAD = "H006" Must: "The length of the head is 0 in a file without INDX, and else the least that has the header, the directory, OBJT and INDX.";
 
     DIRECTORY_RANGE = "D001" Must: "The directory lies within the file, after the header, at a multiple of 8 bytes.";
     DIRECTORY_CHECKSUM = "D002" Must: "The directory checksum is the CRC-32 of the directory bytes.";
@@ -98,6 +98,10 @@ rules! {
     PART_RESERVED = "S007" Must: "The reserved fields of PART are zero.";
     PART_BLOCK = "S008" Must: "The file offset of a block that is stored in parts is that of its first part, and its stored size is the sum of the sizes of its parts.";
     PART_ORDER = "S009" Should: "PART is in the order of first level, then block.";
+
+    INDEX_PAGE = "I001" Must: "INDX and PAGE occur only with required feature bit 1, and PAGE only with INDX; every page decodes as section 4.5 lays down.";
+    INDEX_LINK = "I002" Must: "Every link of the index leads to a page in PAGE and has its CRC-32; every byte of PAGE belongs to exactly one page, to which exactly one link leads.";
+    INDEX_TABLES = "I003" Must: "The blocks and parts of all pages of the index are those of BLKT and PART, each exactly once, and the parts of a page are in the order of their offsets.";
 
     PAGE_HEADER = "P001" Must: "The first slot of every page of a descriptor array holds the distance in slots to the info section, and zero in its high word; the array has at least 4 slots and lies within the block.";
     INFO_RANGE = "P002" Must: "The info section comes directly after the descriptor array and says how long that is; together with the attachment directory it lies within the block.";

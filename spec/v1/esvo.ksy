@@ -42,8 +42,9 @@ types:
         type: u4
       - id: directory_crc
         type: u4
-      - id: reserved
+      - id: head
         type: u4
+        doc: Length in bytes of the head; section 4.5.
       - id: header_crc
         type: u4
   section_entry:

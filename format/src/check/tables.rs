@@ -220,12 +220,17 @@ pub(crate) fn stored_ranges(blocks: &[BlockEntry]) -> Vec<(u64, u64)> {
 }
 
 fn cube_fits(block: &BlockEntry, blocks: &[BlockEntry]) -> bool {
+    cube_within(block, blocks.get(block.parent as usize))
+}
+
+/// Whether the cube of a block is aligned and within that of its parent; without a parent, whether it is the root cube.
+pub(crate) fn cube_within(block: &BlockEntry, parent: Option<&BlockEntry>) -> bool {
     if !(1..=23).contains(&block.cube_scale) {
         return false;
     }
     let size = 1u32 << block.cube_scale;
     let inside = |low: u32, outer_low: u32, outer: u32| low >= outer_low && low - outer_low <= outer - size.min(outer);
-    let Some(parent) = blocks.get(block.parent as usize) else {
+    let Some(parent) = parent else {
         // A root block has the root cube.
         return (block.cube_position, block.cube_scale) == ([0; 3], 23);
     };

@@ -11,6 +11,7 @@ use crate::check::stored::gaps;
 use crate::check::tables::{check_blocks, check_codecs, check_objects, check_stored, compressed, stored_ranges};
 use crate::file::compression;
 use crate::file::*;
+use crate::index::check::check_index;
 use crate::octree::{Gaps, Image, Origin, Stored, UnknownSection};
 use crate::parts::block::decode_parts;
 use crate::parts::table::PartTable;
@@ -197,8 +198,11 @@ impl Contents {
             check_section(section, slice(section))?;
         }
         check_overlaps(&ranges)?;
+        check_head(&header, &sections)?;
         let Tables { objects, blocks, data, object_at, parts } =
             Tables::read(&header, &sections, |section| Ok(slice(section).to_vec()))?;
+        let find = |tag| sections.iter().find(|section| section.tag == tag);
+        check_pages(find(TAG_INDEX), find(TAG_PAGES), slice, &blocks, parts.as_ref())?;
         let compressed = compressed(&blocks) || parts.is_some();
         let mut origin = Origin { image: data.offset, objects: object_at, meta: 0, compressed };
         let mut meta = String::new();
@@ -206,7 +210,7 @@ impl Contents {
         check_tags(&sections)?;
         for section in &sections {
             match section.tag {
-                TAG_OBJECTS | TAG_BLOCKS | TAG_DATA | TAG_PARTS => {}
+                TAG_OBJECTS | TAG_BLOCKS | TAG_DATA | TAG_PARTS | TAG_INDEX | TAG_PAGES => {}
                 TAG_META => {
                     let found = metadata::parse(slice(section)).map_err(|(at, what)| {
                         broken(ids::META_JSON, section.offset + at as u64, format!("the metadata: {what}"))
@@ -228,6 +232,23 @@ impl Contents {
         let data = (data.offset as usize, data.length as usize);
         Ok(Self { objects, blocks, meta, unknown, data, origin, parts, ranges })
     }
+}
+
+/// Checks the index, if there is one, against the tables.
+fn check_pages<'a>(
+    index: Option<&SectionEntry>,
+    pages: Option<&SectionEntry>,
+    slice: impl Fn(&SectionEntry) -> &'a [u8],
+    blocks: &[BlockEntry],
+    parts: Option<&PartTable>,
+) -> Result<(), FormatError> {
+    let Some((index, parts)) = index.zip(parts) else {
+        let Some(section) = index.or(pages) else { return Ok(()) };
+        let what = "INDX without required feature bit 1, or PAGE without INDX".into();
+        return Err(broken(ids::INDEX_PAGE, section.offset, what));
+    };
+    let (bytes, at) = pages.map_or((&[][..], 0), |pages| (slice(pages), pages.offset));
+    Ok(check_index(slice(index), index.offset, bytes, at, blocks, parts)?)
 }
 
 /// The two tables of a file, checked as far as possible without the blocks.
@@ -303,6 +324,21 @@ impl Tables {
     }
 }
 
+/// Checks the length of the head (H006).
+pub(crate) fn check_head(header: &Header, sections: &[SectionEntry]) -> Result<(), FormatError> {
+    let directory = header.directory_offset + u64::from(header.directory_count) * SECTION_BYTES;
+    let ends = sections.iter().filter(|s| matches!(s.tag, TAG_OBJECTS | TAG_INDEX)).map(|s| s.offset + s.length);
+    let expected = match sections.iter().any(|section| section.tag == TAG_INDEX) {
+        true => ends.fold(directory, u64::max),
+        false => 0,
+    };
+    if u64::from(header.head) == expected {
+        return Ok(());
+    }
+    let what = format!("the header says that the head has {} bytes, expected {expected}", header.head);
+    Err(broken(ids::HEADER_HEAD, 56, what))
+}
+
 /// Checks that no tag occurs twice and that all required sections are known.
 pub(crate) fn check_tags(sections: &[SectionEntry]) -> Result<(), FormatError> {
     for (i, section) in sections.iter().enumerate() {
@@ -312,7 +348,7 @@ pub(crate) fn check_tags(sections: &[SectionEntry]) -> Result<(), FormatError> {
                 let what = format!("section {} occurs twice", name(tag));
                 return Err(broken(ids::SECTION_MISSING, section.offset, what));
             }
-            TAG_META | TAG_PARTS => {}
+            TAG_META | TAG_PARTS | TAG_INDEX | TAG_PAGES => {}
             tag if section.flags & SECTION_REQUIRED != 0 => {
                 let what = format!("section {} is required, but this reader does not know it", name(tag));
                 return Err(broken(ids::SECTION_REQUIRED, section.offset, what));
@@ -380,9 +416,6 @@ pub(crate) fn read_header(bytes: &[u8], length: Option<u64>) -> Result<Header, F
     if let Some(length) = length.filter(|length| *length != header.file_length) {
         let what = format!("the file has {length} bytes, the header says {}: truncated?", header.file_length);
         return Err(broken(ids::FILE_LENGTH, 32, what));
-    }
-    if header.reserved != 0 {
-        return Err(broken(ids::HEADER_RESERVED, 56, "the reserved field of the header is not zero".into()));
     }
     Ok(header)
 }

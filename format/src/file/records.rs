@@ -53,8 +53,8 @@ pub struct Header {
     pub directory_count: u32,
     /// CRC-32 of the directory (D002).
     pub directory_crc: u32,
-    /// Zero (H006).
-    pub reserved: u32,
+    /// Length in bytes of the head: header, directory, object table and root page of the index. 0 without an index (H006).
+    pub head: u32,
     /// CRC-32 of the 60 bytes before (H005).
     pub header_crc: u32,
 }
@@ -95,6 +95,10 @@ pub const TAG_BLOCKS: [u8; 4] = *b"BLKT";
 pub const TAG_DATA: [u8; 4] = *b"BLKS";
 /// Tag of the table of parts; only with [`FEATURE_PARTS`].
 pub const TAG_PARTS: [u8; 4] = *b"PART";
+/// Tag of the root page of the index; only with [`FEATURE_PARTS`].
+pub const TAG_INDEX: [u8; 4] = *b"INDX";
+/// Tag of the other pages of the index.
+pub const TAG_PAGES: [u8; 4] = *b"PAGE";
 /// Tag of the metadata: a JSON object in UTF-8 (M001).
 pub const TAG_META: [u8; 4] = *b"META";
 

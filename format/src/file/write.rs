@@ -124,7 +124,7 @@ impl Octree {
         let waiting: Vec<Waiting> = parts.iter().map(waiting).collect();
         let file =
             PartsFile { objects: &self.objects, blocks: self.blocks.clone(), meta: &self.meta, unknown: &self.unknown };
-        let laid = file.lay_out(&waiting).map_err(Error::other)?;
+        let laid = file.lay_out(&waiting)?;
         out.write_all(&laid.head)?;
         for part in laid.order {
             let bytes = &parts[part as usize].1.bytes;
@@ -232,7 +232,7 @@ pub(crate) fn header(required_features: u64, file_length: u64, count: u32, direc
         directory_offset: HEADER_BYTES,
         directory_count: count,
         directory_crc: crc32fast::hash(directory),
-        reserved: head,
+        head,
         header_crc: 0,
     });
     let crc = crc32fast::hash(&bytes[..HEADER_BYTES as usize - 4]);

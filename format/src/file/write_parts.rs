@@ -1,9 +1,10 @@
 //! The frame of a file whose blocks are stored in parts: what is before and after the block data (spec section 2).
 
+use crate::UnknownSection;
 use crate::file::write::header;
 use crate::file::*;
+use crate::index::build::Builder;
 use crate::parts::table::block_crc;
-use crate::{FormatError, UnknownSection};
 
 /// Contents of a file with parts, without the parts themselves.
 pub(crate) struct PartsFile<'a> {
@@ -35,29 +36,36 @@ pub(crate) struct Laid {
 
 impl PartsFile<'_> {
     /// Lays the file out. `parts` are those of all blocks, in the order of blocks and levels.
-    pub(crate) fn lay_out(mut self, parts: &[Waiting]) -> Result<Laid, FormatError> {
+    pub(crate) fn lay_out(mut self, parts: &[Waiting]) -> std::io::Result<Laid> {
         let mut order: Vec<u32> = (0..parts.len() as u32).collect();
         order.sort_by_key(|&part| (parts[part as usize].entry.first_level, parts[part as usize].entry.block));
         let object_bytes: Vec<u8> = self.objects.iter().flat_map(to_bytes).collect();
-        // OBJT, BLKS; META, unknown sections, PART, BLKT.
-        let count = 4 + usize::from(!self.meta.is_empty()) + self.unknown.len();
-        let objects_at = HEADER_BYTES + count as u64 * SECTION_BYTES;
-        let data_at = (objects_at + object_bytes.len() as u64).next_multiple_of(8);
-        let mut end = data_at;
-        let mut offsets = vec![0; parts.len()];
-        for &part in &order {
-            offsets[part as usize] = end;
-            end = (end + u64::from(parts[part as usize].entry.size)).next_multiple_of(8);
-        }
         for own in parts.chunk_by(|a, b| a.entry.block == b.entry.block) {
             let block = &mut self.blocks[own[0].entry.block as usize];
             block.stored_size = own.iter().map(|part| u64::from(part.entry.size)).sum();
             block.codec = own[0].codec;
             block.crc = block_crc(own.iter().map(|part| part.crc));
         }
+        // Offsets in BLKS, in the order of the parts given.
+        let mut offsets = vec![0; parts.len()];
+        let mut length = 0;
+        for &part in &order {
+            offsets[part as usize] = length;
+            length = (length + u64::from(parts[part as usize].entry.size)).next_multiple_of(8);
+        }
+        let entries: Vec<PartEntry> = order.iter().map(|part| parts[*part as usize].entry).collect();
+        let ordered: Vec<u64> = order.iter().map(|part| offsets[*part as usize]).collect();
+        let (root, pages) = Builder::new(&self.blocks, &entries, &ordered).build()?;
+        // OBJT, INDX, BLKS; PAGE, META, unknown sections, PART, BLKT.
+        let count = 5 + usize::from(!pages.is_empty()) + usize::from(!self.meta.is_empty()) + self.unknown.len();
+        let objects_at = HEADER_BYTES + count as u64 * SECTION_BYTES;
+        let index_at = (objects_at + object_bytes.len() as u64).next_multiple_of(8);
+        let head_length = index_at + root.len() as u64;
+        let data_at = head_length.next_multiple_of(8);
+        let end = data_at + length;
         for (part, at) in parts.iter().zip(&offsets).rev() {
             // The first part of a block is written last.
-            self.blocks[part.entry.block as usize].file_offset = *at;
+            self.blocks[part.entry.block as usize].file_offset = data_at + *at;
         }
         let compressed = self.blocks.iter().any(|b| b.codec != CODEC_RAW);
         let mut directory: Vec<SectionEntry> = Vec::with_capacity(count);
@@ -66,30 +74,36 @@ impl PartsFile<'_> {
             directory.push(SectionEntry { tag, flags, offset, length: bytes.len() as u64, crc, reserved: 0 });
         };
         add(TAG_OBJECTS, SECTION_REQUIRED, objects_at, &object_bytes);
+        add(TAG_INDEX, 0, index_at, &root);
         let mut tail = Vec::new();
         let mut put = |tag, flags, bytes: &[u8]| {
             add(tag, flags, end + tail.len() as u64, bytes);
             tail.extend_from_slice(bytes);
             tail.resize(tail.len().next_multiple_of(8), 0);
         };
+        if !pages.is_empty() {
+            put(TAG_PAGES, SECTION_OWN_CHECKSUMS, &pages);
+        }
         if !self.meta.is_empty() {
             put(TAG_META, 0, self.meta.as_bytes());
         }
         for unknown in self.unknown {
             put(unknown.tag, unknown.flags, &unknown.bytes);
         }
-        let part_bytes: Vec<u8> = order.iter().flat_map(|part| to_bytes(&parts[*part as usize].entry)).collect();
+        let part_bytes: Vec<u8> = entries.iter().flat_map(to_bytes).collect();
         put(TAG_PARTS, SECTION_REQUIRED, &part_bytes);
         let block_bytes: Vec<u8> = self.blocks.iter().flat_map(to_bytes).collect();
         put(TAG_BLOCKS, SECTION_REQUIRED, &block_bytes);
         let flags = SECTION_REQUIRED | SECTION_OWN_CHECKSUMS;
         let data = SectionEntry { tag: TAG_DATA, flags, offset: data_at, length: end - data_at, crc: 0, reserved: 0 };
-        directory.insert(1, data);
+        directory.insert(2, data);
         let directory: Vec<u8> = directory.iter().flat_map(to_bytes).collect();
         let features = FEATURE_PARTS | if compressed { FEATURE_COMPRESSED } else { 0 };
-        let mut head = header(features, end + tail.len() as u64, count as u32, &directory, 0);
+        let mut head = header(features, end + tail.len() as u64, count as u32, &directory, head_length as u32);
         head.extend_from_slice(&directory);
         head.extend_from_slice(&object_bytes);
+        head.resize(index_at as usize, 0);
+        head.extend_from_slice(&root);
         head.resize(data_at as usize, 0);
         Ok(Laid { head, order, tail })
     }

@@ -29,7 +29,7 @@ pub(crate) struct Builder<'a> {
 }
 
 impl<'a> Builder<'a> {
-    /// `entries` and `offsets` are those of the parts, in the order in which they are stored.
+    /// `entries` are the parts in the order in which they are stored, `offsets` where they are in BLKS.
     pub(crate) fn new(blocks: &'a [BlockEntry], entries: &'a [PartEntry], offsets: &'a [u64]) -> Self {
         let mut own = vec![Vec::new(); blocks.len()];
         for (part, entry) in entries.iter().enumerate() {
@@ -165,5 +165,79 @@ impl<'a> Builder<'a> {
         };
         let first_level = blocks().map(|block| u32::from(first_level(block))).min().unwrap_or(0);
         PageLink { offset: 0, size: 0, crc: 0, object, first_level, position: found, scale }
+    }
+}
+
+#[cfg(all(test, feature = "zstd"))]
+mod tests {
+    use super::*;
+    use crate::file::{CODEC_FIELDS, LAST_LEVEL};
+
+    /// Tables as a builder of `count` blocks makes them: a root block, and subtrees of some levels below voxels of a surface.
+    fn tables(count: u32) -> (Vec<BlockEntry>, Vec<PartEntry>, Vec<u64>) {
+        let entry = |parent, cube| {
+            let mut block = BlockEntry::in_memory(parent, cube, 0, 160 << 10);
+            block.codec = CODEC_FIELDS;
+            block
+        };
+        let mut blocks = vec![entry(NO_PARENT, ([0; 3], 23))];
+        let fan = (count / 200).max(2);
+        for k in 1..count {
+            // Most blocks are below one that is itself below the root block.
+            let (parent, scale) = if k <= fan { (0, 15) } else { ((k - 1) % fan + 1, 10) };
+            let place = k.wrapping_mul(2_654_435_761);
+            let outer = blocks[parent as usize].cube_position;
+            let low = if parent == 0 { 0 } else { 1 << 5 };
+            let cell = [place % 32, place / 32 % 32, place / 1024 % 32];
+            let position = [0, 1, 2].map(|axis| {
+                outer[axis] + if parent == 0 { (place >> (8 * axis) & 0xff) << 15 } else { (cell[axis] % low) << 10 }
+            });
+            blocks.push(entry(parent, (position, scale)));
+        }
+        blocks[1..].sort_by_key(|block| block.parent);
+        let mut parts = Vec::new();
+        for (index, block) in (0..).zip(&blocks) {
+            let first = first_level(block);
+            for level in first..(first + 8).min(LAST_LEVEL) {
+                let size = 40 + (index * 7919 + u32::from(level) * 104_729) % (100 << (level - first));
+                let (first_level, last_level) = (level, level);
+                parts.push(PartEntry { block: index, size, first_level, last_level, reserved: 0 });
+            }
+        }
+        parts.sort_by_key(|part| (part.first_level, part.block));
+        let mut end = 0u64;
+        let offsets = parts.iter().map(|part| {
+            let at = end;
+            end = (end + u64::from(part.size)).next_multiple_of(8);
+            at
+        });
+        let offsets = offsets.collect();
+        (blocks, parts, offsets)
+    }
+
+    #[test]
+    fn pages_are_small_and_have_everything_once() {
+        for count in [1, 2, 300, 6300, 40_000] {
+            let (blocks, parts, offsets) = tables(count);
+            let (root, pages) = Builder::new(&blocks, &parts, &offsets).build().expect("memory");
+            assert!(root.len() <= MAX_PAGE, "{count} blocks: a root page of {} bytes", root.len());
+            let (mut seen_blocks, mut seen_parts, mut seen_pages) = (0, 0, 0);
+            let mut stack = vec![root];
+            while let Some(bytes) = stack.pop() {
+                assert!(bytes.len() <= MAX_PAGE, "{count} blocks: a page of {} bytes", bytes.len());
+                let page = Page::decode(&bytes).expect("our own page");
+                assert_eq!(page.encode().expect("memory"), bytes);
+                seen_blocks += page.blocks.len();
+                seen_parts += page.parts.len();
+                seen_pages += 1;
+                for link in page.links {
+                    let bytes = &pages[link.offset as usize..][..link.size as usize];
+                    assert_eq!(crc32fast::hash(bytes), link.crc);
+                    stack.push(bytes.to_vec());
+                }
+            }
+            assert_eq!((seen_blocks, seen_parts), (blocks.len(), parts.len()), "{count} blocks");
+            assert_eq!(seen_pages > 1, count > 2000, "{count} blocks in {seen_pages} pages");
+        }
     }
 }

@@ -15,6 +15,8 @@ pub(crate) fn check_index(
     blocks: &[BlockEntry],
     parts: &PartTable,
 ) -> Result<(), Broken> {
+    // The first part is at the start of BLKS.
+    let start = parts.offsets.first().copied().unwrap_or(0);
     let mut seen_parts = 0;
     let mut seen = vec![false; blocks.len()];
     let mut ranges = Vec::new();
@@ -39,7 +41,7 @@ pub(crate) fn check_index(
                 let entry = &parts.entries[number as usize];
                 let levels = (u32::from(entry.first_level), u32::from(entry.last_level));
                 (part.size, part.first_level, part.last_level) == (entry.size, levels.0, levels.1)
-                    && part.offset == parts.offsets[number as usize]
+                    && part.offset.checked_add(start) == Some(parts.offsets[number as usize])
             });
             if !found {
                 return Err(differs(format!("a part of block {index} differs from the table of parts")));
@@ -52,7 +54,8 @@ pub(crate) fn check_index(
         for link in &page.links {
             let (start, end) = (link.offset as usize, link.offset as usize + link.size as usize);
             let Some(bytes) = pages.get(start..end).filter(|bytes| crc32fast::hash(bytes) == link.crc) else {
-                let what = format!("a link to the {} bytes at {start} of PAGE, which do not have its checksum", link.size);
+                let what =
+                    format!("a link to the {} bytes at {start} of PAGE, which do not have its checksum", link.size);
                 return Err(Broken::new(ids::INDEX_LINK, at, what));
             };
             // Pages that are linked twice would be walked without end.
@@ -71,7 +74,11 @@ pub(crate) fn check_index(
     let mut end = 0;
     for (from, to) in ranges {
         if from != end {
-            return Err(Broken::new(ids::INDEX_LINK, pages_at + end as u64, "pages of the index overlap or leave room"));
+            return Err(Broken::new(
+                ids::INDEX_LINK,
+                pages_at + end as u64,
+                "pages of the index overlap or leave room",
+            ));
         }
         end = to;
     }
@@ -79,7 +86,8 @@ pub(crate) fn check_index(
         return Err(Broken::new(ids::INDEX_LINK, pages_at + end as u64, "bytes of PAGE that no link leads to"));
     }
     if seen_parts != parts.entries.len() || seen.contains(&false) {
-        let what = format!("the index has {seen_parts} parts, or lacks a block; the tables have {}", parts.entries.len());
+        let what =
+            format!("the index has {seen_parts} parts, or lacks a block; the tables have {}", parts.entries.len());
         return Err(Broken::new(ids::INDEX_TABLES, at, what));
     }
     Ok(())

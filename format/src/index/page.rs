@@ -26,7 +26,7 @@ pub(crate) struct PagePart {
     pub(crate) size: u32,
     pub(crate) first_level: u32,
     pub(crate) last_level: u32,
-    /// Offset in the file; a multiple of 8.
+    /// Offset in BLKS; a multiple of 8.
     pub(crate) offset: u64,
 }
 

@@ -316,7 +316,8 @@ impl BlockStore {
             }
         }
         let objects = &[ordered.object];
-        let laid = PartsFile { objects, blocks: ordered.table.clone(), meta, unknown: &[] }.lay_out(&waiting)?;
+        let laid =
+            PartsFile { objects, blocks: ordered.table.clone(), meta, unknown: &[] }.lay_out(&waiting).map_err(io)?;
         write_atomically(path, |out| {
             out.write_all(&laid.head)?;
             let mut bytes = Vec::new();

@@ -4,4 +4,5 @@ pub(crate) mod block;
 mod partial;
 mod parts;
 pub(crate) mod reader;
+pub(crate) mod served;
 pub(crate) mod source;

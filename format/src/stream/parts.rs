@@ -1,19 +1,22 @@
 //! Parts of blocks by byte range, and octrees of them (spec section 11.3).
 
+use std::collections::{BTreeMap, BTreeSet};
+
 use crate::check::tables::block_parts;
 use crate::file::compression;
 use crate::file::*;
 use crate::parts::block::{check_part, decode_fields, decode_stored};
+use crate::parts::fields::Fields;
 use crate::parts::layout::{measure, write};
 use crate::parts::table::PartTable;
 use crate::stream::block::{Block, Part, Region, file_offset};
 use crate::stream::partial::assemble;
 use crate::stream::reader::StreamReader;
 use crate::stream::source::RangeRead;
-use crate::{Broken, FormatError, Octree, ids};
+use crate::{Broken, FormatError, Octree, OpenOptions, ids};
 
 /// Parts with at most this many bytes between them are read at once: a request costs more than that.
-const MERGE_GAP: u64 = 64 << 10;
+pub(super) const MERGE_GAP: u64 = 64 << 10;
 
 impl<S: RangeRead> StreamReader<S> {
     /// The table of parts, in the order in which they are stored. Empty if the blocks are not stored in parts.
@@ -143,27 +146,11 @@ impl<S: RangeRead> StreamReader<S> {
         taken: u64,
     ) -> Result<(Block, Vec<u32>), FormatError> {
         let index = parts[0].entry.block;
-        let broken = |what: String| {
-            FormatError::from(Broken::new(ids::PART_FIELDS, entry.file_offset, format!("block {index}: {what}")))
-        };
-        let bodies = parts.iter().map(|part| (part.entry, &part.body[..]));
-        let mut fields = decode_fields(bodies, entry.image_size).map_err(broken)?;
-        let mut array_slots = fields.array_slots;
-        let mut bytes = entry.image_size;
-        if cut {
-            fields.cut();
-            let size = measure(&fields);
-            (array_slots, bytes) = (size.array_slots, size.bytes);
-            if bytes > entry.image_size {
-                return Err(broken(format!("its first parts make {bytes} bytes, all of it {}", entry.image_size)));
-            }
-        }
-        self.options().check(taken + bytes)?;
-        let mut slots = vec![0u64; (bytes / 8) as usize];
+        let cut = Cut::new(entry, parts, cut)?;
+        self.options().check(taken + cut.bytes)?;
         // Pointers to other blocks are those of the file; `assemble` corrects them.
-        let mut outer = |block: u32| self.blocks().get(block as usize).map(|b| b.image_offset / 8);
-        write(&fields, array_slots, index, entry.image_offset / 8, &mut slots, &mut outer).map_err(broken)?;
-        Ok((self.block(index, slots)?, fields.children))
+        let outer = |block: u32| self.blocks().get(block as usize).map(|b| b.image_offset / 8);
+        Ok((self.block(index, cut.image(entry, index, outer)?)?, cut.fields.children))
     }
 
     /// A block of its image.
@@ -187,4 +174,117 @@ impl<S: RangeRead> StreamReader<S> {
         decode_stored(self.blocks(), table, index as usize, &stored, &mut slots)?;
         self.block(index, slots)
     }
+}
+
+/// The upper levels of a block of codec 2.
+struct Cut {
+    fields: Fields,
+    array_slots: u32,
+    /// Size of its image.
+    bytes: u64,
+}
+
+impl Cut {
+    /// Decodes the first parts of a block. `cut`: there are more.
+    fn new(entry: &BlockEntry, parts: &[&Part], cut: bool) -> Result<Self, FormatError> {
+        let broken = |what| broken(entry, parts[0].entry.block, what);
+        let bodies = parts.iter().map(|part| (part.entry, &part.body[..]));
+        let mut fields = decode_fields(bodies, entry.image_size).map_err(broken)?;
+        let (mut array_slots, mut bytes) = (fields.array_slots, entry.image_size);
+        if cut {
+            fields.cut();
+            let size = measure(&fields);
+            (array_slots, bytes) = (size.array_slots, size.bytes);
+            if bytes > entry.image_size {
+                let what = format!("its first parts make {bytes} bytes, all of it {}", entry.image_size);
+                return Err(broken(what));
+            }
+        }
+        Ok(Self { fields, array_slots, bytes })
+    }
+
+    /// The image. `index` is the number of the block in it, `outer` gives slot 0 of other blocks.
+    fn image(
+        &self,
+        entry: &BlockEntry,
+        index: u32,
+        mut outer: impl FnMut(u32) -> Option<u64>,
+    ) -> Result<Vec<u64>, FormatError> {
+        let mut slots = vec![0u64; (self.bytes / 8) as usize];
+        write(&self.fields, self.array_slots, index, entry.image_offset / 8, &mut slots, &mut outer)
+            .map_err(|what| broken(entry, index, what))?;
+        Ok(slots)
+    }
+}
+
+fn broken(entry: &BlockEntry, index: u32, what: String) -> FormatError {
+    Broken::new(ids::PART_FIELDS, entry.file_offset, format!("block {index}: {what}")).into()
+}
+
+/// An octree of the first parts of some blocks, which are known from an index: without the block table. `known` has the entries of
+/// blocks, without their places in image and file, and the number of their parts.
+pub(super) fn octree_of(
+    objects: &[ObjectEntry],
+    known: &BTreeMap<u32, (BlockEntry, usize)>,
+    parts: &[Part],
+    options: &OpenOptions,
+) -> Result<Octree, FormatError> {
+    let mut given: Vec<&Part> = parts.iter().collect();
+    given.sort_by_key(|part| (part.entry.block, part.entry.first_level));
+    // A table of the blocks that are there. Parents come first, as their indices are smaller.
+    let (mut numbers, mut table, mut cuts) = (BTreeMap::<u32, u32>::new(), Vec::new(), Vec::new());
+    let (mut referred, mut end, mut bytes) = (BTreeSet::new(), 0, 0);
+    for own in given.chunk_by(|a, b| a.entry.block == b.entry.block) {
+        let index = own[0].entry.block;
+        let Some((entry, count)) = known.get(&index) else { continue };
+        if entry.codec != CODEC_FIELDS {
+            let what = format!("block {index} has codec {}: read it with `StreamReader`", entry.codec);
+            return Err(FormatError::Limit(what));
+        }
+        if entry.parent != NO_PARENT && !referred.contains(&index) {
+            continue;
+        }
+        let cut = Cut::new(entry, own, own.len() < *count)?;
+        bytes += cut.bytes;
+        options.check(bytes)?;
+        referred.extend(cut.fields.children.iter().copied());
+        numbers.insert(index, table.len() as u32);
+        let parent = numbers.get(&entry.parent).copied().unwrap_or(NO_PARENT);
+        table.push(BlockEntry { parent, image_offset: end, ..*entry });
+        end += entry.image_size;
+        cuts.push(cut);
+    }
+    // Blocks that are not there get a place after the others: their voxels become leaves.
+    let there = table.len();
+    let mut places: BTreeMap<u32, u64> =
+        numbers.iter().map(|(index, number)| (*index, table[*number as usize].image_offset / 8)).collect();
+    for number in 0..there {
+        for &child in &cuts[number].fields.children {
+            if let std::collections::btree_map::Entry::Vacant(place) = places.entry(child) {
+                place.insert(end / 8);
+                table.push(BlockEntry {
+                    parent: number as u32,
+                    image_offset: end,
+                    image_size: PAGE_BYTES,
+                    ..table[number]
+                });
+                end += PAGE_BYTES;
+            }
+        }
+    }
+    let mut blocks = Vec::with_capacity(there);
+    for (index, cut) in (0..).zip(&cuts) {
+        let entry = &table[index as usize];
+        let slots = cut.image(entry, index, |child| places.get(&child).copied())?;
+        let parts = block_parts(bytemuck::cast_slice(&slots), 0, 0, index as usize)?;
+        blocks.push(Block { index, parts, slots });
+    }
+    let objects: Vec<ObjectEntry> = (objects.iter())
+        .map(|object| {
+            let root = numbers.get(&object.root_block);
+            let root_slot = root.map_or(0, |root| table[*root as usize].image_offset / 8 + u64::from(FIRST_SLOT));
+            ObjectEntry { root_block: root.copied().unwrap_or(u32::MAX), root_slot, ..*object }
+        })
+        .collect();
+    assemble(&objects, &table, &blocks.iter().collect::<Vec<_>>())
 }

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use crate::check::tables::block_parts;
 use crate::file::compression;
 use crate::file::open::{
-    Tables, check_overlaps, check_section, check_tags, directory_range, read_directory, read_header,
+    Tables, check_head, check_overlaps, check_section, check_tags, directory_range, read_directory, read_header,
 };
 use crate::file::*;
 use crate::parts::table::PartTable;
@@ -78,6 +78,7 @@ impl<S: RangeRead> StreamReader<S> {
         let (start, end) = directory_range(&header)?;
         let directory = read_directory(&input.fetch(start, end - start)?, &header)?;
         check_overlaps(&directory.ranges)?;
+        check_head(&header, &directory.sections)?;
         let tables = Tables::read(&header, &directory.sections, |section| {
             let bytes = input.fetch(section.offset, section.length)?;
             check_section(section, &bytes)?;
@@ -218,17 +219,17 @@ impl<S: RangeRead> StreamReader<S> {
 }
 
 /// The source, with the bytes and reads counted.
-struct Input<'a, S> {
-    source: &'a S,
-    length: Option<u64>,
+pub(super) struct Input<'a, S> {
+    pub(super) source: &'a S,
+    pub(super) length: Option<u64>,
     /// The first bytes of the source, if they have been read.
-    prefix: Vec<u8>,
-    bytes: u64,
-    reads: u64,
+    pub(super) prefix: Vec<u8>,
+    pub(super) bytes: u64,
+    pub(super) reads: u64,
 }
 
 impl<S: RangeRead> Input<'_, S> {
-    fn fetch(&mut self, offset: u64, length: u64) -> Result<Vec<u8>, FormatError> {
+    pub(super) fn fetch(&mut self, offset: u64, length: u64) -> Result<Vec<u8>, FormatError> {
         let end = offset.saturating_add(length);
         if end <= self.prefix.len() as u64 {
             return Ok(self.prefix[offset as usize..end as usize].to_vec());

@@ -2,7 +2,9 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::file::open::{check_overlaps, check_section, check_tags, directory_range, read_directory, read_header};
+use crate::file::open::{
+    check_head, check_overlaps, check_section, check_tags, directory_range, read_directory, read_header,
+};
 use crate::file::*;
 use crate::index::page::{Page, PageLink};
 use crate::parts::block::{check_part, first_level};
@@ -91,6 +93,7 @@ impl<S: RangeRead> IndexReader<S> {
         let directory = read_directory(&input.fetch(start, end - start)?, &header)?;
         check_overlaps(&directory.ranges)?;
         check_tags(&directory.sections)?;
+        check_head(&header, &directory.sections)?;
         let find = |tag| directory.sections.iter().find(|section| section.tag == tag);
         let (Some(objects), Some(index), Some(data)) = (find(TAG_OBJECTS), find(TAG_INDEX), find(TAG_DATA)) else {
             return Err(without());
@@ -164,7 +167,9 @@ impl<S: RangeRead> IndexReader<S> {
             let root = entry.parent == NO_PARENT;
             let meets = Region::cube(entry.cube_position, entry.cube_scale).meets(region);
             let above = root || taken.contains(&entry.parent);
-            if entry.object as usize != object || !above || !(root || meets && u32::from(first_level(entry)) < max_level)
+            if entry.object as usize != object
+                || !above
+                || !(root || meets && u32::from(first_level(entry)) < max_level)
             {
                 continue;
             }
@@ -254,13 +259,14 @@ impl<S: RangeRead> IndexReader<S> {
             let (Ok(first_level), Ok(last_level)) = levels else {
                 return Err(broken(format!("a part of block {index} has levels above 255")));
             };
-            let end = part.offset + u64::from(part.size);
-            if last_level > LAST_LEVEL || first_level > last_level || part.offset < self.data.0 || end > self.data.1 {
+            let offset = self.data.0.saturating_add(part.offset);
+            let end = offset.saturating_add(part.size.into());
+            if last_level > LAST_LEVEL || first_level > last_level || end > self.data.1 {
                 return Err(broken(format!("a part of block {index} is not in the block data, or has no such levels")));
             }
             let entry = PartEntry { block: index, size: part.size, first_level, last_level, reserved: 0 };
             if let Some(known) = self.known.get_mut(&index) {
-                known.parts.push((entry, part.offset));
+                known.parts.push((entry, offset));
             }
         }
         for block in &page.blocks {

@@ -56,8 +56,11 @@ fn seal_tables(file: &mut File) {
     file.seal_header();
 }
 
-/// The same parts in reverse order.
+/// The same parts in reverse order. The index is given another tag, as it would say otherwise.
 fn reversed(file: &mut File) {
+    let index = file.entry(b"INDX");
+    file.0[index..index + 4].copy_from_slice(b"indx");
+    file.set_u32(56, 0);
     let (start, length) = file.section(b"BLKS");
     let table = file.section(b"PART");
     let entries: Vec<Vec<u8>> = file.0[table.0..table.0 + table.1].chunks(12).rev().map(<[u8]>::to_vec).collect();
@@ -79,6 +82,39 @@ fn reversed(file: &mut File) {
         }
         at = (at + body.len()).next_multiple_of(8);
     }
+}
+
+/// Replaces the root page of the index by a changed one, at the end of the file.
+fn edit_index(file: &mut File, change: fn(&mut [u32; 3], &mut Vec<u8>)) {
+    let (at, length) = file.section(b"INDX");
+    let mut counts = [0, 4, 8].map(|k| file.u32(at + k));
+    let mut columns = unpack(&file.0[at + 12..at + length]);
+    change(&mut counts, &mut columns);
+    file.0[at..at + length].fill(0);
+    let new = file.0.len().next_multiple_of(8);
+    file.0.resize(new, 0);
+    file.0.extend(counts.iter().flat_map(|count| count.to_le_bytes()));
+    // A frame of one block that is not compressed: no encoder makes another.
+    file.0.extend([0x28, 0xb5, 0x2f, 0xfd, 0xa0]);
+    file.0.extend((columns.len() as u32).to_le_bytes());
+    file.0.extend(&((columns.len() as u32) << 3 | 1).to_le_bytes()[..3]);
+    file.0.extend(columns);
+    let (entry, length) = (file.entry(b"INDX"), file.0.len());
+    file.set_u64(entry + 8, new as u64);
+    file.set_u64(entry + 16, (length - new) as u64);
+    file.set_u64(32, length as u64);
+    file.set_u32(56, length as u32);
+}
+
+#[cfg(feature = "zstd")]
+fn unpack(frame: &[u8]) -> Vec<u8> {
+    zstd::bulk::decompress(frame, 1 << 16).expect("a frame of the library")
+}
+
+/// Files in parts cannot be read then.
+#[cfg(not(feature = "zstd"))]
+fn unpack(_: &[u8]) -> Vec<u8> {
+    unreachable!("files in parts are not made")
 }
 
 /// A rule, the name of a vector, whether all checksums are corrected afterwards or only those of the tables, and the change.
@@ -184,6 +220,44 @@ const CASES: &[Case] = &[
         f.set_u64(size, f.u64(size) + 1);
     }),
     ("S009", "parts_levels", true, reversed),
+    ("H006", "parts_blocks", false, |f| f.set_u32(56, f.u32(56) + 8)),
+    ("H006", "parts_blocks", false, |f| f.set_u32(56, 0)),
+    ("I001", "parts_blocks", false, |f| {
+        let index = f.section(b"INDX").0;
+        f.0[index] += 1;
+    }),
+    ("I001", "parts_blocks", false, |f| {
+        let index = f.entry(b"INDX");
+        f.0[index..index + 4].copy_from_slice(b"PAGE");
+        f.set_u32(56, 0);
+    }),
+    ("I001", "parts_blocks", false, |f| {
+        // A column that ends too early.
+        edit_index(f, |_, columns| {
+            columns.pop();
+        });
+    }),
+    // A link to a page that there is not; a block with another image size; a part that is left out.
+    ("I002", "parts_blocks", false, |f| {
+        edit_index(f, |counts, columns| {
+            counts[2] = 1;
+            columns.extend([0; 4 * 9]);
+        });
+    }),
+    ("I003", "parts_blocks", false, |f| {
+        edit_index(f, |counts, columns| columns[4 * 8 * counts[0] as usize] += 1);
+    }),
+    ("I003", "parts_blocks", false, |f| {
+        edit_index(f, |counts, columns| {
+            let blocks = 4 * 9 * counts[0] as usize;
+            let count = counts[1] as usize;
+            // The last byte of each stream.
+            for stream in (0..4 * 6).rev() {
+                columns.remove(blocks + stream * count + count - 1);
+            }
+            counts[1] -= 1;
+        });
+    }),
     ("B005", "parts_blocks", false, |f| f.set_u64(16, 2)),
     ("B005", "parts_whole", false, |f| {
         let stored = f.block(0) + 48;

@@ -107,6 +107,10 @@ const SEALED: &[Case] = &[
         let entry = f.entry(b"META");
         f.0[entry..entry + 4].copy_from_slice(b"PART");
     }),
+    ("I001", "everything", |f| {
+        let entry = f.entry(b"META");
+        f.0[entry..entry + 4].copy_from_slice(b"PAGE");
+    }),
     ("D007", "everything", |f| {
         let entry = f.entry(b"META");
         f.set_u32(entry + 4, 4);

@@ -28,7 +28,7 @@ def info(octree: Octree) -> str:
             f"{o['contours']} contours, {o['far_pointers']} far pointers"
         )
     for index, b in enumerate(octree.blocks):
-        codec = {0: "as it is", 1: "Zstandard"}[int(b["codec"])]
+        codec = {0: "as it is", 1: "Zstandard", 2: "fields"}[int(b["codec"])]
         lines.append(
             f"block {index}: object {b['object']}, cube at {b['cube_position'].tolist()} of scale {b['cube_scale']}, "
             f"{b['image_size']} bytes, stored as {b['stored_size']} ({codec})"

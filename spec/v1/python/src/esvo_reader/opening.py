@@ -23,7 +23,7 @@ from .records import (
 
 REQUIRED, OWN_CHECKSUMS = 1, 2
 NEEDED = (b"OBJT", b"BLKT", b"BLKS")
-KNOWN = (*NEEDED, b"PART", b"META")
+KNOWN = (*NEEDED, b"PART", b"INDX", b"PAGE", b"META")
 #: Required feature bit 0: some block is compressed.
 COMPRESSED = 1
 #: Required feature bit 1: the blocks are stored in parts.
@@ -64,7 +64,6 @@ def read_header(data: Array) -> Any:
     findings.require(not unknown, "H003", 16, f"required feature bits {unknown:#x} are unknown")
     length = int(header["file_length"])
     findings.require(length == len(data), "H004", 32, f"the file has {len(data)} bytes, its header says {length}")
-    findings.require(header["reserved"] == 0, "H006", 56, "the reserved field of the header is not zero")
     findings.settle()
     return header
 
@@ -98,6 +97,10 @@ def read_sections(data: Array, header: Any) -> Array:
         findings.require(tags.count(tag) == 1, "D006", start, f"section {tag!r} occurs {tags.count(tag)} times")
     findings.settle()
     findings.require(not overlap(ranges), "D003", start, "sections overlap each other, the header or the directory")
+    findings.settle()
+    found = {bytes(entry["tag"]): int(entry["offset"] + entry["length"]) for entry in sections}
+    head = max(end, found[b"OBJT"], found[b"INDX"]) if b"INDX" in found else 0
+    findings.require(header["head"] == head, "H006", 56, f"the head has {head} bytes, the header says {header['head']}")
     findings.settle()
     return sections
 

@@ -10,7 +10,8 @@ import zstandard
 from .blocks import decompress
 from .errors import Findings
 from .fields import Fields, image
-from .opening import IN_PARTS, Table, crc, read_table, record
+from .index import check_index
+from .opening import IN_PARTS, Table, check_section_crc, crc, read_table, record
 from .records import MAX_LEVELS, NO_PARENT, PART_ENTRY, PART_HEADER, Array
 
 
@@ -150,7 +151,18 @@ def read_parts(data: Array, header: Any, tables: Any, blocks: Array) -> Optional
     in_parts = bool(int(header["required_features"]) & IN_PARTS)
     at = 16 if section is None else int(section["offset"])
     findings.require(in_parts == (section is not None), "S001", at, "PART and required feature bit 1 go together")
+    findings.settle()
+    index = tables.get(b"INDX", tables.get(b"PAGE"))
+    if index is not None:
+        fits = in_parts and b"INDX" in tables
+        findings.require(fits, "I001", int(index["offset"]), "INDX without parts, or PAGE without INDX")
     if section is None or not in_parts:
         findings.settle()
         return None
-    return Parts(data, section, tables[b"BLKS"], blocks, int(tables[b"BLKT"]["offset"]))
+    findings.settle()
+    parts = Parts(data, section, tables[b"BLKS"], blocks, int(tables[b"BLKT"]["offset"]))
+    if b"INDX" in tables:
+        check_section_crc(data, tables[b"INDX"], findings)
+        findings.settle()
+        check_index(data, tables, parts)
+    return parts

@@ -38,7 +38,7 @@ HEADER = np.dtype(
         ("directory_offset", "<u8"),
         ("directory_count", "<u4"),
         ("directory_crc", "<u4"),
-        ("reserved", "<u4"),
+        ("head", "<u4"),
         ("header_crc", "<u4"),
     ]
 )

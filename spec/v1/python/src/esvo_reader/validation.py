@@ -52,7 +52,7 @@ def check(octree: Octree) -> List[Finding]:
 def check_sections(octree: Octree, findings: Findings) -> None:
     """D004 of the sections that opening does not read, M001, M002."""
     for entry in octree.sections:
-        if bytes(entry["tag"]) not in (b"OBJT", b"BLKT", b"PART", b"META"):
+        if bytes(entry["tag"]) not in (b"OBJT", b"BLKT", b"PART", b"INDX", b"META"):
             opening.check_section_crc(octree.data, entry, findings)
     try:
         members = octree.metadata
