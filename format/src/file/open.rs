@@ -14,6 +14,7 @@ use crate::file::*;
 use crate::index::check::check_index;
 use crate::octree::{Gaps, Image, Origin, Stored, UnknownSection};
 use crate::parts::block::decode_parts;
+use crate::parts::stored::Decoder;
 use crate::parts::table::PartTable;
 use crate::{Broken, FormatError, Octree, ids};
 
@@ -165,9 +166,12 @@ impl Contents {
             rest = tail;
         }
         let results: Vec<Result<(), Broken>> = (work.into_par_iter())
-            .map(|(index, block, image)| {
+            .map_init(Decoder::new, |decoder, (index, block, image)| {
                 if let Some(parts) = &self.parts {
-                    return decode_parts(&self.blocks, parts, index, bytes, image);
+                    let decoder = decoder.as_mut().map_err(|what| {
+                        Broken::new(ids::PART_FIELDS, block.file_offset, format!("block {index}: {what}"))
+                    })?;
+                    return decode_parts(&self.blocks, parts, index, bytes, image, decoder);
                 }
                 let stored = block.file_offset as usize..(block.file_offset + block.stored_size) as usize;
                 compression::decode(index, block, &bytes[stored], image)

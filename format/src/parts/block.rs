@@ -89,7 +89,8 @@ fn encode_fields(
     // The proof that nothing is lost.
     let mut again = vec![0; image.len()];
     let bodies = stored.iter().map(|part| (part.entry, &part.bytes[PART_HEADER_BYTES as usize..]));
-    let decoded = decode_fields(bodies, image.len() as u64 * 8).and_then(|fields| {
+    let decoded = Decoder::new().and_then(|mut decoder| decode_fields(bodies, image.len() as u64 * 8, &mut decoder));
+    let decoded = decoded.and_then(|fields| {
         let mut outer = |block: u32| table.get(block as usize).map(|b| b.image_offset / 8);
         write(&fields, fields.array_slots, index, start, &mut again, &mut outer)
     });
@@ -100,12 +101,12 @@ fn encode_fields(
 pub(crate) fn decode_fields<'a>(
     parts: impl IntoIterator<Item = (PartEntry, &'a [u8])>,
     limit: u64,
+    decoder: &mut Decoder,
 ) -> Result<Fields, String> {
-    let mut fields = Fields::default();
-    let mut decoder = Decoder::new()?;
+    let mut fields = std::mem::take(&mut decoder.spare).cleared();
     for (entry, body) in parts {
         let levels = usize::from(entry.last_level.saturating_sub(entry.first_level)) + 1;
-        decode(&mut fields, levels, body, limit, &mut decoder)?;
+        decode(&mut fields, levels, body, limit, decoder)?;
     }
     Ok(fields)
 }
@@ -139,6 +140,7 @@ pub(crate) fn decode_parts(
     index: usize,
     bytes: &[u8],
     image: &mut [u8],
+    decoder: &mut Decoder,
 ) -> Result<(), Broken> {
     let stored = parts.of_block(index).iter().map(|&part| {
         let (at, end) = parts.range(part);
@@ -147,7 +149,7 @@ pub(crate) fn decode_parts(
     let stored: Vec<(u32, &[u8])> = stored.collect();
     let slots = bytemuck::try_cast_slice_mut::<u8, u64>(image);
     let Ok(slots) = slots else { return Err(broken(table, index, "the image is not aligned".into())) };
-    decode_stored(table, parts, index, &stored, slots)
+    decode_stored(table, parts, index, &stored, slots, decoder)
 }
 
 /// Decodes all parts of block `index` to its image. `stored` are the parts by level, each with its number.
@@ -157,6 +159,7 @@ pub(crate) fn decode_stored(
     index: usize,
     stored: &[(u32, &[u8])],
     image: &mut [u64],
+    decoder: &mut Decoder,
 ) -> Result<(), Broken> {
     let block = &table[index];
     let mut bodies = Vec::with_capacity(stored.len());
@@ -175,8 +178,12 @@ pub(crate) fn decode_stored(
     }
     let mut outer = |block: u32| table.get(block as usize).map(|b| b.image_offset / 8);
     let start = block.image_offset / 8;
-    decode_fields(bodies, block.image_size)
-        .and_then(|fields| write(&fields, fields.array_slots, index as u32, start, image, &mut outer))
+    decode_fields(bodies, block.image_size, decoder)
+        .and_then(|fields| {
+            let written = write(&fields, fields.array_slots, index as u32, start, image, &mut outer);
+            decoder.spare = fields;
+            written
+        })
         .map_err(|what| broken(table, index, what))
 }
 

@@ -85,6 +85,20 @@ pub(crate) struct Fields {
 }
 
 impl Fields {
+    /// Nothing, with the memory of these fields.
+    pub(crate) fn cleared(mut self) -> Self {
+        self.array_slots = 0;
+        self.starts.clear();
+        self.valid.clear();
+        self.nonleaf.clear();
+        self.links.clear();
+        self.children.clear();
+        self.contour_masks.clear();
+        self.contours.clear();
+        self.attachments.clear();
+        self
+    }
+
     /// Number of levels.
     pub(crate) fn levels(&self) -> usize {
         self.starts.len().saturating_sub(1)

@@ -136,6 +136,14 @@ fn write_info(fields: &Fields, array_slots: u32, block: u32, places: &Places, re
     }
 }
 
+/// Copies a few values of the same number. A call of `memcpy` for each descriptor costs more than the values.
+#[inline(always)]
+fn copy_few<T: Copy>(to: &mut [T], from: &[T]) {
+    for (to, from) in to.iter_mut().zip(from) {
+        *to = *from;
+    }
+}
+
 /// What is done at each step of the walk over the slots.
 trait Sink {
     /// A group of siblings is at slots from `slot` on. `nodes` are its descriptors, `from` where the columns of its level are.
@@ -304,7 +312,7 @@ impl Writer<'_> {
         }
         let from = self.fields.contours.get(*at..*at + count).ok_or("a level has too few contours")?;
         let to = self.pool.get_mut(self.contour..self.contour + count).ok_or("the pool is too short")?;
-        to.copy_from_slice(from);
+        copy_few(to, from);
         *at += count;
         self.contour += count;
         Ok(u64::from(pointer << 8 | u32::from(mask)))
@@ -336,7 +344,7 @@ impl Sink for Writer<'_> {
                     let from = data.get(end.values[number] * unit..(end.values[number] + pairs) * unit);
                     let to = slot as usize / 2 * unit;
                     let to = column.get_mut(to..to + pairs * unit).ok_or("an attachment is too short")?;
-                    to.copy_from_slice(from.ok_or("a level has too few pairs")?);
+                    copy_few(to, from.ok_or("a level has too few pairs")?);
                     end.values[number] += pairs;
                 }
                 Values::Plain(masks, data) => {

@@ -160,11 +160,13 @@ fn put_number(out: &mut Vec<u8>, mut number: u64) {
 pub(crate) struct Decoder {
     unpacker: Unpacker,
     room: Vec<u8>,
+    /// Fields that are no longer in use: their memory is taken for the next block.
+    pub(crate) spare: Fields,
 }
 
 impl Decoder {
     pub(crate) fn new() -> Result<Self, String> {
-        Ok(Self { unpacker: Unpacker::new()?, room: Vec::new() })
+        Ok(Self { unpacker: Unpacker::new()?, room: Vec::new(), spare: Fields::default() })
     }
 }
 
@@ -300,7 +302,7 @@ pub(crate) fn decode(
             "the part has levels of {counts:?} descriptors, expected at least one each and no more than fit"
         ));
     }
-    let Decoder { unpacker, room: scratch } = decoder;
+    let Decoder { unpacker, room: scratch, .. } = decoder;
     let [form] = rest.array()?;
     let (joined, mut room);
     let source = match form {

@@ -51,6 +51,8 @@ pub struct IndexReader<S> {
     pages: (u64, u64),
     known: BTreeMap<u32, Known>,
     links: Vec<PageLink>,
+    /// The first bytes of the file.
+    prefix: Vec<u8>,
     bytes: u64,
     reads: u64,
 }
@@ -109,7 +111,7 @@ impl<S: RangeRead> IndexReader<S> {
         let objects_at = objects.offset;
         let objects: Vec<ObjectEntry> = table.chunks_exact(OBJECT_BYTES as usize).filter_map(from_bytes).collect();
         crate::check::tables::check_objects(&objects, objects_at)?;
-        let (bytes, reads) = (input.bytes, input.reads);
+        let (bytes, reads, prefix) = (input.bytes, input.reads, input.prefix);
         let mut reader = Self {
             source,
             length,
@@ -120,6 +122,7 @@ impl<S: RangeRead> IndexReader<S> {
             pages: find(TAG_PAGES).map_or((0, 0), range),
             known: BTreeMap::new(),
             links: Vec::new(),
+            prefix,
             bytes,
             reads,
         };
@@ -286,10 +289,18 @@ impl<S: RangeRead> IndexReader<S> {
 
     fn fetch(&mut self, offset: u64, length: u64) -> Result<Vec<u8>, FormatError> {
         self.options.check(length)?;
-        let mut input = Input { source: &self.source, length: self.length, prefix: Vec::new(), bytes: 0, reads: 0 };
-        let bytes = input.fetch(offset, length);
-        self.bytes += input.bytes;
-        self.reads += input.reads;
-        bytes
+        // What came with the head is not read again.
+        let have = usize::try_from(offset).ok().and_then(|at| self.prefix.get(at..)).unwrap_or_default();
+        let mut bytes = have[..have.len().min(length as usize)].to_vec();
+        let start = offset + bytes.len() as u64;
+        let rest = length - bytes.len() as u64;
+        if rest > 0 {
+            let mut input = Input { source: &self.source, length: self.length, prefix: Vec::new(), bytes: 0, reads: 0 };
+            let read = input.fetch(start, rest);
+            self.bytes += input.bytes;
+            self.reads += input.reads;
+            if bytes.is_empty() { bytes = read? } else { bytes.extend(read?) }
+        }
+        Ok(bytes)
     }
 }

@@ -120,10 +120,15 @@ impl File {
         let inside = |at: usize, size: usize| at.checked_add(size).is_some_and(|end| end <= length);
         if inside(directory, ENTRY * count) {
             let entries: Vec<usize> = (0..count).map(|i| directory + ENTRY * i).collect();
-            for &at in &entries {
-                let (start, bytes) = (self.u64(at + 8) as usize, self.u64(at + 16) as usize);
-                if &self.0[at..at + 4] == b"BLKT" && inside(start, bytes) {
-                    (0..bytes / 72).take(64).for_each(|i| self.seal_block(start + 72 * i));
+            let range = |file: &Self, tag: &[u8; 4]| {
+                let at = entries.iter().copied().find(|at| &file.0[*at..*at + 4] == tag)?;
+                let (start, bytes) = (file.u64(at + 8) as usize, file.u64(at + 16) as usize);
+                inside(start, bytes).then_some((start, bytes))
+            };
+            if let Some((start, bytes)) = range(self, b"BLKT") {
+                match range(self, b"PART").zip(range(self, b"BLKS")).filter(|_| self.0[16] & 2 != 0) {
+                    Some((parts, data)) => self.seal_parts_that_are_there(parts, data.0, (start, bytes)),
+                    None => (0..bytes / 72).take(64).for_each(|i| self.seal_block(start + 72 * i)),
                 }
             }
             for at in entries {
@@ -139,6 +144,27 @@ impl File {
         }
         let crc = crc32fast::hash(&self.0[..60]);
         self.set_u32(60, crc);
+    }
+
+    /// Corrects the checksums of parts and blocks. `table` and `blocks` are start and length of PART and BLKT, `at` is the start
+    /// of BLKS.
+    fn seal_parts_that_are_there(&mut self, table: (usize, usize), mut at: usize, blocks: (usize, usize)) {
+        let mut own: Vec<(u32, u8, [u8; 4])> = Vec::new();
+        for entry in (0..table.1 / 12).take(256).map(|i| table.0 + 12 * i) {
+            let size = self.u32(entry + 4) as usize;
+            if size < 5 || at + size > self.0.len() {
+                break;
+            }
+            let crc = crc32fast::hash(&self.0[at + 4..at + size]);
+            self.set_u32(at, crc);
+            own.push((self.u32(entry), self.0[entry + 8], crc.to_le_bytes()));
+            at = (at + size).next_multiple_of(8);
+        }
+        own.sort_unstable();
+        for block in 0..(blocks.1 / 72).min(64) {
+            let crcs: Vec<u8> = own.iter().filter(|part| part.0 as usize == block).flat_map(|part| part.2).collect();
+            self.set_u32(blocks.0 + 72 * block + 60, crc32fast::hash(&crcs));
+        }
     }
 
     /// Corrects the checksum of the block whose table entry is at `at`.

@@ -1,6 +1,6 @@
 //! Reading untrusted bytes.
 
-use esvo_format::{FormatError, Octree, OpenOptions, StreamReader, stats, stream_stats, validate_bytes_with};
+use esvo_format::{FormatError, IndexReader, Octree, OpenOptions, Region, StreamReader, stats, stream_stats, validate_bytes_with};
 
 /// The largest image of a vector has 0.3 MiB. Damaged compressed files may claim any size.
 const OPTIONS: OpenOptions = OpenOptions { memory_limit: 16 << 20, verify: true };
@@ -41,7 +41,23 @@ pub(crate) fn survive(bytes: &[u8]) -> bool {
     {
         assert_eq!(counted.bytes.total(), counted.image_bytes);
     }
+    served(bytes);
     !report.is_ok()
+}
+
+/// Reads a file in parts, by its tables and by its index. Whatever opens gives octrees that can be walked.
+fn served(bytes: &[u8]) {
+    if let Ok(reader) = StreamReader::open_with(bytes, &OPTIONS) {
+        for level in [1, 3, 23] {
+            let octree = reader.partial_parts(&reader.parts_for(0, &Region::ALL, level));
+            octree.iter().for_each(visit);
+        }
+    }
+    if let Ok(mut reader) = IndexReader::open_with(bytes, &OPTIONS) {
+        for level in [1, 3, 23] {
+            reader.octree(0, &Region::ALL, level).iter().for_each(visit);
+        }
+    }
 }
 
 /// Visits every voxel.
