@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use esvo_bench::text::TextTable;
+use esvo_format::file::CODEC_FIELDS;
 use esvo_format::{Octree, Stats};
 use serde_json::{Value, json};
 
@@ -73,6 +74,17 @@ pub(crate) fn run_info(arguments: &InfoArguments) -> Result<(), Failure> {
         count(stats.blocks, "block")
     );
     let _ = writeln!(text, "{} in memory, {:.2} bytes per voxel", size(stats.image_bytes), stats.bytes_per_voxel);
+    let in_fields = octree.blocks().iter().filter(|block| block.codec == CODEC_FIELDS);
+    if in_fields.clone().next().is_some() {
+        let stored: u64 = octree.blocks().iter().map(|block| block.stored_size).sum();
+        let _ = writeln!(
+            text,
+            "stored in parts by level: {} as streams of fields, {}, {:.2} bytes per voxel",
+            count(in_fields.count() as u64, "block"),
+            size(stored),
+            stored as f64 / stats.voxels.max(1) as f64
+        );
+    }
     if !octree.meta().is_empty() {
         let _ = writeln!(text, "metadata {}", octree.meta());
     }
