@@ -1,6 +1,8 @@
 //! Reading untrusted bytes.
 
-use esvo_format::{FormatError, IndexReader, Octree, OpenOptions, Region, StreamReader, stats, stream_stats, validate_bytes_with};
+use esvo_format::{
+    FormatError, IndexReader, Octree, OpenOptions, Region, StreamReader, stats, stream_stats, validate_bytes_with,
+};
 
 /// The largest image of a vector has 0.3 MiB. Damaged compressed files may claim any size.
 const OPTIONS: OpenOptions = OpenOptions { memory_limit: 16 << 20, verify: true };
