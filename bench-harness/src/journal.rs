@@ -62,8 +62,16 @@ impl Journal {
         settings: &impl Serialize,
         resume: bool,
     ) -> Result<Self, BenchError> {
+        Self::open_in(&results.join(machine.map_or_else(|| Machine::detect().slug(), slug)), kind, settings, resume)
+    }
+
+    /// As [`open`](Self::open), in `<parent>/.unfinished<kind>/`: for records that lie in no folder of a machine.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn open_in(parent: &Path, kind: &str, settings: &impl Serialize, resume: bool) -> Result<Self, BenchError> {
         let this = Machine::detect();
-        let folder = results.join(machine.map_or_else(|| this.slug(), slug)).join(format!(".unfinished{kind}"));
+        let folder = parent.join(format!(".unfinished{kind}"));
         let file = folder.join("run.json");
         let failed = |what: String| BenchError::scene("journal", what);
         let settings = serde_json::to_value(settings).map_err(|e| failed(e.to_string()))?;

@@ -33,6 +33,8 @@
 //! - [`scene`]: from a scene's name to its mesh and viewpoints. [`matrix_parts`]: scenes and levels of a matrix.
 //! - [`calibration`]: a frozen kernel that is cast between timed casts. [`compare`]: `esvo bench compare`, what is slower in a
 //!   second record, and baselines.
+//! - `scene_triangles`: the triangles that octrees are built of and compared with; `seen`: their exact hits and pictures, also of a
+//!   displaced mesh that is never in memory as a whole.
 //! - [`error`]: depth error and image error (FLIP). [`timing`]: samples, medians and quartiles.
 //! - [`text`]: tables as text and Markdown. [`output`]: the only writer of records, tables and pictures.
 //! - [`journal`]: finished parts of a run that was stopped.
@@ -69,6 +71,8 @@ pub mod ray_files;
 pub mod records;
 pub mod repeat;
 pub mod scene;
+mod scene_triangles;
+mod seen;
 pub mod shadow_bench;
 pub mod stability_bench;
 pub mod sweep_bench;

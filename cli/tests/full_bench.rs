@@ -1,4 +1,4 @@
-//! `esvo bench --full`, stopped and resumed; `esvo bench --repeat`.
+//! `esvo bench --full` and `esvo bench build`, stopped and resumed; `esvo bench --repeat`.
 
 mod common;
 
@@ -87,6 +87,64 @@ fn a_full_run_that_was_stopped_goes_on_and_makes_every_report() {
     assert!(record["scenes"][0]["pictures"].as_array().is_some_and(|pictures| {
         pictures.iter().all(|name| folder.path("results/m").join(tables).join(name.as_str().unwrap()).exists())
     }));
+}
+
+/// A run of six octrees, each built twice.
+const BUILD: [&str; 11] =
+    ["bench", "build", "--scenes", "fairy", "--levels", "3,4,5", "--rays", "3000", "--repeats", "2", "--json"];
+
+#[test]
+fn a_run_of_builds_that_was_stopped_goes_on_into_one_record() {
+    let folder = Folder::new();
+    let mut child = folder.command(&BUILD).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    let start = Instant::now();
+    let journal = folder.path("results/build/.unfinished-build");
+    let part = journal.join("part-fairy-3-contours-1.json");
+    while !part.exists() {
+        assert!(child.try_wait().unwrap().is_none(), "the run has ended before an octree was finished");
+        assert!(start.elapsed() < Duration::from_secs(120), "no octree is finished after two minutes");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    child.kill().unwrap();
+    child.wait().unwrap();
+    let kept = std::fs::read(&part).unwrap();
+
+    // Another matrix is refused, and nothing is lost.
+    let mut other = BUILD.to_vec();
+    other[7] = "3001";
+    other.push("--resume");
+    let refused = folder.command(&other).output().unwrap();
+    let says = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert_eq!(refused.status.code(), Some(1), "{says}");
+    assert!(says.contains("other settings") && says.contains("without --resume"), "{says}");
+    assert_eq!(std::fs::read(&part).unwrap(), kept);
+
+    // No time: what is kept is found, the rest stays to be done.
+    let resume = |time_limit: &str| {
+        let mut resumed = BUILD.to_vec();
+        resumed.extend(["--resume", "--time-limit", time_limit]);
+        let done = folder.command(&resumed).output().unwrap();
+        let says = String::from_utf8_lossy(&done.stderr).into_owned();
+        assert!(done.status.success(), "{says}");
+        (serde_json::from_slice::<Value>(&done.stdout).unwrap(), says)
+    };
+    let (short, says) = resume("0.000001");
+    assert!(says.contains("--resume tries them") && journal.exists(), "{says}");
+    let rows = |record: &Value| record["scenes"][0]["rows"].as_array().unwrap().clone();
+    assert!((1..6).contains(&rows(&short).len()), "{}", rows(&short).len());
+    assert_eq!(short["scenes"][0]["stopped"][0]["limit"], "run");
+
+    let (record, says) = resume("0");
+    assert!(!says.contains("--resume") && !journal.exists(), "{says}");
+    assert_eq!(read(&folder.path("results/build/build.json")), record);
+    assert_eq!((&record["complete"], record["scenes"][0]["stopped"].as_array().unwrap().len()), (&true.into(), 0));
+    assert_eq!(rows(&record).len(), 6);
+    assert!(rows(&record).iter().all(|row| row["samples"].as_array().unwrap().len() == 2));
+    // What was measured before the stop is in the record as it was, times included.
+    let part: Value = serde_json::from_slice(&kept).unwrap();
+    let mut first = rows(&record)[0].clone();
+    first["samples"].as_array_mut().unwrap().pop();
+    assert_eq!(first, part["result"]["row"]);
 }
 
 fn read(path: &Path) -> Value {

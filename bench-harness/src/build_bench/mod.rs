@@ -8,6 +8,7 @@ mod beside;
 mod child;
 mod limit;
 mod output;
+mod parts;
 mod peers;
 mod plan;
 mod record;
@@ -15,10 +16,12 @@ mod saved;
 mod tables;
 
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 use esvo_scenes::{SceneEntry, SceneVariant};
 
 use crate::build_summary::BuildSummary;
+use crate::journal::Journal;
 use crate::matrix_parts::LeftOut;
 use crate::scene::{self, Scene, SceneSource};
 use crate::system::clock::Clock;
@@ -30,8 +33,10 @@ use crate::{BenchError, Progress};
 use accuracy::{Errors, SceneTruth};
 use beside::OtherSummary;
 use child::{BuildJob, Ended};
+use parts::{RoundPart, StepPart, part_name};
 
 pub use output::write_build_record;
+pub use parts::build_journal;
 pub use plan::{BuildMatrix, Contours};
 pub use record::{
     BesideBuilds, BuildReport, BuildRow, BuildSample, Limit, Measure, OtherProgram, SCHEMA, SavedLevels, SceneBuilds,
@@ -66,6 +71,21 @@ pub fn run_build_bench(
     progress: &Progress,
     save: &mut dyn FnMut(&BuildReport) -> Result<(), BenchError>,
 ) -> Result<BuildReport, BenchError> {
+    resume_build_bench(options, &Journal::none(), progress, save)
+}
+
+/// Like [`run_build_bench`]. Builds that are in the journal, which [`build_journal`] opens, are not made again; those that are made are
+/// kept there. Not kept are builds that failed, and what the time limit of the run left out: a resumed run tries them, and has the whole
+/// limit for that.
+///
+/// # Errors
+/// Those of [`run_build_bench`], and the journal's; the mesh of a scene is not the one of the run that was stopped.
+pub fn resume_build_bench(
+    options: &BuildBenchOptions,
+    journal: &Journal,
+    progress: &Progress,
+    save: &mut dyn FnMut(&BuildReport) -> Result<(), BenchError>,
+) -> Result<BuildReport, BenchError> {
     let matrix = &options.matrix;
     matrix.validate().map_err(|what| BenchError::Matrix { file: matrix.name.clone(), what })?;
     let manifest = scene::manifest(options.manifest.as_deref())?;
@@ -85,7 +105,8 @@ pub fn run_build_bench(
         beside: options.beside.as_deref().map(beside::identify).transpose()?,
     };
     let clock = Clock::start(matrix.time_limit_seconds);
-    let mut runner = BuildRun { options, progress, clock, scratch: &scratch, entries: Vec::new(), report, save };
+    let mut runner =
+        BuildRun { options, progress, journal, clock, scratch: &scratch, entries: Vec::new(), report, save };
     for (entry, levels) in entries {
         runner.scene(entry, levels)?;
     }
@@ -100,6 +121,7 @@ pub fn run_build_bench(
 struct BuildRun<'a> {
     options: &'a BuildBenchOptions,
     progress: &'a Progress,
+    journal: &'a Journal,
     clock: Clock,
     scratch: &'a Scratch,
     /// Names in the manifest of the report's scenes.
@@ -110,36 +132,75 @@ struct BuildRun<'a> {
 
 impl BuildRun<'_> {
     fn save(&mut self) -> Result<(), BenchError> {
-        self.report.seconds = self.clock.elapsed();
+        self.report.seconds = self.journal.found_seconds() + self.clock.elapsed();
         (self.save)(&self.report)
     }
 
     /// Builds a scene level by level, and measures the errors.
     fn scene(&mut self, entry: &SceneEntry, levels: &[u32]) -> Result<(), BenchError> {
         let matrix = &self.options.matrix;
-        let scenes_dir = self.options.scenes_dir.as_deref();
-        if let Some(reason) = SceneSource::find(entry, scenes_dir, false)?.absent() {
+        let source = SceneSource::find(entry, self.options.scenes_dir.as_deref(), false)?;
+        if let Some(reason) = source.absent() {
             self.report.left_out.push(LeftOut { what: entry.name.clone(), reason });
             return self.save();
         }
-        self.progress.say(format!("{}: reading the mesh", entry.name));
-        let scene = Scene::load(entry, scenes_dir, matrix.views)?;
-        let size = matrix.picture_size(scene.views.len());
-        self.report.scenes.push(SceneBuilds::new(&scene, size));
+        let mut ladder = Ladder { entry, stand_in: source.variant() == SceneVariant::StandIn, truth: None };
+        let part = part_name(&entry.name, None);
+        let builds = match self.journal.find::<SceneBuilds>(&part)? {
+            Some(builds) => {
+                parts::check_identity(&entry.name, &builds, &source)?;
+                builds
+            }
+            None => {
+                let start = Instant::now();
+                let scene = self.load(entry)?;
+                let size = matrix.picture_size(scene.views.len());
+                let builds = SceneBuilds::new(&scene, size);
+                ladder.truth = Some(SceneTruth::new(scene, size));
+                self.journal.keep(&part, start, &builds)?;
+                builds
+            }
+        };
+        self.report.scenes.push(builds);
         self.entries.push(entry.name.clone());
-        let mut ladder =
-            Ladder { stand_in: scene.variant == SceneVariant::StandIn, truth: SceneTruth::new(scene, size) };
         let mut kinds = matrix.contours.clone();
         for (index, &level) in levels.iter().enumerate() {
             for kind in kinds.clone() {
-                if let Some((limit, why)) = self.step(&mut ladder, level, kind)? {
+                let part = part_name(&entry.name, Some((level, kind, 0)));
+                let found = self.journal.find::<StepPart>(&part)?;
+                let is_new = found.is_none();
+                let step = match found {
+                    Some(step) => step,
+                    None => {
+                        let start = Instant::now();
+                        let step = self.step(&mut ladder, level, kind)?;
+                        if step.is_final() {
+                            self.journal.keep(&part, start, &step)?;
+                        }
+                        step
+                    }
+                };
+                self.report.left_out.extend(step.left_out);
+                let builds = self.builds();
+                if let Some(row) = step.row {
+                    builds.rows.push(row);
+                    builds.saved = saved::saved(&builds.rows);
+                }
+                if let Some((limit, why)) = step.stopped {
                     kinds.retain(|k| *k != kind);
                     self.stop(kind, &levels[index..], limit, why);
                 }
-                self.save()?;
+                if is_new {
+                    self.save()?;
+                }
             }
         }
         Ok(())
+    }
+
+    fn load(&self, entry: &SceneEntry) -> Result<Scene, BenchError> {
+        self.progress.say(format!("{}: reading the mesh", entry.name));
+        Scene::load(entry, self.options.scenes_dir.as_deref(), self.options.matrix.views)
     }
 
     /// The record of the current scene.
@@ -147,14 +208,14 @@ impl BuildRun<'_> {
         self.report.scenes.last_mut().expect("a scene is at work")
     }
 
-    /// Builds one octree of the scene and measures its errors. `Some`: why the octree does not exist or could not be cast.
-    fn step(&mut self, ladder: &mut Ladder, level: u32, kind: Contours) -> Result<Option<(Limit, String)>, BenchError> {
+    /// Builds one octree of the scene and measures its errors.
+    fn step(&mut self, ladder: &mut Ladder, level: u32, kind: Contours) -> Result<StepPart, BenchError> {
         let matrix = &self.options.matrix;
         let left = self.clock.left();
         let builds = self.builds();
         let name = builds.name.clone();
         if let Some(refused) = limit::refusal(&builds.rows, kind, matrix, left) {
-            return Ok(Some(refused));
+            return Ok(StepPart::stopped(refused));
         }
         let load = proc::load();
         let octree = OctreeOf { scene: self.report.scenes.len() - 1, stand_in: ladder.stand_in, levels: level, kind };
@@ -162,14 +223,21 @@ impl BuildRun<'_> {
         let (build, cpu_seconds) = match self.build(octree, &format!("at {level} levels"))? {
             Ended::Stopped(limit, why) => {
                 remove(&file);
-                return Ok(Some((limit, why)));
+                return Ok(StepPart::stopped((limit, why)));
             }
             Ended::Done { report, cpu_seconds } => (report, cpu_seconds),
         };
-        let mut beside = None;
-        self.build_beside(octree, "the first time", &mut beside)?;
+        let (mut beside, mut left_out) = (None, Vec::new());
+        self.build_beside(octree, "the first time", &mut beside, &mut left_out)?;
+        let truth = match &mut ladder.truth {
+            Some(truth) => truth,
+            None => {
+                let size = self.builds().size;
+                ladder.truth.insert(SceneTruth::new(self.load(ladder.entry)?, size))
+            }
+        };
         self.progress.say(format!("{name}: error at {level} levels, {}", kind.title()));
-        let errors = ladder.truth.errors(&file, level);
+        let errors = truth.errors(&file, level);
         remove(&file);
         let sample = BuildSample { seconds: build.seconds, peak_bytes: build.peak_bytes, cpu_seconds, load };
         let mut row = BuildRow {
@@ -184,7 +252,7 @@ impl BuildRun<'_> {
             flip_at_pixel: None,
             beside,
         };
-        let failed = match errors {
+        let stopped = match errors {
             Ok(Errors { leaves, pixel }) => {
                 (row.error, row.attributes) = (Some(leaves.depth), Some(leaves.attributes));
                 (row.error_at_pixel, row.attributes_at_pixel) = (Some(pixel.depth), Some(pixel.attributes));
@@ -193,10 +261,7 @@ impl BuildRun<'_> {
             }
             Err(e) => Some((Limit::Failed, format!("casting it: {e}"))),
         };
-        let builds = self.builds();
-        builds.rows.push(row);
-        builds.saved = saved::saved(&builds.rows);
-        Ok(failed)
+        Ok(StepPart { row: Some(row), stopped, left_out })
     }
 
     /// Repeats the builds that did not take too long.
@@ -205,51 +270,76 @@ impl BuildRun<'_> {
             .flat_map(|(s, scene)| (0..scene.rows.len()).map(move |r| (s, r)))
             .collect();
         for (s, r) in all {
-            let scene = &self.report.scenes[s];
-            let row = &scene.rows[r];
-            let (name, stand_in, levels, kind) =
-                (scene.name.clone(), scene.mesh == SceneVariant::StandIn, row.levels, row.contours);
-            let seconds = &row.samples[0].seconds;
-            let all = seconds.import + seconds.build;
-            if all > self.options.matrix.repeat_below_seconds || all > self.clock.left() {
+            let row = &self.report.scenes[s].rows[r];
+            if !row.is_repeated(&self.options.matrix) {
                 continue;
             }
-            let octree = OctreeOf { scene: s, stand_in, levels, kind };
-            let what = format!("round {}", round + 1);
-            // Builds of the two programs are pairs. Every second round begins with the other one.
-            let paired = row.beside.as_ref().is_some_and(|beside| beside.samples.len() == row.samples.len());
-            let mut beside = row.beside.clone().filter(|_| paired);
-            let other_first = round % 2 == 1;
-            if paired && other_first {
-                self.build_beside(octree, &what, &mut beside)?;
-            }
-            let load = proc::load();
-            let ended = self.build(octree, &format!("at {levels} levels, {what}"));
-            remove(&self.scratch.file(OURS));
-            let Ended::Done { report: build, cpu_seconds } = ended? else { continue };
-            if paired && !other_first {
-                self.build_beside(octree, &what, &mut beside)?;
-            }
+            let part = part_name(&self.entries[s], Some((row.levels, row.contours, round)));
+            let found = self.journal.find::<RoundPart>(&part)?;
+            let is_new = found.is_none();
+            let repeated = match found {
+                Some(repeated) => repeated,
+                None => {
+                    let start = Instant::now();
+                    let Some(repeated) = self.repeat(s, r, round)? else { continue };
+                    self.journal.keep(&part, start, &repeated)?;
+                    repeated
+                }
+            };
+            self.report.left_out.extend(repeated.left_out);
             let row = &mut self.report.scenes[s].rows[r];
-            if (build.voxels, build.image_bytes) != (row.build.voxels, row.build.image_bytes) {
-                let what = format!(
-                    "{levels} levels, {}: the first build gave {} voxels in {} bytes, a repeated one {} in {}: building must \
-                     not depend on the timing of threads",
-                    kind.title(),
-                    row.build.voxels,
-                    row.build.image_bytes,
-                    build.voxels,
-                    build.image_bytes
-                );
-                return Err(BenchError::scene(&name, what));
+            row.samples.push(repeated.sample);
+            if let Some(beside) = repeated.beside {
+                row.beside = Some(beside);
             }
-            row.samples.push(BuildSample { seconds: build.seconds, peak_bytes: build.peak_bytes, cpu_seconds, load });
-            if paired {
-                row.beside = beside;
+            if is_new {
+                self.save()?;
             }
-            self.save()?;
         }
         Ok(())
+    }
+
+    /// Builds an octree again. `None`: there is no time for it, or the build failed.
+    fn repeat(&mut self, s: usize, r: usize, round: usize) -> Result<Option<RoundPart>, BenchError> {
+        let scene = &self.report.scenes[s];
+        let row = &scene.rows[r];
+        let (levels, kind, first) = (row.levels, row.contours, (row.build.voxels, row.build.image_bytes));
+        if row.first_seconds() > self.clock.left() {
+            return Ok(None);
+        }
+        let octree = OctreeOf { scene: s, stand_in: scene.mesh == SceneVariant::StandIn, levels, kind };
+        let what = format!("round {}", round + 1);
+        // Builds of the two programs are pairs. Every second round begins with the other one.
+        let paired = row.beside.as_ref().is_some_and(|beside| beside.samples.len() == row.samples.len());
+        let (mut beside, mut left_out) = (row.beside.clone().filter(|_| paired), Vec::new());
+        let other_first = round % 2 == 1;
+        if paired && other_first {
+            self.build_beside(octree, &what, &mut beside, &mut left_out)?;
+        }
+        let load = proc::load();
+        let ended = self.build(octree, &format!("at {levels} levels, {what}"));
+        remove(&self.scratch.file(OURS));
+        let Ended::Done { report: build, cpu_seconds } = ended? else {
+            self.report.left_out.extend(left_out);
+            return Ok(None);
+        };
+        if paired && !other_first {
+            self.build_beside(octree, &what, &mut beside, &mut left_out)?;
+        }
+        if (build.voxels, build.image_bytes) != first {
+            let what = format!(
+                "{levels} levels, {}: the first build gave {} voxels in {} bytes, a repeated one {} in {}: building must \
+                 not depend on the timing of threads",
+                kind.title(),
+                first.0,
+                first.1,
+                build.voxels,
+                build.image_bytes
+            );
+            return Err(BenchError::scene(&self.report.scenes[s].name, what));
+        }
+        let sample = BuildSample { seconds: build.seconds, peak_bytes: build.peak_bytes, cpu_seconds, load };
+        Ok(Some(RoundPart { sample, beside, left_out }))
     }
 
     /// Builds an octree in the file [`OURS`].
@@ -259,12 +349,13 @@ impl BuildRun<'_> {
         self.job(octree, &self.options.program, &self.scratch.file(OURS)).run()
     }
 
-    /// Builds an octree by the other program, if there is one, and adds the build to `builds`. Why it does not build it is recorded once.
+    /// Builds an octree by the other program, if there is one, and adds the build to `builds`, or why there is none to `left_out`.
     fn build_beside(
-        &mut self,
+        &self,
         octree: OctreeOf,
         what: &str,
         builds: &mut Option<BesideBuilds>,
+        left_out: &mut Vec<LeftOut>,
     ) -> Result<(), BenchError> {
         let Some(program) = &self.options.beside else { return Ok(()) };
         let name = &self.report.scenes[octree.scene].name;
@@ -278,7 +369,7 @@ impl BuildRun<'_> {
             Ended::Done { report, cpu_seconds } => beside::add(builds, &report, cpu_seconds, load),
             Ended::Stopped(_, reason) => {
                 let what = format!("{name}, {kind}, at {} levels, by the other program, {what}", octree.levels);
-                self.report.left_out.push(LeftOut { what, reason });
+                left_out.push(LeftOut { what, reason });
             }
         }
         Ok(())
@@ -333,7 +424,9 @@ struct OctreeOf {
 }
 
 /// Data that is kept while the levels of a scene are built.
-struct Ladder {
+struct Ladder<'a> {
+    entry: &'a SceneEntry,
     stand_in: bool,
-    truth: SceneTruth,
+    /// `None` until an octree is measured: a resumed run may have measured all of them before.
+    truth: Option<SceneTruth>,
 }

@@ -218,6 +218,16 @@ impl BuildRow {
         Spread::of(&values).unwrap_or(none)
     }
 
+    /// Seconds of the first build, import included.
+    pub(crate) fn first_seconds(&self) -> f64 {
+        self.build.seconds.import + self.build.seconds.build
+    }
+
+    /// Whether the octree is built again: its first build did not take too long.
+    pub(crate) fn is_repeated(&self, matrix: &BuildMatrix) -> bool {
+        self.first_seconds() <= matrix.repeat_below_seconds
+    }
+
     /// Median seconds from the mesh in memory to the octree in its file.
     pub fn seconds(&self) -> f64 {
         self.spread(|s| s.seconds.build).median
@@ -284,6 +294,14 @@ impl BuildReport {
     pub fn failures(&self) -> impl Iterator<Item = (&SceneBuilds, &Stopped)> {
         let failed = |s: &&Stopped| s.limit == Limit::Failed;
         self.scenes.iter().flat_map(move |scene| scene.stopped.iter().filter(failed).map(move |s| (scene, s)))
+    }
+
+    /// Whether a resumed run would build something: the time limit of the run left out an octree or a repeated build, or a build failed.
+    pub fn is_unfinished(&self) -> bool {
+        let stopped = |s: &Stopped| matches!(s.limit, Limit::Run | Limit::Failed);
+        let repeats = |row: &BuildRow| row.is_repeated(&self.matrix) && row.samples.len() < self.matrix.repeats;
+        !self.complete
+            || self.scenes.iter().any(|scene| scene.stopped.iter().any(stopped) || scene.rows.iter().any(repeats))
     }
 
     /// The record as JSON, indented.

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use esvo_builder::{BuildSettings, Mesh};
+use esvo_builder::{BuildError, BuildSettings, Mesh};
 use esvo_core::exact::{CameraRays, TriangleHit};
 use esvo_core::gpu::triangles::TriangleCaster;
 use esvo_core::shading::shade;
@@ -21,15 +21,16 @@ use crate::paper_bench::check::{self, Agreement};
 use crate::paper_bench::matrix::Variant;
 use crate::paper_bench::pair::{CHECK_SIZE, PICTURE_SIZE};
 use crate::paper_bench::report::{CheckRow, ErrorRow, Table1Row};
-use crate::picture_bench::mesh_picture;
+use crate::picture_bench::mesh_picture::shade_mesh;
 use crate::scene::NamedView;
 use crate::scene::Scene;
+use crate::scene_triangles::SceneTriangles;
 use crate::{BenchError, Progress};
 
 /// Builds one octree of a scene.
 pub(crate) fn build(
     scene: &Scene,
-    mesh: &Mesh,
+    triangles: &SceneTriangles,
     levels: u32,
     contours: bool,
     progress: &Progress,
@@ -38,10 +39,9 @@ pub(crate) fn build(
     let what = format!("{}: building {levels} levels {kind}", scene.name);
     let settings = BuildSettings { levels, contours, ..scene.settings };
     let start = Instant::now();
-    let built = esvo_builder::build(mesh, &settings, &|p| {
-        progress.fraction(&what, p.done, &format!("{:.1} M voxels", p.voxels as f64 / 1e6));
-    })
-    .map_err(|e| BenchError::scene(&scene.name, e))?;
+    let report =
+        |p: esvo_builder::Progress| progress.fraction(&what, p.done, &format!("{:.1} M voxels", p.voxels as f64 / 1e6));
+    let built = triangles.build(&scene.mesh, &settings, &report).map_err(|e| BenchError::scene(&scene.name, e))?;
     let seconds = start.elapsed().as_secs_f64();
     let stats = esvo_format::stats(&built.octree);
     let row = Table1Row {
@@ -61,7 +61,7 @@ pub(crate) fn build(
         kinds: (stats.bytes.named().iter())
             .map(|(kind, bytes)| KindBytes { kind: kind.to_string(), bytes: *bytes })
             .collect(),
-        displaced_triangles: scene.displaced.then_some(mesh.triangle_count() as u64),
+        displaced_triangles: scene.displaced.then_some(built.stats.triangles as u64),
     };
     Ok((built.octree, row))
 }
@@ -70,7 +70,7 @@ pub(crate) fn build(
 /// same for all octrees of a mesh, so that each view is cast only once.
 pub(crate) struct TriangleTruth<'a> {
     mesh: &'a Mesh,
-    triangles: &'a TriangleScene,
+    triangles: &'a SceneTriangles,
     views: &'a mut ExactViews,
 }
 
@@ -86,21 +86,41 @@ struct TrueView {
 
 impl<'a> TriangleTruth<'a> {
     /// `views` are those that were cast against this mesh before.
-    pub(crate) fn new(mesh: &'a Mesh, triangles: &'a TriangleScene, views: &'a mut ExactViews) -> Self {
+    pub(crate) fn new(mesh: &'a Mesh, triangles: &'a SceneTriangles, views: &'a mut ExactViews) -> Self {
         Self { mesh, triangles, views }
     }
 
-    fn of(&mut self, rays: CameraRays) -> &TrueView {
-        let views = &mut self.views.0;
-        let known = views.iter().position(|known| known.rays == rays);
-        let index = known.unwrap_or_else(|| {
-            let hits = self.triangles.cast_exact(&rays);
-            let picture = mesh_picture::shade_mesh(self.mesh, &rays, &hits);
-            views.push(TrueView { rays, hits, picture });
-            views.len() - 1
-        });
-        &views[index]
+    /// Casts the views that were not cast before, together: a mesh that is displaced part by part is so once for all of them.
+    fn cast(&mut self, rays: &[CameraRays]) -> Result<(), BuildError> {
+        let unknown = |rays: &&CameraRays| self.find(rays).is_none();
+        let new: Vec<CameraRays> = rays.iter().filter(unknown).copied().collect();
+        let seen = see(self.mesh, self.triangles, &new)?;
+        let views = new.into_iter().zip(seen).map(|(rays, (hits, picture))| TrueView { rays, hits, picture });
+        self.views.0.extend(views);
+        Ok(())
     }
+
+    fn find(&self, rays: &CameraRays) -> Option<&TrueView> {
+        self.views.0.iter().find(|known| known.rays == *rays)
+    }
+}
+
+/// The exact hits of each picture's rays, and the picture of the triangles. Holes of materials count as solid, as for the casters of
+/// triangles that are timed; where the mesh is displaced part by part, nothing is timed, and rays pass through them.
+fn see(
+    mesh: &Mesh,
+    triangles: &SceneTriangles,
+    rays: &[CameraRays],
+) -> Result<Vec<(Vec<TriangleHit>, Picture)>, BuildError> {
+    let Some((mesh, triangles)) = triangles.whole(mesh) else {
+        return Ok(triangles.see(mesh, rays)?.into_iter().map(|seen| (seen.hits, seen.picture)).collect());
+    };
+    let see = |rays: &CameraRays| {
+        let hits = triangles.cast_exact(rays);
+        let picture = shade_mesh(mesh, rays, &hits);
+        (hits, picture)
+    };
+    Ok(rays.iter().map(see).collect())
 }
 
 /// The error of a variant against the triangles, view by view.
@@ -110,7 +130,10 @@ pub(crate) fn error(
     variant: Variant,
     levels: u32,
     truth: &mut TriangleTruth,
-) -> Result<ErrorRow, CastError> {
+) -> Result<ErrorRow, Box<dyn std::error::Error>> {
+    // The rays of the views, as the casters use them: rounding in the camera is not an error of the octree.
+    let rays_of = |view: &View| CameraRays::of_view(view, octree.octree_to_mesh(0));
+    truth.cast(&views.iter().map(rays_of).collect::<Vec<_>>())?;
     let mut caster = CpuCaster::new(None)?;
     caster.load(octree)?;
     let mut hits = Vec::new();
@@ -125,9 +148,8 @@ pub(crate) fn error(
             by_level[hit.level().min(levels) as usize] += 1;
         }
         hit_levels.push(by_level);
-        // The rays of the view, as the casters use them: rounding in the camera is not an error of the octree.
-        let rays = CameraRays::of_view(view, octree.octree_to_mesh(0));
-        let exact = truth.of(rays);
+        let rays = rays_of(view);
+        let Some(exact) = truth.find(&rays) else { continue };
         errors.push(DepthError::between(&rays, &exact.hits, &hits, voxel_edges(octree, 0)));
         pictures.extend(image_error(&exact.picture, &shade(octree, view, &hits)));
     }
@@ -155,13 +177,13 @@ pub(crate) fn richest_view<'a>(views: &'a [NamedView], octree: &Arc<Octree>) -> 
 /// The shaded picture of the triangles themselves with the rays of a view, cast in double precision.
 pub(crate) fn mesh_picture(
     mesh: &Mesh,
-    triangles: &TriangleScene,
+    triangles: &SceneTriangles,
     camera: &Camera,
     octree: &Octree,
-) -> Result<Picture, CastError> {
+) -> Result<Option<Picture>, Box<dyn std::error::Error>> {
     let view = view(camera, octree, Variant::Contours, PICTURE_SIZE)?;
     let rays = CameraRays::of_view(&view, octree.octree_to_mesh(0));
-    Ok(mesh_picture::shade_mesh(mesh, &rays, &triangles.cast_exact(&rays)))
+    Ok(see(mesh, triangles, &[rays])?.pop().map(|(_, picture)| picture))
 }
 
 /// A shaded picture, cast on the CPU.

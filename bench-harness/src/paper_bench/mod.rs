@@ -6,7 +6,6 @@
 pub mod check;
 pub(crate) mod figures;
 mod filter_row;
-mod level_mesh;
 pub(crate) mod levels;
 pub mod matrix;
 mod measure;

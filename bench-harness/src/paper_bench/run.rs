@@ -4,9 +4,9 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
-use esvo_builder::Mesh;
 use esvo_core::exact::CameraRays;
 use esvo_core::{CastError, DeviceKind, View};
+use esvo_cpu::triangles::TriangleScene;
 use esvo_engines::{EngineId, OpenOptions};
 use esvo_format::Octree;
 use esvo_scenes::SceneEntry;
@@ -17,7 +17,6 @@ use crate::journal::Journal;
 use crate::matrix_parts::{LeftOut, SceneLevels};
 use crate::output::NamedPicture;
 use crate::paper_bench::filter_row::FilterRow;
-use crate::paper_bench::level_mesh::LevelMesh;
 use crate::paper_bench::levels::{self, Both, Limits};
 use crate::paper_bench::matrix::{Matrix, Variant};
 use crate::paper_bench::measure;
@@ -28,6 +27,7 @@ use crate::paper_bench::slowed::Slowed;
 use crate::paper_bench::timed_row::{Subjects, TimedRow};
 use crate::repeat::replace_views;
 use crate::scene::{self, NamedView, Scene};
+use crate::scene_triangles::SceneTriangles;
 use crate::sweep_bench::mesh_sha256;
 use crate::system::clock::Clock;
 use crate::system::machine::Machine;
@@ -163,6 +163,12 @@ fn views(scene: &Scene, octree: &Octree, variant: Variant, size: [u32; 2]) -> Re
     views.collect::<Result<_, CastError>>().map_err(|e| BenchError::scene(&scene.name, e))
 }
 
+/// The triangles that an octree of these levels is built of, and compared with.
+fn triangles_of(scene: &Scene, levels: u32) -> Result<SceneTriangles, BenchError> {
+    let displacement = scene.displaced.then(|| scene::displacement(&scene.mesh, levels));
+    SceneTriangles::new(&scene.name, &scene.mesh, displacement)
+}
+
 /// The rays of a scene's views.
 fn pictures(scene: &Scene, size: [u32; 2]) -> Result<Vec<CameraRays>, BenchError> {
     let rays = scene.views.iter().map(|v| CameraRays::new(&v.camera, size.into()));
@@ -232,7 +238,7 @@ impl PaperRun<'_> {
         };
         let first = wanted.levels.first().copied().unwrap_or(1);
         self.progress.say(format!("{}: sorting triangles", scene.name));
-        let mut mesh = LevelMesh::new(scene, first)?;
+        let mut triangles = triangles_of(scene, first)?;
         let mut mesh_levels = first;
         // The exact hits of a mesh that is the same at every level are cast once.
         let mut exact = ExactViews::default();
@@ -272,12 +278,12 @@ impl PaperRun<'_> {
             }
             if scene.displaced && levels != mesh_levels {
                 self.progress.say(format!("{}: displacing for {levels} levels", scene.name));
-                mesh = LevelMesh::new(scene, levels)?;
+                triangles = triangles_of(scene, levels)?;
                 mesh_levels = levels;
                 exact = ExactViews::default();
             }
-            let pair = self.build(scene, mesh.mesh(), levels, kinds, &mut report.builds)?;
-            let mut truth = TriangleTruth::new(mesh.mesh(), &mesh.triangles, &mut exact);
+            let pair = self.build(scene, &triangles, levels, kinds, &mut report.builds)?;
+            let mut truth = TriangleTruth::new(&scene.mesh, &triangles, &mut exact);
             for variant in [Variant::Cubical, Variant::Contours, Variant::Beam] {
                 if let Some(octree) = pair.of(variant).filter(|_| self.options.matrix.variants.contains(&variant)) {
                     self.progress.say(format!("{}: error at {levels} levels, {}", scene.name, variant.title()));
@@ -298,10 +304,10 @@ impl PaperRun<'_> {
         let Some(pair) = last else { return Ok(report) };
         if scene.displaced && pair.levels != mesh_levels && pair.levels > 0 {
             // A deeper octree of one kind was built and dropped.
-            mesh = LevelMesh::new(scene, pair.levels)?;
+            triangles = triangles_of(scene, pair.levels)?;
         }
-        self.pictures(scene, &pair, &mesh, &mut report)?;
-        self.cast(scene, &pair, &mesh, calibrator, clock, &mut report)?;
+        self.pictures(scene, &pair, &triangles, &mut report)?;
+        self.cast(scene, &pair, &triangles, calibrator, clock, &mut report)?;
         Ok(report)
     }
 
@@ -325,14 +331,14 @@ impl PaperRun<'_> {
     fn build(
         &self,
         scene: &Scene,
-        mesh: &Mesh,
+        triangles: &SceneTriangles,
         levels: u32,
         kinds: Both<bool>,
         rows: &mut Vec<Table1Row>,
     ) -> Result<OctreePair, BenchError> {
         let mut pair = OctreePair { levels, cubical: None, contours: None };
         for contours in [false, true].into_iter().filter(|&c| kinds[usize::from(c)]) {
-            let (octree, row) = measure::build(scene, mesh, levels, contours, self.progress)?;
+            let (octree, row) = measure::build(scene, triangles, levels, contours, self.progress)?;
             rows.push(row);
             *(if contours { &mut pair.contours } else { &mut pair.cubical }) = Some(Arc::new(octree));
         }
@@ -343,7 +349,7 @@ impl PaperRun<'_> {
         &mut self,
         scene: &Scene,
         pair: &OctreePair,
-        mesh: &LevelMesh,
+        triangles: &SceneTriangles,
         report: &mut SceneReport,
     ) -> Result<(), BenchError> {
         if let Some(why) = scene.not_published {
@@ -362,10 +368,13 @@ impl PaperRun<'_> {
             self.pictures.push(NamedPicture { name, picture });
         }
         self.progress.say(format!("{}: picture of the triangles", scene.name));
-        let picture = measure::mesh_picture(mesh.mesh(), &mesh.triangles, &view.camera, any).map_err(failed)?;
-        let name = format!("{}-triangles.png", crate::system::machine::slug(&scene.name));
-        report.pictures.push(name.clone());
-        self.pictures.push(NamedPicture { name, picture });
+        let picture = measure::mesh_picture(&scene.mesh, triangles, &view.camera, any)
+            .map_err(|e| BenchError::scene(&scene.name, e))?;
+        if let Some(picture) = picture {
+            let name = format!("{}-triangles.png", crate::system::machine::slug(&scene.name));
+            report.pictures.push(name.clone());
+            self.pictures.push(NamedPicture { name, picture });
+        }
         Ok(())
     }
 
@@ -374,10 +383,9 @@ impl PaperRun<'_> {
         &mut self,
         scene: &Scene,
         engines: &mut [EnginePair],
-        mesh: &LevelMesh,
+        triangles: &TriangleScene,
         report: &mut SceneReport,
     ) -> Result<(), BenchError> {
-        let triangles = &mesh.triangles;
         let mut wide = None;
         for engine in engines {
             let backend = engine.backend;
@@ -401,7 +409,7 @@ impl PaperRun<'_> {
         &mut self,
         scene: &Scene,
         pair: &OctreePair,
-        mesh: &LevelMesh,
+        triangles: &SceneTriangles,
         calibrator: &Calibrator,
         clock: &Clock,
         report: &mut SceneReport,
@@ -413,8 +421,18 @@ impl PaperRun<'_> {
             let open = || backend.open(&self.options.open_options()).map_err(BenchError::Open);
             engines.push(EnginePair { backend, cubical: open()?, contours: open()?, triangles: None });
         }
-        if variants.contains(&Variant::Triangles) {
-            self.check_triangles(scene, &mut engines, mesh, report)?;
+        let triangles = triangles
+            .whole(&scene.mesh)
+            .map(|(_, triangles)| triangles)
+            .filter(|_| variants.contains(&Variant::Triangles));
+        if let Some(triangles) = triangles {
+            self.check_triangles(scene, &mut engines, triangles, report)?;
+            // Not in the time of the first cast.
+            triangles.prepare();
+        } else if variants.contains(&Variant::Triangles) {
+            let why =
+                "displaced for so many levels, the mesh is too large to be in memory as a whole; choose fewer levels";
+            self.leave_out(format!("{}, triangles, at {} levels", scene.name, pair.levels), why);
         }
         // Check the answers first.
         let mut unloaded = Vec::new();
@@ -459,7 +477,7 @@ impl PaperRun<'_> {
         for (index, &size) in self.options.matrix.resolutions.iter().enumerate() {
             let clock = clock.share(self.options.matrix.resolutions.len() - index);
             let mut row = TimedRow::new(size);
-            if variants.contains(&Variant::Triangles) {
+            if triangles.is_some() {
                 row.add_triangles(None, pictures(scene, size)?);
             }
             for (index, engine) in engines.iter().enumerate() {
@@ -478,12 +496,7 @@ impl PaperRun<'_> {
             }
             let matrix = &self.options.matrix;
             let what = format!("{}: timing {}x{}", scene.name, size[0], size[1]);
-            let mut subjects = Subjects {
-                engines: &mut engines,
-                triangles: &mesh.triangles,
-                calibrator,
-                slowed: &self.options.slowed,
-            };
+            let mut subjects = Subjects { engines: &mut engines, triangles, calibrator, slowed: &self.options.slowed };
             report.times.extend(row.time(&mut subjects, matrix, &clock, self.progress, &what)?);
             let sound: Vec<usize> = (0..engines.len())
                 .filter(|&e| report.check(engines[e].backend, Variant::Beam).is_some_and(|c| c.agreement.passed()))

@@ -19,7 +19,8 @@ use crate::{BenchError, Progress};
 /// What is timed, and with what.
 pub(crate) struct Subjects<'a> {
     pub(crate) engines: &'a mut [EnginePair],
-    pub(crate) triangles: &'a TriangleScene,
+    /// For cells of triangles; `None` if there are no such.
+    pub(crate) triangles: Option<&'a TriangleScene>,
     pub(crate) calibrator: &'a Calibrator,
     pub(crate) slowed: &'a [Slowed],
 }
@@ -97,7 +98,7 @@ impl TimedRow {
                     engines[e].triangles.as_ref().map_or(0, |caster| caster.resident_bytes())
                 }
                 Some(e) => engines[e].caster(cell.variant).resident_bytes(),
-                None => triangles.resident_bytes(),
+                None => triangles.map_or(0, TriangleScene::resident_bytes),
             },
             mrays: Spread::of(&cell.samples.mrays(pixels)),
             samples: cell.samples,
@@ -143,7 +144,10 @@ impl TimedCell {
         let mut coarse = Duration::ZERO;
         let total = Slowed::time(percent, subjects.calibrator.pool(), || match self.engine {
             // On as many threads as the octrees' caster.
-            None => Ok(subjects.calibrator.pool().install(|| subjects.triangles.time(&self.rays[index]))),
+            None => match subjects.triangles {
+                Some(triangles) => Ok(subjects.calibrator.pool().install(|| triangles.time(&self.rays[index]))),
+                None => Err(CastError::Device("there are no triangles to cast".into())),
+            },
             Some(engine) if self.variant == Variant::Triangles => match &mut subjects.engines[engine].triangles {
                 Some(caster) => caster.time(&self.rays[index]),
                 None => Err(CastError::Device("its triangles were not loaded".into())),

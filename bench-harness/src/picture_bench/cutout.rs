@@ -19,17 +19,27 @@ pub(crate) fn cast_solid(mesh: &Mesh, triangles: &TriangleScene, rays: &CameraRa
         return hits;
     }
     for (index, hit) in hits.iter_mut().enumerate() {
-        let mut ray = rays.ray_at(index);
-        for _ in 0..MOST_HOLES {
-            if hit.is_miss() || !is_hole(mesh, hit.triangle as usize, &ray, hit.t) {
-                break;
-            }
-            // Continue from the next larger number: other triangles at exactly this depth count as part of the hole.
-            ray.t_min = hit.t.next_up();
-            *hit = triangles.cast_exact_ray(&ray);
-        }
+        *hit = through_holes(mesh, triangles, rays.ray_at(index), *hit);
     }
     hits
+}
+
+/// What one ray hits first that is no hole: see [`cast_solid`].
+pub(crate) fn cast_solid_ray(mesh: &Mesh, triangles: &TriangleScene, ray: ExactRay) -> TriangleHit {
+    through_holes(mesh, triangles, ray, triangles.cast_exact_ray(&ray))
+}
+
+/// Where a ray goes on to that hits something first.
+fn through_holes(mesh: &Mesh, triangles: &TriangleScene, mut ray: ExactRay, mut hit: TriangleHit) -> TriangleHit {
+    for _ in 0..MOST_HOLES {
+        if hit.is_miss() || !is_hole(mesh, hit.triangle as usize, &ray, hit.t) {
+            break;
+        }
+        // Continue from the next larger number: other triangles at exactly this depth count as part of the hole.
+        ray.t_min = hit.t.next_up();
+        hit = triangles.cast_exact_ray(&ray);
+    }
+    hit
 }
 
 /// Whether the point of a triangle that a ray hits at `t` is cut out.

@@ -3,20 +3,19 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use esvo_builder::{BuildSettings, TextureTest, displace};
+use esvo_builder::{BuildSettings, TextureTest};
 use esvo_core::exact::CameraRays;
 use esvo_core::shading::{decode_srgb, encode_srgb, shade};
 use esvo_core::{Camera, CastOptions, Caster, Picture, View};
 use esvo_cpu::CpuCaster;
-use esvo_cpu::triangles::TriangleScene;
 use esvo_format::Octree;
 use esvo_scenes::SceneManifest;
 
 use crate::error::image::image_error;
 use crate::output::NamedPicture;
-use crate::picture_bench::cutout::cast_solid;
-use crate::picture_bench::mesh_picture::shade_mesh;
 use crate::scene::{self, Scene};
+use crate::scene_triangles::SceneTriangles;
+use crate::seen::Seen;
 use crate::system::machine::slug;
 use crate::{BenchError, Progress};
 
@@ -105,35 +104,25 @@ pub fn run_picture_bench(
 /// A scene with its octree.
 struct Shown {
     scene: Scene,
-    triangles: TriangleScene,
+    triangles: SceneTriangles,
     octree: Arc<Octree>,
+    /// Triangles, after displacement.
+    count: u64,
 }
 
 impl Shown {
-    fn new(
-        title: &str,
-        mut scene: Scene,
-        levels: u32,
-        displaced: bool,
-        progress: &Progress,
-    ) -> Result<Self, BenchError> {
+    fn new(title: &str, scene: Scene, levels: u32, displaced: bool, progress: &Progress) -> Result<Self, BenchError> {
         if let Some(why) = scene.not_published {
             return Err(BenchError::scene(title, format!("pictures of it may not be published: {why}")));
         }
-        if displaced {
-            progress.say(format!("{title}: displacing"));
-            scene.mesh = displace(&scene.mesh, &scene::displacement(&scene.mesh, levels))
-                .map_err(|e| BenchError::scene(title, e))?;
-        }
-        let mesh = &scene.mesh;
+        progress.say(format!("{title}: {}", if displaced { "displacing" } else { "sorting triangles" }));
+        let displacement = displaced.then(|| scene::displacement(&scene.mesh, levels));
+        let triangles = SceneTriangles::new(title, &scene.mesh, displacement)?;
         progress.say(format!("{title}: building {levels} levels"));
         // Pictures are for looking at: build textures as fine as the level can show, and no finer.
         let settings = BuildSettings { levels, texture_test: TextureTest::Averages, ..scene.settings };
-        let built = esvo_builder::build(mesh, &settings, &|_| ()).map_err(|e| BenchError::scene(title, e))?;
-        progress.say(format!("{title}: sorting triangles"));
-        let corners = mesh.triangles.iter().map(|t| t.map(|v| mesh.positions[v as usize])).collect();
-        let triangles = TriangleScene::new(corners).map_err(|e| BenchError::scene(title, e))?;
-        Ok(Self { triangles, octree: Arc::new(built.octree), scene })
+        let built = triangles.build(&scene.mesh, &settings, &|_| ()).map_err(|e| BenchError::scene(title, e))?;
+        Ok(Self { triangles, octree: Arc::new(built.octree), count: built.stats.triangles as u64, scene })
     }
 
     fn pair(
@@ -150,8 +139,10 @@ impl Shown {
         progress.say(format!("{title}: casting {view}"));
         let size = (width * RAYS, height * RAYS);
         let (octree, rays) = self.octree_picture(&camera, size).map_err(|e| failed(e.to_string()))?;
-        let hits = cast_solid(&self.scene.mesh, &self.triangles, &rays);
-        let [left, right] = [octree, shade_mesh(&self.scene.mesh, &rays, &hits)].map(|p| smaller(&p));
+        progress.say(format!("{title}: the triangles from {view}"));
+        let seen = self.triangles.see(&self.scene.mesh, &[rays]).map_err(|e| failed(e.to_string()))?;
+        let [Seen { picture: triangles, .. }] = &seen[..] else { return Err(failed("no picture".into())) };
+        let [left, right] = [&octree, triangles].map(smaller);
         let error = image_error(&right, &left).ok_or_else(|| failed("an empty picture".into()))?;
         let title = scene::title(title, self.scene.other.as_deref());
         let name = format!("{}-{}-{levels}.png", slug(&title), slug(view));
@@ -160,7 +151,7 @@ impl Shown {
             view: view.into(),
             levels,
             voxels: esvo_format::stats(&self.octree).voxels,
-            triangles: self.scene.mesh.triangle_count() as u64,
+            triangles: self.count,
             flip: error.flip,
             credit: self.scene.credit.clone(),
             identity: self.scene.identity.clone(),

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use esvo_format::BlockStore;
 
-use super::subtrees::{Found, Subtrees};
+use super::subtrees::{DisplacedPart, Found, Subtrees};
 use super::{
     BYTES_PER_THREAD, BuildStats, Built, BuiltFile, FileOptions, Opened, Progress, Watch, build, build_file, memory_of,
     metadata, no_surface, threads_within,
@@ -84,8 +84,8 @@ pub fn build_displaced_file(
 }
 
 /// Calls `visit` with the parts of `mesh` [displaced](crate::displace) that [`build_displaced`] would build one after the other, from
-/// all threads: for what needs every triangle but not all at once, as measuring the error of an octree. Triangles that meet several
-/// parts are in all of them. If nothing moves, the only part is the mesh as it is.
+/// all threads: for what needs every triangle but not all at once. Triangles that meet several parts are in all of them. If nothing
+/// moves, the only part is the mesh as it is.
 ///
 /// # Errors
 /// Those of [`displace`](crate::displace).
@@ -94,12 +94,36 @@ pub fn visit_displaced(
     displacement: &DisplaceOptions,
     visit: &(dyn Fn(&Mesh) + Sync),
 ) -> Result<(), BuildError> {
+    let order = |parts: &[DisplacedPart]| (0..parts.len()).map(|part| (part, ())).collect();
+    visit_displaced_parts(mesh, displacement, order, |part, ()| {
+        let triangles = part.triangles();
+        if !triangles.triangles.is_empty() {
+            visit(&triangles);
+        }
+    })
+}
+
+/// As [`visit_displaced`], for what needs some of the triangles: `order` is told all parts, and returns the indices of those that are
+/// visited, in this order, each with what `visit` is told about it. A part may be visited several times. Nothing is diced but what
+/// `visit` [asks for](DisplacedPart::triangles).
+///
+/// # Errors
+/// Those of [`displace`](crate::displace).
+pub fn visit_displaced_parts<T: Sync>(
+    mesh: &Mesh,
+    displacement: &DisplaceOptions,
+    order: impl FnOnce(&[DisplacedPart<'_>]) -> Vec<(usize, T)>,
+    visit: impl Fn(&DisplacedPart<'_>, &T) + Sync,
+) -> Result<(), BuildError> {
     // The levels limit how far the root cube may be divided.
     let settings = BuildSettings { levels: 23, ..BuildSettings::default() };
     match Source::new(mesh, displacement, true)? {
-        Some(source) => Subtrees::new(&source, displacement, &settings)?.visit(rayon::current_num_threads(), visit),
+        Some(source) => {
+            Subtrees::new(&source, displacement, &settings)?.visit(rayon::current_num_threads(), order, visit)
+        }
         None => {
-            visit(mesh);
+            let whole = [DisplacedPart::whole(mesh)];
+            order(&whole).iter().filter(|(part, _)| *part == 0).for_each(|(_, with)| visit(&whole[0], with));
             Ok(())
         }
     }

@@ -15,12 +15,13 @@ use esvo_format::file::ObjectEntry;
 use esvo_format::{BlockStore, Octree, WriteOptions};
 use serde::Serialize;
 
-pub use self::displaced::{build_displaced, build_displaced_file, visit_displaced};
+pub use self::displaced::{build_displaced, build_displaced_file, visit_displaced, visit_displaced_parts};
 pub use self::expectation::expected_leaves;
 use self::journal::Journal;
 pub use self::progress::Progress;
 use self::recursion::Recursion;
 pub(crate) use self::recursion::{Cube, append_by_slot, block_nodes};
+pub use self::subtrees::DisplacedPart;
 use crate::surface::Surface;
 use crate::{BuildError, BuildSettings, DisplaceOptions, Mesh};
 

@@ -9,6 +9,7 @@
 //! Voxels above are those with a descendant. Their attributes are means of their children. They have no contours, and pass no
 //! slabs down: a whole build gives none to a voxel with so much surface, either.
 
+use std::borrow::Cow;
 use std::collections::HashMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -105,6 +106,53 @@ impl Task {
     /// The path as a number: a one, then three bits for each slot.
     fn number(&self) -> u32 {
         self.path.iter().fold(1, |number, &slot| number << 3 | slot as u32)
+    }
+}
+
+/// Part of a [displaced](crate::displace) mesh: its triangles that meet a cube, which are diced when they are asked for.
+#[derive(Clone, Copy)]
+pub struct DisplacedPart<'a>(Which<'a>);
+
+#[derive(Clone, Copy)]
+enum Which<'a> {
+    /// A mesh of which nothing moves.
+    Whole(&'a Mesh),
+    Cube(&'a Subtrees<'a>, &'a Task),
+}
+
+impl<'a> DisplacedPart<'a> {
+    pub(super) fn whole(mesh: &'a Mesh) -> Self {
+        Self(Which::Whole(mesh))
+    }
+
+    fn of_cube(subtrees: &'a Subtrees<'a>, task: &'a Task) -> Self {
+        Self(Which::Cube(subtrees, task))
+    }
+
+    /// The least and greatest corner of the cube in mesh units. The cubes of all parts fill the space that the displaced surface is in, and
+    /// overlap in faces only. The part has every triangle of the displaced mesh that reaches into the cube, or up to a millionth of
+    /// the cube's edge away from it.
+    pub fn cube(&self) -> [[f64; 3]; 2] {
+        match self.0 {
+            Which::Whole(mesh) => {
+                let (low, high) = mesh.bounds().unwrap_or_default();
+                [low, high]
+            }
+            Which::Cube(subtrees, task) => {
+                let Bounds { low, high } = subtrees.bounds_of(task.cube, 0.0);
+                [low.to_array(), high.to_array()]
+            }
+        }
+    }
+
+    /// The triangles: those whose bounds meet the cube, in the order of the whole displaced mesh. There may be none.
+    pub fn triangles(&self) -> Cow<'a, Mesh> {
+        match self.0 {
+            Which::Whole(mesh) => Cow::Borrowed(mesh),
+            Which::Cube(subtrees, task) => {
+                Cow::Owned(subtrees.parts.within(&task.triangles, &subtrees.bounds_of(task.cube, MARGIN)))
+            }
+        }
     }
 }
 
@@ -249,13 +297,19 @@ impl<'a> Subtrees<'a> {
         Ok(finished.into_inner().unwrap_or_else(PoisonError::into_inner).0)
     }
 
-    /// Calls `visit` with the triangles that meet each cube whose subtree would be built at once, on all threads.
-    pub(super) fn visit(&self, threads: usize, visit: &(dyn Fn(&Mesh) + Sync)) -> Result<(), BuildError> {
+    /// Passes the cubes whose subtrees would be built at once to `order`, and calls `visit` with those that it returns, one after the
+    /// other, on all threads.
+    pub(super) fn visit<T: Sync>(
+        &self,
+        threads: usize,
+        order: impl FnOnce(&[DisplacedPart<'_>]) -> Vec<(usize, T)>,
+        visit: impl Fn(&DisplacedPart<'_>, &T) + Sync,
+    ) -> Result<(), BuildError> {
         let tasks = self.tasks().0;
-        on_threads(&tasks, threads, |_, task| {
-            let mesh = self.parts.within(&task.triangles, &self.bounds_of(task.cube, MARGIN));
-            if !mesh.triangles.is_empty() {
-                visit(&mesh);
+        let parts: Vec<_> = tasks.iter().map(|task| DisplacedPart::of_cube(self, task)).collect();
+        on_threads(&order(&parts), threads, |_, (part, with)| {
+            if let Some(part) = parts.get(*part) {
+                visit(part, with);
             }
             Ok(())
         })
@@ -332,10 +386,10 @@ impl<'a> Subtrees<'a> {
 }
 
 /// Calls `work` with all tasks, on this many threads. After an error no other task is begun.
-fn on_threads(
-    tasks: &[Task],
+fn on_threads<T: Sync>(
+    tasks: &[T],
     threads: usize,
-    work: impl Fn(usize, &Task) -> Result<(), BuildError> + Sync,
+    work: impl Fn(usize, &T) -> Result<(), BuildError> + Sync,
 ) -> Result<(), BuildError> {
     // Each thread has a pool of its own. In a common one, a thread that waits for a part of its subtree would begin another
     // subtree meanwhile, and hold the triangles of both.

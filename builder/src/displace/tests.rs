@@ -306,3 +306,23 @@ fn cells_follow_the_levels() {
     assert_eq!((options.cell, options.scale), (0.5, 0.5));
     assert!(DisplaceOptions::for_levels(&Mesh::default(), 3, 1.0).cell > 0.0);
 }
+
+#[test]
+fn the_number_of_triangles_is_known_before_they_are_made() {
+    let bumps = || material(bumpy(32), 0.1, -0.03);
+    let meshes = [
+        cube(vec![bumps()]),
+        cube(vec![bumps(), Material::default()]),
+        ball(vec![bumps(), material(bumpy(5), 0.2, 0.0)]),
+    ];
+    for (k, mesh) in meshes.iter().enumerate() {
+        for cell in [0.2, 0.07, 0.061, 0.053, 0.047, 0.041] {
+            let options = DisplaceOptions { cell, ..OPTIONS };
+            let expected = displace(mesh, &options).unwrap().triangle_count() as f64;
+            let found = displaced_triangles(mesh, &options).unwrap();
+            assert!((found / expected - 1.0).abs() < 0.05, "mesh {k}, {cell}: {found}, not {expected}");
+        }
+    }
+    let flat = cube(vec![Material::default()]);
+    assert_eq!(displaced_triangles(&flat, &OPTIONS).unwrap(), 12.0);
+}

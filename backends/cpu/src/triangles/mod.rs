@@ -61,10 +61,16 @@ pub const MAX_TRIANGLES: usize = 1 << 29;
 pub struct TriangleScene {
     triangles: Vec<[DVec3; 3]>,
     placement: Placement,
-    fast: Bvh,
-    /// Corners in the space and the order of `fast`.
-    fast_corners: Vec<[Vec3A; 3]>,
+    /// Built at the first use, as `exact`: many need only one of them, and this one takes long to build.
+    fast: OnceLock<Fast>,
     exact: OnceLock<Bvh>,
+}
+
+/// What single-precision casts read.
+struct Fast {
+    bvh: Bvh,
+    /// Corners in the space and the order of the hierarchy.
+    corners: Vec<[Vec3A; 3]>,
 }
 
 impl TriangleScene {
@@ -94,19 +100,7 @@ impl TriangleScene {
         let hi = corners().reduce(DVec3::max).unwrap_or_default();
         let placement = Placement::of(lo, hi);
 
-        let mut solid = Vec::new();
-        let mut indices = Vec::new();
-        for (index, triangle) in triangles.iter().enumerate() {
-            let [a, b, c] = triangle.map(|p| Vec3A::from(placement.point(p).as_vec3()));
-            if (b - a).cross(c - a) != Vec3A::ZERO {
-                solid.push([a, b, c]);
-                indices.push(index as u32);
-            }
-        }
-        let fast = Bvh::fastest(&solid, &indices);
-        let single = |&i: &u32| triangles[i as usize].map(|p| Vec3A::from(placement.point(p).as_vec3()));
-        let fast_corners = fast.order.iter().map(single).collect();
-        Ok(Self { triangles, placement, fast, fast_corners, exact: OnceLock::new() })
+        Ok(Self { triangles, placement, fast: OnceLock::new(), exact: OnceLock::new() })
     }
 
     /// The triangles, in mesh units, in the order in which they were given.
@@ -135,22 +129,29 @@ impl TriangleScene {
     fn cast_with(&self, vectors: Vectors, rays: &CameraRays, hits: &mut Vec<TriangleHit>) {
         hits.clear();
         hits.resize(rays.pixels(), TriangleHit::MISS);
-        if self.fast.nodes.is_empty() {
+        let fast = self.fast();
+        if fast.bvh.nodes.is_empty() {
             return;
         }
         hits.par_chunks_mut(packet::EDGE * rays.width as usize).enumerate().for_each(|(strip, hits)| {
-            let (bvh, corners, placement) = (&self.fast, &self.fast_corners[..], &self.placement);
+            let (bvh, corners, placement) = (&fast.bvh, &fast.corners[..], &self.placement);
             let first_row = strip * packet::EDGE;
             let rows = Rows { bvh, corners, placement, rays, first_row, hits: &mut *hits };
             assert!(vectors.run(rows).is_ok(), "the processor has the vectors that were found");
             for hit in hits.iter_mut().filter(|hit| !hit.is_miss()) {
-                hit.triangle = self.fast.order[hit.triangle as usize];
+                hit.triangle = fast.bvh.order[hit.triangle as usize];
             }
         });
     }
 
-    /// Casts a picture as [`cast`](Self::cast) does and returns how long that took.
+    /// Sorts the triangles for [`cast`](Self::cast), which otherwise does that when it is first called.
+    pub fn prepare(&self) {
+        self.fast();
+    }
+
+    /// Casts a picture as [`cast`](Self::cast) does and returns how long that took, without [`prepare`](Self::prepare).
     pub fn time(&self, rays: &CameraRays) -> Duration {
+        self.prepare();
         let mut hits = Vec::with_capacity(rays.pixels());
         let start = Instant::now();
         self.cast(rays, &mut hits);
@@ -180,7 +181,26 @@ impl TriangleScene {
 
     /// Bytes that [`cast`](Self::cast) reads: nodes, order and single-precision corners.
     pub fn resident_bytes(&self) -> u64 {
-        (self.fast.bytes() + size_of_val(self.fast_corners.as_slice())) as u64
+        let fast = self.fast();
+        (fast.bvh.bytes() + size_of_val(fast.corners.as_slice())) as u64
+    }
+
+    fn fast(&self) -> &Fast {
+        self.fast.get_or_init(|| {
+            let mut solid = Vec::new();
+            let mut indices = Vec::new();
+            for (index, triangle) in self.triangles.iter().enumerate() {
+                let [a, b, c] = triangle.map(|p| Vec3A::from(self.placement.point(p).as_vec3()));
+                if (b - a).cross(c - a) != Vec3A::ZERO {
+                    solid.push([a, b, c]);
+                    indices.push(index as u32);
+                }
+            }
+            let bvh = Bvh::fastest(&solid, &indices);
+            let single = |&i: &u32| self.triangles[i as usize].map(|p| Vec3A::from(self.placement.point(p).as_vec3()));
+            let corners = bvh.order.iter().map(single).collect();
+            Fast { bvh, corners }
+        })
     }
 
     /// Built at the first use, since measuring time does not need it.

@@ -4,7 +4,9 @@ use std::path::PathBuf;
 
 use clap::Args;
 use esvo_bench::Progress;
-use esvo_bench::build_bench::{BuildBenchOptions, BuildMatrix, Contours, run_build_bench, to_text, write_build_record};
+use esvo_bench::build_bench::{
+    BuildBenchOptions, BuildMatrix, Contours, build_journal, resume_build_bench, to_text, write_build_record,
+};
 use esvo_bench::output::check_writable;
 
 use crate::commands::bench::selection::Selection;
@@ -17,12 +19,15 @@ Each octree is built in a process of its own and compared with the triangles of 
 colours, normals and pictures. Tables show the figures of the paper and of its authors' builder too,
 and mark where ours are worse. A deeper level is left out if the
 growth of the last two levels predicts that it exceeds a limit. Record and tables are written
-after every octree, so that a run which is stopped leaves its results. Octrees are built in the
-temporary folder ($TMPDIR) and removed. Exit code 1 if a build failed.
+after every octree, so that a run which is stopped leaves its results. The same command with --resume
+goes on with what is left, into the same record: after an interrupt or a crash, for builds that
+failed, and after --time-limit, which then counts anew. Octrees are built in the temporary folder
+($TMPDIR) and removed. Exit code 1 if a build failed.
 
 Examples:
   esvo bench build         the scenes that the authors' builder was measured on
   esvo bench build --full  the paper's Table 1, levels 10 to 16; takes more than an hour
+  esvo bench build --full --resume  the same, after it was stopped
   esvo bench build --scenes sibenik --levels 9,10 --contours on
   esvo bench build --beside ../old/esvo --scenes sibenik,sibenik-plain,conference --levels 10,12")]
 pub(crate) struct BenchBuildArguments {
@@ -49,6 +54,9 @@ pub(crate) struct BenchBuildArguments {
     /// Let this esvo program, of another version for instance, build each octree in the same rounds, and print the ratio of CPU seconds
     #[arg(long, value_name = "PROGRAM")]
     pub(crate) beside: Option<PathBuf>,
+    /// Go on with the run of the same options that was stopped: octrees that were measured are not built again
+    #[arg(long)]
+    pub(crate) resume: bool,
     /// Folder for the record and the tables; the files are named after the matrix
     #[arg(long, value_name = "FOLDER", default_value = "results/build")]
     pub(crate) out: PathBuf,
@@ -78,12 +86,21 @@ pub(crate) fn run_bench_build(arguments: &BenchBuildArguments) -> Result<(), Fai
         program,
         beside: arguments.beside.clone(),
     };
+    let journal = build_journal(&options, &arguments.out, arguments.resume)?;
     let progress = Progress::terminal();
-    let report =
-        run_build_bench(&options, &progress, &mut |report| write_build_record(report, &arguments.out).map(drop));
+    let mut save = |report: &_| write_build_record(report, &arguments.out).map(drop);
+    let report = resume_build_bench(&options, &journal, &progress, &mut save);
     progress.finish();
     let report = report?;
     let written = write_build_record(&report, &arguments.out)?;
+    if report.is_unfinished() {
+        complain(
+            "note",
+            "some builds failed or were left out for the time limit; the same command with --resume tries them",
+        );
+    } else {
+        journal.remove()?;
+    }
     let printed = print(&if selection.json { report.to_json() } else { to_text(&report) });
     for path in written {
         complain("written", &path.display().to_string());

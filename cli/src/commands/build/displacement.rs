@@ -24,7 +24,7 @@ pub(crate) struct Displacement {
 
 /// Displaced meshes with more triangles than this, about, are built subtree by subtree, which takes less time and memory. Fixed, so that the
 /// octree does not depend on the memory.
-const WHOLE: f64 = 1e6;
+const WHOLE: f64 = 1.6e6;
 
 impl Displacement {
     /// Displaces the mesh for an octree of `levels`, in cells of two finest voxels, if an option asks for it or `always` is set;
