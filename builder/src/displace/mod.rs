@@ -61,7 +61,7 @@ fn displace_with(mesh: &Mesh, options: &DisplaceOptions, weld: bool) -> Result<M
 }
 
 /// The approximate number of triangles that [`displace`] would make of `mesh` if
-/// [`max_triangles`](DisplaceOptions::max_triangles) did not limit it, within 10 % and mostly within 1 %: tells whether the mesh fits
+/// [`max_triangles`](DisplaceOptions::max_triangles) did not limit it, within 10 %: tells whether the mesh fits
 /// into memory as a whole, or is better built by [`build_displaced_file`](crate::build_displaced_file). Always the same for the same
 /// mesh and options.
 ///
