@@ -1,6 +1,6 @@
 //! The bound of `--memory-limit`: the allocator counts what the program holds, and ends it before it would hold more.
 //!
-//! Estimates made beforehand ([`esvo_builder::FileOptions::memory_limit`], [`esvo_builder::import::Limited`]) refuse what cannot fit, with
+//! Estimates made beforehand ([`esvo_builder::FileOptions::memory_limit`], [`esvo_builder::import::load_mesh_within`]) refuse what cannot fit, with
 //! what it needs. Files may need more than an estimate says: their images are as large as they are. This is the bound that holds in
 //! any case. Without a limit, it costs a comparison for each allocation.
 //!
