@@ -13,8 +13,11 @@ fn small() -> FormatBenchOptions {
 fn everything_is_measured_written_and_read_back() {
     let report = run_format_bench(&small(), &Progress::hidden()).unwrap();
     assert_eq!(report.octrees.len(), 2);
-    let stored: Vec<_> = report.storage.iter().map(|row| row.zstd).collect();
-    assert_eq!(stored, [None, Some(1), Some(3), Some(9)]);
+    let stored: Vec<_> = report.storage.iter().map(|row| (row.zstd, row.parts)).collect();
+    let (plain, parts) = ([None, Some(1), Some(3), Some(9)], [Some(3), Some(9)]);
+    assert_eq!(stored, [&plain.map(|zstd| (zstd, false))[..], &parts.map(|zstd| (zstd, true))].concat());
+    // Streams of fields are smaller than compressed blocks.
+    assert!(report.storage[4].file_bytes < report.storage[2].file_bytes);
     assert!(report.storage.iter().all(|row| row.file_bytes <= report.storage[0].file_bytes));
     let names: Vec<_> = report.validation.iter().map(|row| row.name.as_str()).collect();
     let large = "large file, checksums alone";

@@ -85,15 +85,16 @@ fn time<T>(
 
 fn storage(options: &FormatBenchOptions, source: &Source, progress: &Progress) -> Result<Vec<StorageRow>, BenchError> {
     let mut rows = Vec::new();
-    for zstd in [None, Some(1), Some(3), Some(9)] {
+    let ways = [(None, false), (Some(1), false), (Some(3), false), (Some(9), false), (Some(3), true), (Some(9), true)];
+    for (zstd, parts) in ways {
+        let streams = if parts { " in parts, as streams of fields" } else { "" };
         progress.say(match zstd {
             None => "storing".into(),
-            Some(level) => format!("storing, Zstandard at level {level}"),
+            Some(level) => format!("storing{streams}, Zstandard at level {level}"),
         });
         let (write, file) = time(options, || {
             let mut file = Vec::new();
-            let written =
-                source.octree.write_to_with(&mut file, &WriteOptions { compress: zstd, ..WriteOptions::default() });
+            let written = source.octree.write_to_with(&mut file, &WriteOptions { compress: zstd, parts });
             written.map(|()| file).map_err(|source| FormatError::Io { path: "memory".into(), source })
         })?;
         let reader = StreamReader::open(&file).map_err(BenchError::Format)?;
@@ -102,7 +103,7 @@ fn storage(options: &FormatBenchOptions, source: &Source, progress: &Progress) -
         let (read, ()) = time(options, || (0..blocks).try_for_each(|index| reader.read_block(index).map(drop)))?;
         let file_bytes = file.len() as u64;
         let bytes_per_voxel = file_bytes as f64 / source.row.voxels.max(1) as f64;
-        rows.push(StorageRow { zstd, file_bytes, bytes_per_voxel, write, read });
+        rows.push(StorageRow { zstd, parts, file_bytes, bytes_per_voxel, write, read });
     }
     Ok(rows)
 }

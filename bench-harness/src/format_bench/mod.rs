@@ -100,6 +100,9 @@ pub struct OctreeRow {
 pub struct StorageRow {
     /// Zstandard level, or `None` for uncompressed blocks.
     pub zstd: Option<i32>,
+    /// Whether blocks are stored in parts by level, as streams of fields (spec 4.3, 4.4). Absent in records of before: they are not.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub parts: bool,
     /// Size of the file in bytes.
     pub file_bytes: u64,
     /// Bytes of the file divided by voxels.

@@ -71,7 +71,11 @@ fn storage(report: &FormatReport) -> TextTable {
         let [write, write_median] = rates(octree.image_bytes, &row.write);
         let [read, read_median] = rates(octree.image_bytes, &row.read);
         table.rows.push(vec![
-            row.zstd.map_or("raw".into(), |level| format!("zstd {level}")),
+            match (row.zstd, row.parts) {
+                (None, _) => "raw".into(),
+                (Some(level), false) => format!("zstd {level}"),
+                (Some(level), true) => format!("parts, zstd {level}"),
+            },
             short(megabytes(row.file_bytes)),
             format!("{:.2}", row.bytes_per_voxel),
             format!("{:.0} %", 100.0 * row.file_bytes as f64 / raw.file_bytes as f64),
