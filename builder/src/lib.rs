@@ -71,6 +71,7 @@ pub mod cells;
 mod clip;
 mod displace;
 mod error;
+pub mod export;
 pub mod import;
 pub mod mesh;
 mod settings;

@@ -61,7 +61,8 @@ fn check(folder: &Folder, arguments: &[&str], limits: &[u64]) -> String {
         } else {
             refused += 1;
             assert_eq!(status.code(), Some(1), "{arguments:?} with {limit}: {error}");
-            let says = ["error: --memory-limit", ": a memory limit of "].iter().any(|words| last.contains(words));
+            let own = format!("error: --memory-limit {option}: ");
+            let says = last.starts_with(&own) || last.contains(": a memory limit of ");
             assert!(last.starts_with("error: ") && says, "{arguments:?} with {limit}: {error}");
             assert_eq!(folder.files(), before, "{arguments:?} with {limit} left something behind");
         }

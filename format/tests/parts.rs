@@ -6,7 +6,7 @@ mod common;
 use std::collections::{BTreeMap, BTreeSet};
 
 use common::samples::samples;
-use common::{Colors, Rng, Shape, bytes_of};
+use common::{Colors, Rng, Shape, bytes_of, shapes};
 use esvo_format::file::{CODEC_FIELDS, FEATURE_COMPRESSED, FEATURE_PARTS, LAST_LEVEL};
 use esvo_format::{
     AssembleOptions, BlockStore, FormatError, Octree, Region, StreamReader, WriteOptions, assemble, pack, validate,
@@ -24,18 +24,7 @@ fn in_parts(octree: &Octree) -> Vec<u8> {
 }
 
 fn shape() -> impl Strategy<Value = Shape> {
-    let colors = prop_oneof![Just(Colors::None), Just(Colors::One), Just(Colors::Many)];
-    (any::<u64>(), 1u32..=9, 40u32..=256, 0u32..200, prop_oneof![Just(0u32), 1u32..=256], colors, any::<bool>())
-        .prop_map(|(seed, levels, valid, leaf, contour, colors, normals)| Shape {
-            seed,
-            levels,
-            valid,
-            leaf,
-            contour,
-            colors,
-            normals,
-            nodes: 3000,
-        })
+    shapes(1..=9, 40..=256, 3000)
 }
 
 fn options() -> impl Strategy<Value = AssembleOptions> {

@@ -4,24 +4,13 @@ mod common;
 
 use std::time::{Duration, Instant};
 
-use common::{Colors, Shape, bytes_of, compare};
+use common::{Colors, Shape, bytes_of, compare, shapes};
 use esvo_format::{AssembleOptions, Contour, MAX_NEAR_POINTER, Octree, Tree, Voxel, assemble, pack};
 use glam::DMat4;
 use proptest::prelude::*;
 
 fn shape() -> impl Strategy<Value = Shape> {
-    let colors = prop_oneof![Just(Colors::None), Just(Colors::One), Just(Colors::Many)];
-    (any::<u64>(), 1u32..=8, 0u32..=256, 0u32..200, prop_oneof![Just(0u32), 1u32..=256], colors, any::<bool>())
-        .prop_map(|(seed, levels, valid, leaf, contour, colors, normals)| Shape {
-            seed,
-            levels,
-            valid,
-            leaf,
-            contour,
-            colors,
-            normals,
-            nodes: 3000,
-        })
+    shapes(1..=8, 0..=256, 3000)
 }
 
 /// Assembles, writes, reads, compares; returns the octree that was read.

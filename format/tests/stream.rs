@@ -8,7 +8,7 @@ use std::io::{Cursor, Error, ErrorKind};
 
 use common::patch;
 use common::samples::samples;
-use common::{Colors, Rng, Shape, bytes_of};
+use common::{Colors, Rng, Shape, bytes_of, shapes};
 use esvo_format::file::{HEADER_BYTES, NO_PARENT, TAG_META};
 use esvo_format::{
     AssembleOptions, FormatError, Octree, OpenOptions, RangeRead, Region, SeekSource, StreamReader, assemble, ids,
@@ -18,18 +18,7 @@ use glam::{DMat4, DVec3};
 use proptest::prelude::*;
 
 fn shape() -> impl Strategy<Value = Shape> {
-    let colors = prop_oneof![Just(Colors::None), Just(Colors::One), Just(Colors::Many)];
-    (any::<u64>(), 2u32..=9, 40u32..=256, 0u32..200, prop_oneof![Just(0u32), 1u32..=256], colors, any::<bool>())
-        .prop_map(|(seed, levels, valid, leaf, contour, colors, normals)| Shape {
-            seed,
-            levels,
-            valid,
-            leaf,
-            contour,
-            colors,
-            normals,
-            nodes: 1500,
-        })
+    shapes(2..=9, 40..=256, 1500)
 }
 
 /// An octree with dozens of blocks.

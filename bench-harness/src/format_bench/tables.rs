@@ -64,7 +64,8 @@ fn storage(report: &FormatReport) -> TextTable {
     let (Some(octree), Some(raw)) = (report.octrees.first(), report.storage.first()) else { return table };
     table.notes.push(format!("The octree with {}.", octree.name));
     table.notes.push(
-        "MB/s count bytes of the image in memory. Writing is to memory; reading is block by block, with checksums."
+        "MB/s count bytes of the image in memory. Writing is to memory; reading is block by block, with checksums. \
+         Parts: blocks in parts by level, as streams of fields, each compressed by itself (spec 4.3, 4.4)."
             .into(),
     );
     for row in &report.storage {

@@ -15,7 +15,9 @@ use super::{HANDLES, Reason, end};
 
 /// Whether there is a limit.
 static LIMITED: AtomicBool = AtomicBool::new(false);
-/// The limit in bytes.
+/// The limit in bytes, as given.
+static GIVEN: AtomicU64 = AtomicU64::new(u64::MAX);
+/// The limit less [`SPARE`].
 static LIMIT: AtomicU64 = AtomicU64::new(u64::MAX);
 /// Bytes resident when the limit was set.
 static BASE: AtomicU64 = AtomicU64::new(0);
@@ -52,6 +54,7 @@ pub(crate) fn set(bytes: u64) {
         libc::mallopt(libc::M_TRIM_THRESHOLD, MAPPED);
     }
     BASE.store(resident().unwrap_or(0), Ordering::Relaxed);
+    GIVEN.store(bytes, Ordering::Relaxed);
     LIMIT.store(bytes.saturating_sub(SPARE), Ordering::Relaxed);
     LIMITED.store(true, Ordering::Relaxed);
     check(0);
@@ -143,7 +146,7 @@ fn check(asked: usize) {
 #[cold]
 fn refuse(held: u64, asked: usize) {
     if !HANDLES.get() {
-        let limit = LIMIT.load(Ordering::Relaxed) + SPARE;
+        let limit = GIVEN.load(Ordering::Relaxed);
         LIMITED.store(false, Ordering::Relaxed);
         end(&Reason::Limit { limit, held, asked });
     }

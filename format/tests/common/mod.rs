@@ -10,6 +10,7 @@ pub(crate) mod survive;
 
 use esvo_format::{ColorBlock, Contour, NormalBlock, Octree, RawNormal, Tree, Voxel};
 use glam::Vec3;
+use proptest::prelude::*;
 
 /// SplitMix64: reproducible random numbers for test trees.
 pub(crate) struct Rng(pub(crate) u64);
@@ -57,6 +58,28 @@ pub(crate) struct Shape {
     pub(crate) normals: bool,
     /// Approximate maximum number of nodes.
     pub(crate) nodes: usize,
+}
+
+/// Random shapes with these levels, chances of a child in 256ths, and about this many nodes at most.
+pub(crate) fn shapes(
+    levels: std::ops::RangeInclusive<u32>,
+    valid: std::ops::RangeInclusive<u32>,
+    nodes: usize,
+) -> impl Strategy<Value = Shape> {
+    let colors = prop_oneof![Just(Colors::None), Just(Colors::One), Just(Colors::Many)];
+    let contour = prop_oneof![Just(0u32), 1u32..=256];
+    (any::<u64>(), levels, valid, 0u32..200, contour, colors, any::<bool>()).prop_map(
+        move |(seed, levels, valid, leaf, contour, colors, normals)| Shape {
+            seed,
+            levels,
+            valid,
+            leaf,
+            contour,
+            colors,
+            normals,
+            nodes,
+        },
+    )
 }
 
 impl Shape {

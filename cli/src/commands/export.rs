@@ -1,18 +1,11 @@
 //! `esvo export`.
 
-mod cells;
-mod nanovdb;
-mod palette;
-mod ply;
-mod vox;
-
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
-use esvo_format::Octree;
-use esvo_format::write_atomically;
+use esvo_builder::export::{self, Cubes};
+use esvo_format::{Octree, write_atomically};
 
-use crate::commands::export::cells::{Cells, visit};
 use crate::fail::{Failure, print};
 use crate::files::{check_extension, check_not_input, check_output, extension, name_file, open};
 use crate::memory::check_memory;
@@ -60,6 +53,15 @@ pub(crate) enum Up {
     Z,
 }
 
+impl From<Up> for export::Up {
+    fn from(up: Up) -> Self {
+        match up {
+            Up::Y => Self::Y,
+            Up::Z => Self::Z,
+        }
+    }
+}
+
 pub(crate) fn run_export(arguments: &ExportArguments) -> Result<(), Failure> {
     let ExportArguments { file, output, .. } = arguments;
     check_output(output)?;
@@ -97,38 +99,28 @@ fn failed(output: &Path, error: &std::io::Error) -> Failure {
 
 /// Writes a point for each voxel. Returns how many, in words.
 fn points(arguments: &ExportArguments, octree: &Octree, level: u32) -> Result<String, Failure> {
-    let mut points = 0u64;
-    visit(octree, arguments.object, level, &mut |_| {
-        points += 1;
-        Ok(())
-    })
-    .map_err(|e| failed(&arguments.output, &e))?;
-    write_atomically(&arguments.output, |out| ply::write(out, octree, arguments.object, level, points))
+    write_atomically(&arguments.output, |out| export::write_points(out, octree, arguments.object, level))
         .map_err(|e| failed(&arguments.output, &e))?;
-    Ok(count(points, "point"))
+    Ok(count(export::voxel_count(octree, arguments.object, level), "point"))
 }
 
 /// Writes the cubes of the level. Returns how many, in words.
 fn cubes(arguments: &ExportArguments, octree: &Octree, level: u32, kind: &str) -> Result<String, Failure> {
     let output = &arguments.output;
-    let needed = Cells::count(octree, arguments.object, level);
+    let needed = Cubes::count(octree, arguments.object, level);
     let too_many = format!("{}: {needed} cubes of level {level}", output.display());
-    if needed > cells::MOST {
-        return Err(format!("{too_many}, and at most {} can be written; choose a lower --level", cells::MOST).into());
+    if needed > export::MAX_CUBES {
+        return Err(
+            format!("{too_many}, and at most {} can be written; choose a lower --level", export::MAX_CUBES).into()
+        );
     }
-    check_memory(needed as usize * cells::BYTES, &too_many)?;
-    let cells = Cells::new(octree, arguments.object, level);
-    let written = count(cells.list.len() as u64, "cube");
-    let done = match kind {
-        "vox" => {
-            let file = vox::model(&cells, arguments.up.unwrap_or(Up::Y));
-            write_atomically(output, |mut out| file.write_vox(&mut out))
-        }
-        _ => {
-            let to_mesh = octree.octree_to_mesh(arguments.object);
-            write_atomically(output, |out| nanovdb::write(out, &cells, to_mesh))
-        }
-    };
-    done.map_err(|e| failed(output, &e))?;
-    Ok(written)
+    check_memory(needed as usize * Cubes::BYTES, &too_many)?;
+    let cubes = Cubes::new(octree, arguments.object, level);
+    let up = arguments.up.map_or(export::Up::default(), Into::into);
+    write_atomically(output, |out| match kind {
+        "vox" => export::write_model(out, &cubes, up),
+        _ => export::write_grids(out, &cubes),
+    })
+    .map_err(|e| failed(output, &e))?;
+    Ok(count(cubes.list.len() as u64, "cube"))
 }

@@ -3,12 +3,7 @@
 use std::io;
 
 use esvo_format::{Octree, Slab};
-use glam::Vec3;
-
-/// Most cubes that are written: a list of 2 GB.
-pub(super) const MOST: u64 = 1 << 27;
-/// Bytes of memory for a cube, with what writing it takes.
-pub(super) const BYTES: usize = 2 * size_of::<Cell>();
+use glam::{DMat4, Vec3};
 
 /// A voxel of the level, or a leaf above it.
 #[derive(Clone, Copy, Debug)]
@@ -54,23 +49,36 @@ pub(super) fn visit(
 
 /// A cube of the level.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Cell {
-    /// In edges of cubes of the level.
-    pub(super) position: [u32; 3],
-    /// Red, green, blue; white if the octree has no colours.
-    pub(super) color: [u8; 3],
+pub struct Cube {
+    /// Lower corner in octree space, in edges of cubes of the level.
+    pub position: [u32; 3],
+    /// Red, green, blue, sRGB-encoded; white if the octree has no colours.
+    pub color: [u8; 3],
 }
 
-/// All cubes of a level that are filled.
-pub(super) struct Cells {
-    pub(super) level: u32,
-    pub(super) list: Vec<Cell>,
-    pub(super) has_colors: bool,
+/// The cubes of a level that the voxels of an object fill, in the order of the octree.
+#[derive(Clone, Debug)]
+pub struct Cubes {
+    /// The level, 1 to [`MAX_LEVEL`](super::MAX_LEVEL): there are `2^level` cubes along each axis of the root cube.
+    pub level: u32,
+    /// The cubes.
+    pub list: Vec<Cube>,
+    /// Whether the octree has colours.
+    pub has_colors: bool,
+    /// From octree space to mesh space.
+    pub octree_to_mesh: DMat4,
 }
 
-impl Cells {
-    /// Most cubes that [`new`](Self::new) may find.
-    pub(super) fn count(octree: &Octree, object: usize, level: u32) -> u64 {
+impl Cubes {
+    /// Bytes of memory for each cube, with what writing it takes.
+    pub const BYTES: usize = 3 * size_of::<Cube>();
+
+    /// Most cubes that [`new`](Self::new) may find: those of all leaves above the level, contours or not.
+    ///
+    /// # Panics
+    /// If there is no such object.
+    #[must_use]
+    pub fn count(octree: &Octree, object: usize, level: u32) -> u64 {
         let mut cubes = 0u64;
         // Nothing here fails.
         let _ = visit(octree, object, level, &mut |voxel| {
@@ -80,8 +88,13 @@ impl Cells {
         cubes
     }
 
-    /// The cubes that voxels fill. Of a leaf above the level, those that its contour meets.
-    pub(super) fn new(octree: &Octree, object: usize, level: u32) -> Self {
+    /// The cubes that voxels of an object fill. Of a leaf above the level, those that its contour meets.
+    ///
+    /// # Panics
+    /// If there is no such object, or if `level` is above [`MAX_LEVEL`](super::MAX_LEVEL).
+    #[must_use]
+    pub fn new(octree: &Octree, object: usize, level: u32) -> Self {
+        assert!(level <= super::MAX_LEVEL, "level {level}, expected 1 to {}", super::MAX_LEVEL);
         let (mut list, mut has_colors) = (Vec::new(), false);
         let _ = visit(octree, object, level, &mut |voxel| {
             has_colors |= voxel.color.is_some();
@@ -92,12 +105,12 @@ impl Cells {
                 let bits = u64::from(side).trailing_zeros();
                 let inside = [0, 1, 2].map(|axis| (index >> (axis * bits)) as u32 & (side - 1));
                 if voxel.slab.is_none_or(|slab| meets(&slab, inside, side)) {
-                    list.push(Cell { position: std::array::from_fn(|k| first[k] + inside[k]), color });
+                    list.push(Cube { position: std::array::from_fn(|k| first[k] + inside[k]), color });
                 }
             }
             Ok(())
         });
-        Self { level, list, has_colors }
+        Self { level, list, has_colors, octree_to_mesh: octree.octree_to_mesh(object) }
     }
 }
 

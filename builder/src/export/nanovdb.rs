@@ -6,7 +6,7 @@ use std::io::{self, Write};
 
 use glam::{DMat3, DMat4, DVec3};
 
-use super::cells::{Cell, Cells};
+use super::cubes::{Cube, Cubes};
 
 const MAGIC: u64 = u64::from_le_bytes(*b"NanoVDB0");
 /// 32.4.2: 11, 11 and 10 bits.
@@ -51,11 +51,11 @@ impl Kind {
         }
     }
 
-    fn value(self, cell: &Cell) -> [u8; 4] {
+    fn value(self, cube: &Cube) -> [u8; 4] {
         match self {
             Self::Density => 1.0f32.to_le_bytes(),
             Self::Color => {
-                let [r, g, b] = cell.color;
+                let [r, g, b] = cube.color;
                 [r, g, b, 255]
             }
         }
@@ -63,17 +63,17 @@ impl Kind {
 }
 
 /// Cubes in the order of nodes: first by upper node, then by lower node, leaf and place in it. Each key is unique.
-struct Sorted(Vec<(u64, Cell)>);
+struct Sorted(Vec<(u64, Cube)>);
 
 impl Sorted {
-    fn new(cells: &Cells) -> Self {
-        let mut keys: Vec<(u64, Cell)> = cells.list.iter().map(|&cell| (key(cell.position), cell)).collect();
+    fn new(cubes: &Cubes) -> Self {
+        let mut keys: Vec<(u64, Cube)> = cubes.list.iter().map(|&cube| (key(cube.position), cube)).collect();
         keys.sort_unstable_by_key(|&(key, _)| key);
         Self(keys)
     }
 
     /// The runs of cubes whose keys agree but for the low `bits`.
-    fn runs(&self, bits: u32) -> impl Iterator<Item = &[(u64, Cell)]> {
+    fn runs(&self, bits: u32) -> impl Iterator<Item = &[(u64, Cube)]> {
         self.0.chunk_by(move |a, b| a.0 >> bits == b.0 >> bits)
     }
 }
@@ -93,11 +93,11 @@ fn key([x, y, z]: [u32; 3]) -> u64 {
 }
 
 /// Bounds of cubes, both ends included.
-fn bounds(cells: &[(u64, Cell)]) -> [[i32; 3]; 2] {
+fn bounds(cubes: &[(u64, Cube)]) -> [[i32; 3]; 2] {
     let mut all = [[i32::MAX; 3], [i32::MIN; 3]];
-    for (_, cell) in cells {
+    for (_, cube) in cubes {
         for axis in 0..3 {
-            let at = cell.position[axis] as i32;
+            let at = cube.position[axis] as i32;
             all[0][axis] = all[0][axis].min(at);
             all[1][axis] = all[1][axis].max(at);
         }
@@ -112,14 +112,14 @@ fn bytes_of([leaves, lower, upper]: Counts) -> usize {
     GRID + TREE + ROOT + upper * (TILE + UPPER) + lower * LOWER + leaves * LEAF
 }
 
-/// Writes the cubes as grids, which `to_mesh` of the octree places in mesh space.
-pub(super) fn write(out: &mut dyn Write, cells: &Cells, to_mesh: DMat4) -> io::Result<()> {
-    let sorted = Sorted::new(cells);
+/// Writes the cubes as grids.
+pub(super) fn write(out: &mut dyn Write, cubes: &Cubes) -> io::Result<()> {
+    let sorted = Sorted::new(cubes);
     let counts = [IN_LEAF, IN_LOWER, IN_UPPER].map(|bits| sorted.runs(bits).count());
     // From the index of a cube to mesh space; the corner of cube 0 is that of the root cube.
-    let scale = (-f64::from(cells.level)).exp2();
-    let map = to_mesh * DMat4::from_scale(DVec3::splat(scale));
-    let kinds: &[Kind] = if cells.has_colors { &[Kind::Density, Kind::Color] } else { &[Kind::Density] };
+    let scale = (-f64::from(cubes.level)).exp2();
+    let map = cubes.octree_to_mesh * DMat4::from_scale(DVec3::splat(scale));
+    let kinds: &[Kind] = if cubes.has_colors { &[Kind::Density, Kind::Color] } else { &[Kind::Density] };
     let box_of_all = bounds(&sorted.0);
     let mut header = Bytes::new(FILE_HEADER);
     header.put(0, &MAGIC.to_le_bytes());
@@ -299,10 +299,10 @@ fn write_nodes(
         leaf.ints(0, &low);
         leaf.put(12, &[0, 1, 2].map(|k| (high[k] - low[k]) as u8));
         leaf.put(15, &[2]);
-        for &(key, cell) in run {
+        for &(key, cube) in run {
             let place = (key & ((1 << IN_LEAF) - 1)) as usize;
             leaf.set_bit(16, place);
-            leaf.put(96 + place * 4, &kind.value(&cell));
+            leaf.put(96 + place * 4, &kind.value(&cube));
         }
         out.write_all(&leaf.0)?;
     }
@@ -321,7 +321,7 @@ struct Inner {
 }
 
 impl Inner {
-    fn make(&self, run: &[(u64, Cell)], place_of: impl Fn(usize) -> usize, children: &mut usize) -> Bytes {
+    fn make(&self, run: &[(u64, Cube)], place_of: impl Fn(usize) -> usize, children: &mut usize) -> Bytes {
         let mut node = Bytes::new(self.bytes);
         node.ints(0, bounds(run).as_flattened());
         let bits = if self.below == IN_LOWER { 15 } else { 12 };
@@ -362,24 +362,25 @@ mod tests {
 
     #[test]
     fn values_are_found_where_they_were_put() {
-        let mut list: Vec<Cell> = (0..3000u32)
-            .map(|i| Cell {
+        let mut list: Vec<Cube> = (0..3000u32)
+            .map(|i| Cube {
                 position: [i * 7 % 8191, i * i % 8192, i * 131 % 300],
                 color: [i as u8, (i >> 8) as u8, 9],
             })
             .collect();
-        list.sort_unstable_by_key(|cell| key(cell.position));
-        list.dedup_by_key(|cell| cell.position);
-        let cells = Cells { level: 13, list, has_colors: true };
+        list.sort_unstable_by_key(|cube| key(cube.position));
+        list.dedup_by_key(|cube| cube.position);
+        let octree_to_mesh = DMat4::from_scale(DVec3::splat(4.0));
+        let cubes = Cubes { level: 13, list, has_colors: true, octree_to_mesh };
         let mut file = Vec::new();
-        write(&mut file, &cells, DMat4::from_scale(DVec3::splat(4.0))).unwrap();
+        write(&mut file, &cubes).unwrap();
         let first = FILE_HEADER + 2 * META + "density".len() + "color".len() + 2;
         let size = u64::from_le_bytes(file[FILE_HEADER..FILE_HEADER + 8].try_into().unwrap()) as usize;
         assert_eq!(file.len(), first + 2 * size);
-        for cell in &cells.list {
-            let [r, g, b] = cell.color;
-            assert_eq!(read(&file, first + size, cell.position), Some([r, g, b, 255]));
-            assert_eq!(read(&file, first, cell.position), Some(1.0f32.to_le_bytes()));
+        for cube in &cubes.list {
+            let [r, g, b] = cube.color;
+            assert_eq!(read(&file, first + size, cube.position), Some([r, g, b, 255]));
+            assert_eq!(read(&file, first, cube.position), Some(1.0f32.to_le_bytes()));
         }
         assert_eq!(read(&file, first, [1, 0, 299]), None);
     }

@@ -4,28 +4,37 @@ use std::collections::BTreeMap;
 
 use dot_vox::{Color, Dict, DotVoxData, Frame, Model, SceneNode, ShapeModel, Size, Voxel};
 
-use super::Up;
-use super::cells::Cells;
+use super::cubes::Cubes;
 use super::palette::Palette;
+
+/// The axis of an octree that points up. It becomes the z axis of a model, and axes stay right-handed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Up {
+    /// As in most meshes.
+    #[default]
+    Y,
+    /// As in octrees of voxel models.
+    Z,
+}
 
 /// Largest edge of a model.
 const SIDE: u32 = 256;
 
 /// The cubes as models that a scene places side by side.
-pub(super) fn model(cells: &Cells, up: Up) -> DotVoxData {
-    let all = 1u32 << cells.level;
+pub(super) fn model(cubes: &Cubes, up: Up) -> DotVoxData {
+    let all = 1u32 << cubes.level;
     let side = all.min(SIDE);
-    let palette = Palette::new(cells.list.iter().map(|cell| cell.color));
+    let palette = Palette::new(cubes.list.iter().map(|cube| cube.color));
     let mut chunks: BTreeMap<[u32; 3], Vec<Voxel>> = BTreeMap::new();
-    for cell in &cells.list {
-        let [x, y, z] = cell.position;
+    for cube in &cubes.list {
+        let [x, y, z] = cube.position;
         // z points up in these files, and the axes stay right-handed.
         let place = match up {
             Up::Y => [x, all - 1 - z, y],
             Up::Z => [x, y, z],
         };
         let [x, y, z] = place.map(|k| (k % side) as u8);
-        let i = palette.index(cell.color);
+        let i = palette.index(cube.color);
         chunks.entry(place.map(|k| k / side)).or_default().push(Voxel { x, y, z, i });
     }
     let transform = |attributes: Dict, child: usize| SceneNode::Transform {

@@ -5,7 +5,7 @@ use std::io::{self, Write};
 use esvo_format::Octree;
 use glam::DVec3;
 
-use super::cells::visit;
+use super::cubes::visit;
 
 /// Writes a point for each voxel of the level and each leaf above it; there are `points` of them.
 pub(super) fn write(out: &mut dyn Write, octree: &Octree, object: usize, level: u32, points: u64) -> io::Result<()> {
