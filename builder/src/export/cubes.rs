@@ -3,7 +3,7 @@
 use std::io;
 
 use esvo_format::{Octree, Slab};
-use glam::{DMat4, Vec3};
+use glam::{DMat4, DVec3, Vec3};
 
 /// A voxel of the level, or a leaf above it.
 #[derive(Clone, Copy, Debug)]
@@ -16,35 +16,79 @@ pub(super) struct Voxel {
     pub(super) color: Option<[u8; 3]>,
     /// Unit normal in mesh orientation; `None` if the octree has no normals.
     pub(super) normal: Option<Vec3>,
-    /// What its contour leaves of it; `None` without one.
-    slab: Option<Slab>,
+}
+
+/// What a contour leaves of octree space: a slab between two planes.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Between {
+    normal: DVec3,
+    low: f64,
+    high: f64,
+}
+
+impl Between {
+    /// `slab` is in units of a voxel of this level, from its centre on.
+    fn new(slab: &Slab, position: [u32; 3], level: u32) -> Self {
+        let per_unit = f64::from(level).exp2();
+        let normal = DVec3::from(slab.normal) * per_unit;
+        let centre = (DVec3::from(position.map(f64::from)) + 0.5) / per_unit;
+        let at = normal.dot(centre);
+        Self { normal, low: at + slab.lo(), high: at + slab.hi() }
+    }
+
+    /// Whether a cube with this centre and edge meets it.
+    fn meets(&self, centre: DVec3, edge: f64) -> bool {
+        let at = self.normal.dot(centre);
+        let reach = self.normal.abs().element_sum() * edge * 0.5;
+        at + reach >= self.low && at - reach <= self.high
+    }
+}
+
+/// Called with a voxel, and with what its contours and those above it leave.
+pub(super) type With<'w> = dyn FnMut(&Voxel, &[Between]) -> io::Result<()> + 'w;
+
+/// A walk through an octree down to a level.
+struct Walk<'w> {
+    octree: &'w Octree,
+    level: u32,
+    /// Contours of the voxels that are being walked through, from the root on.
+    contours: Vec<Between>,
+    with: &'w mut With<'w>,
+}
+
+impl Walk<'_> {
+    /// The children of a descriptor, which are at level `at`.
+    fn children(&mut self, slot: u32, parent: [u32; 3], at: u32) -> io::Result<()> {
+        let descriptor = self.octree.descriptor(slot);
+        for child in (0..8u8).filter(|child| descriptor.valid_mask() >> child & 1 != 0) {
+            let position = std::array::from_fn(|axis| parent[axis] * 2 + u32::from(child >> axis & 1));
+            let above = self.contours.len();
+            let contour = self.octree.contour(slot, child);
+            self.contours.extend(contour.map(|contour| Between::new(&contour.decode(), position, at)));
+            match self.octree.child(slot, child) {
+                Some(below) if at < self.level => self.children(below, position, at + 1)?,
+                _ => {
+                    let color = self.octree.color(slot, child);
+                    let voxel = Voxel {
+                        level: at,
+                        position,
+                        color: color.map(|c| c.map(|x| (x * 255.0).round().clamp(0.0, 255.0) as u8)),
+                        normal: self.octree.normal(slot, child),
+                    };
+                    (self.with)(&voxel, &self.contours)?;
+                }
+            }
+            self.contours.truncate(above);
+        }
+        Ok(())
+    }
 }
 
 /// Calls `with` for each voxel of `level` and each leaf above it, in the order of the octree. Ends at the first error.
-pub(super) fn visit(
-    octree: &Octree,
-    object: usize,
-    level: u32,
-    with: &mut dyn FnMut(&Voxel) -> io::Result<()>,
-) -> io::Result<()> {
-    let mut stack = vec![(octree.objects()[object].root_slot as u32, [0u32; 3], 1u32)];
-    while let Some((slot, parent, at)) = stack.pop() {
-        let descriptor = octree.descriptor(slot);
-        for child in (0..8u8).filter(|child| descriptor.valid_mask() >> child & 1 != 0) {
-            let position = std::array::from_fn(|axis| parent[axis] * 2 + u32::from(child >> axis & 1));
-            match octree.child(slot, child) {
-                Some(below) if at < level => stack.push((below, position, at + 1)),
-                _ => with(&Voxel {
-                    level: at,
-                    position,
-                    color: octree.color(slot, child).map(|c| c.map(|x| (x * 255.0).round().clamp(0.0, 255.0) as u8)),
-                    normal: octree.normal(slot, child),
-                    slab: octree.contour(slot, child).map(esvo_format::Contour::decode),
-                })?,
-            }
-        }
-    }
-    Ok(())
+pub(super) fn visit(octree: &Octree, object: usize, level: u32, with: &mut With<'_>) -> io::Result<()> {
+    let root = octree.objects()[object].root_slot as u32;
+    Walk { octree, level, contours: Vec::new(), with: &mut |voxel, contours| with(voxel, contours) }
+        .children(root, [0; 3], 1)
 }
 
 /// A cube of the level.
@@ -81,22 +125,23 @@ impl Cubes {
     pub fn count(octree: &Octree, object: usize, level: u32) -> u64 {
         let mut cubes = 0u64;
         // Nothing here fails.
-        let _ = visit(octree, object, level, &mut |voxel| {
+        let _ = visit(octree, object, level, &mut |voxel, _| {
             cubes = cubes.saturating_add(1 << (3 * (level - voxel.level)));
             Ok(())
         });
         cubes
     }
 
-    /// The cubes that voxels of an object fill. Of a leaf above the level, those that its contour meets.
+    /// The cubes that voxels of an object fill. Of a leaf above the level, those that its contour and those above it meet.
     ///
     /// # Panics
     /// If there is no such object, or if `level` is above [`MAX_LEVEL`](super::MAX_LEVEL).
     #[must_use]
     pub fn new(octree: &Octree, object: usize, level: u32) -> Self {
         assert!(level <= super::MAX_LEVEL, "level {level}, expected 1 to {}", super::MAX_LEVEL);
+        let edge = (-f64::from(level)).exp2();
         let (mut list, mut has_colors) = (Vec::new(), false);
-        let _ = visit(octree, object, level, &mut |voxel| {
+        let _ = visit(octree, object, level, &mut |voxel, contours| {
             has_colors |= voxel.color.is_some();
             let color = voxel.color.unwrap_or([255; 3]);
             let side = 1u32 << (level - voxel.level);
@@ -104,26 +149,15 @@ impl Cubes {
             for index in 0..u64::from(side).pow(3) {
                 let bits = u64::from(side).trailing_zeros();
                 let inside = [0, 1, 2].map(|axis| (index >> (axis * bits)) as u32 & (side - 1));
-                if voxel.slab.is_none_or(|slab| meets(&slab, inside, side)) {
-                    list.push(Cube { position: std::array::from_fn(|k| first[k] + inside[k]), color });
+                let position: [u32; 3] = std::array::from_fn(|k| first[k] + inside[k]);
+                let centre = (DVec3::from(position.map(f64::from)) + 0.5) * edge;
+                // A voxel that is not divided keeps its cube.
+                if side == 1 || contours.iter().all(|contour| contour.meets(centre, edge)) {
+                    list.push(Cube { position, color });
                 }
             }
             Ok(())
         });
         Self { level, list, has_colors, octree_to_mesh: octree.octree_to_mesh(object) }
     }
-}
-
-/// Whether a slab meets one of the `side`³ equal cubes of its voxel. A voxel that is not divided keeps its cube.
-fn meets(slab: &Slab, inside: [u32; 3], side: u32) -> bool {
-    if side == 1 {
-        return true;
-    }
-    let edge = 1.0 / f64::from(side);
-    let (mut at, mut reach) = (0.0, 0.0);
-    for axis in 0..3 {
-        at += slab.normal[axis] * ((f64::from(inside[axis]) + 0.5) * edge - 0.5);
-        reach += slab.normal[axis].abs() * 0.5 * edge;
-    }
-    at + reach >= slab.lo() && at - reach <= slab.hi()
 }

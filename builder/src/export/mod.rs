@@ -2,7 +2,7 @@
 //! ([`write_model`]), and grids of NanoVDB ([`write_grids`]).
 //!
 //! Voxels of a level are its voxels and the leaves above it. Models and grids have cubes of the level instead: a leaf above it fills all
-//! cubes in it, but for those that its contour leaves out.
+//! cubes in it, but for those that its contour, or one above it, leaves out.
 //!
 //! The octree must be [sound](Octree::sound).
 
@@ -33,7 +33,7 @@ pub const MAX_CUBES: u64 = 1 << 27;
 pub fn voxel_count(octree: &Octree, object: usize, level: u32) -> u64 {
     let mut points = 0;
     // Nothing here fails.
-    let _ = cubes::visit(octree, object, level, &mut |_| {
+    let _ = cubes::visit(octree, object, level, &mut |_, _| {
         points += 1;
         Ok(())
     });

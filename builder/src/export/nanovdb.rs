@@ -377,6 +377,11 @@ mod tests {
         let first = FILE_HEADER + 2 * META + "density".len() + "color".len() + 2;
         let size = u64::from_le_bytes(file[FILE_HEADER..FILE_HEADER + 8].try_into().unwrap()) as usize;
         assert_eq!(file.len(), first + 2 * size);
+        let short = |at: usize| u32::from_le_bytes(file[at..at + 4].try_into().unwrap());
+        for grid in [first, first + size] {
+            assert_eq!((short(grid + 24), short(grid + 28)), (0, 1), "each grid is the first of one");
+            assert_eq!(short(grid + GRID + 56) as usize, cubes.list.len());
+        }
         for cube in &cubes.list {
             let [r, g, b] = cube.color;
             assert_eq!(read(&file, first + size, cube.position), Some([r, g, b, 255]));

@@ -25,7 +25,7 @@ pub(super) fn write(out: &mut dyn Write, octree: &Octree, object: usize, level: 
     let to_mesh = octree.octree_to_mesh(object);
     // Of a cube that is stretched, the geometric mean of its edges.
     let edge = to_mesh.determinant().abs().cbrt();
-    visit(octree, object, level, &mut |voxel| {
+    visit(octree, object, level, &mut |voxel, _| {
         let size = (-f64::from(voxel.level)).exp2();
         let centre = DVec3::from(voxel.position.map(|x| (f64::from(x) + 0.5) * size));
         let mut row = Vec::with_capacity(32);

@@ -21,7 +21,7 @@ use crate::words::{count, size};
 .nvdb  NanoVDB, version 32: cubes of the level as active values, a float grid 'density' of ones and,
        if the octree has colours, an Rgba8 grid 'color'. Its map places the grids in mesh space.
 
-A leaf above the level fills all cubes in it, but for those that its contour leaves out.
+A leaf above the level fills all cubes in it, but for those that contours leave out.
 
 Examples:
   esvo export sibenik.esvo -o sibenik.ply
