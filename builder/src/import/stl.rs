@@ -169,13 +169,17 @@ fn read_binary(
     }
     soup.part.triangles.reserve_exact(count.min(MAX_ELEMENTS));
     let colors = Colors::of(&head[..HEADER - 4]);
-    let mut facets = io::BufReader::with_capacity(1 << 18, all);
-    facets.read_exact(&mut [0; HEADER])?;
-    let mut facet = [0; FACET];
-    for number in 0..count {
-        facets.read_exact(&mut facet)?;
-        if let Err(what) = read_facet(&facet, number, &colors, soup) {
-            return Ok(Err(what));
+    all.read_exact(&mut [0; HEADER])?;
+    let mut bytes = vec![0; FACET << 12];
+    let mut number = 0;
+    while number < count {
+        let some = &mut bytes[..FACET * (count - number).min(1 << 12)];
+        all.read_exact(some)?;
+        for facet in some.as_chunks::<FACET>().0 {
+            if let Err(what) = read_facet(facet, number, &colors, soup) {
+                return Ok(Err(what));
+            }
+            number += 1;
         }
     }
     Ok(Ok(()))
