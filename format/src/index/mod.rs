@@ -4,6 +4,8 @@
 
 pub(crate) mod build;
 pub(crate) mod check;
+#[cfg(all(test, feature = "zstd"))]
+mod large;
 pub(crate) mod page;
 
 /// Largest page in bytes, as stored.
