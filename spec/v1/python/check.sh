@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# Tests the Python reader: installs it into a virtual environment of its own, and reads every test vector.
+# Tests the Python package: installs it into a virtual environment of its own, reads every test vector, and reads what the
+# package writes. Where ESVO_PROGRAM is the path of the program esvo, that checks the written files, too.
 #
 # Needs python3 with the modules venv and ensurepip (Debian: python3-venv), and pip must reach a package index. Where node
 # and npm are, the reader is also compared with the parser that the Kaitai Struct compiler makes of esvo.ksy. All files go

@@ -3,16 +3,7 @@
 import json
 
 import pytest
-from common import INVALID, INVALID_FOLDER, SPECIFICATION, VALID
-
-
-@pytest.fixture(scope="module")
-def program():
-    text = (SPECIFICATION / "README.md").read_text("utf-8")
-    source = text.split("```python walk.py\n")[1].split("```")[0]
-    names = {"__name__": "walk"}
-    exec(compile(source, "walk.py", "exec"), names)
-    return lambda data: list(names["walk"](*names["open_file"](data)))
+from common import INVALID, INVALID_FOLDER, VALID
 
 
 @pytest.mark.parametrize("path", VALID, ids=lambda path: path.stem)

@@ -27,6 +27,7 @@ from .records import (
     field,
 )
 from .voxels import Voxels
+from .writing import write_grid, write_voxels
 
 __version__ = "1.0.0"
 
@@ -53,6 +54,8 @@ __all__ = [
     "interpolate_corners",
     "open",
     "validate",
+    "write_grid",
+    "write_voxels",
 ]
 
 

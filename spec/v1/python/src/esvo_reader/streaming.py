@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, List, Sequence, Tuple
+from typing import TYPE_CHECKING, List, Sequence
 
 import numpy as np
 
+from .container import Section, bytes_of, front, places
 from .errors import Findings
-from .opening import crc
+from .opening import OWN_CHECKSUMS, REQUIRED, crc
 from .records import (
     CHILD_DESCRIPTOR,
-    HEADER,
-    IDENTIFIER,
     MAX_LEVELS,
     NO_PARENT,
-    PAGE_BYTES,
     POPCOUNT,
-    SECTION_ENTRY,
     Array,
     field,
 )
@@ -109,25 +106,14 @@ def _mend(octree: Octree, trace: Trace, chosen: List[int], starts: Array, slots:
 
 def container(objects: Array, blocks: Array, image: Array) -> bytes:
     """A file of these tables and this image; sets the file offsets."""
-    sections = [(b"OBJT", 1, objects), (b"BLKT", 1, blocks), (b"BLKS", 3, image)]
-    at = HEADER.itemsize + len(sections) * SECTION_ENTRY.itemsize
-    places: List[Tuple[int, int]] = []
-    for tag, _, body in sections:
-        at += -at % (PAGE_BYTES if tag == b"BLKS" else 8)
-        places.append((at, body.nbytes))
-        at += body.nbytes
-    blocks["file_offset"] = places[2][0] + blocks["image_offset"]
-    data = np.zeros(at, np.uint8)
-    directory = np.zeros(len(sections), SECTION_ENTRY)
-    for entry, (tag, flags, body), (low, size) in zip(directory, sections, places):
-        data[low : low + size] = np.ascontiguousarray(body).view(np.uint8).reshape(-1)
-        entry["tag"], entry["flags"], entry["offset"], entry["length"] = tag, flags, low, size
-        entry["crc"] = 0 if flags & 2 else crc(data[low : low + size])
-    header = np.zeros(1, HEADER)
-    header["identifier"], header["major"], header["file_length"] = IDENTIFIER, 1, len(data)
-    header["directory_offset"], header["directory_count"] = HEADER.itemsize, len(sections)
-    data[HEADER.itemsize : HEADER.itemsize + directory.nbytes] = directory.view(np.uint8)
-    header["directory_crc"] = crc(data[HEADER.itemsize : HEADER.itemsize + directory.nbytes])
-    data[: HEADER.itemsize] = header.view(np.uint8)
-    data[60:64].view("<u4")[0] = crc(data[:60])
+    lengths = [objects.nbytes, blocks.nbytes, image.nbytes]
+    offsets = places(lengths)
+    blocks["file_offset"] = offsets[2] + blocks["image_offset"]
+    bodies = [bytes_of(table) for table in (objects, blocks, image)]
+    names = ((b"OBJT", REQUIRED), (b"BLKT", REQUIRED), (b"BLKS", REQUIRED | OWN_CHECKSUMS))
+    sections = [Section(tag, flags, len(body), crc(body)) for (tag, flags), body in zip(names, bodies)]
+    data = np.zeros(offsets[2] + lengths[2], np.uint8)
+    data[: offsets[0]] = np.frombuffer(front(sections), np.uint8)
+    for at, body in zip(offsets, bodies):
+        data[at : at + len(body)] = body
     return data.tobytes()
