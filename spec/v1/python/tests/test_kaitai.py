@@ -12,7 +12,7 @@ import pytest
 from common import VALID
 
 import esvo_reader
-from esvo_reader import records
+from esvo_reader import kinds, records
 
 FOLDER = os.environ.get("ESVO_KAITAI")
 if not FOLDER:
@@ -91,10 +91,10 @@ def same_block(block):
 
 def same_attachment(block, expected):
     kind, slots = expected.kind, len(block.slots)
-    if kind in (records.COLOR_BLOCKS, records.NORMAL_BLOCKS):
+    if kind in (kinds.COLOR_BLOCKS, kinds.NORMAL_BLOCKS):
         dtype, parsed = {
-            records.COLOR_BLOCKS: (records.COLOR_BLOCK, "colors"),
-            records.NORMAL_BLOCKS: (records.NORMAL_BLOCK, "normals"),
+            kinds.COLOR_BLOCKS: (records.COLOR_BLOCK, "colors"),
+            kinds.NORMAL_BLOCKS: (records.NORMAL_BLOCK, "normals"),
         }[kind]
         for found, pair in zip(block.attachments[kind].view(dtype), getattr(expected, parsed).pairs):
             for name in dtype.names:
@@ -102,14 +102,14 @@ def same_attachment(block, expected):
                 if isinstance(value, list):
                     value = sum(index << 2 * texel for texel, index in enumerate(value))
                 assert found[name] == value, name
-    if kind == records.CONSTANT_COLOR:
+    if kind == kinds.CONSTANT_COLOR:
         same_fields(block.attachments[kind].view(records.CONSTANT)[0], expected.constant_color)
-    if kind == records.AMBIENT_BLOCKS:
+    if kind == kinds.AMBIENT_BLOCKS:
         same_bits(records.AMBIENT_BLOCK, block.attachments[kind].view("<u8"), expected.ambient.pairs)
-    if kind in (records.PLAIN_COLORS, records.PLAIN_NORMALS):
+    if kind in (kinds.PLAIN_COLORS, kinds.PLAIN_NORMALS):
         same_bits(records.PLAIN_ENTRY, block.words(kind)[:slots], expected.plain.entries)
         assert block.words(kind)[slots:].tolist() == expected.plain.values
-    if kind == records.CORNERS:
+    if kind == kinds.CORNERS:
         same_bits(records.CORNER_ENTRY, block.words(kind)[: 2 * slots].view("<u8"), expected.corners.entries)
         for found, value in zip(block.words(kind)[2 * slots :].view(records.CORNER_VALUE), expected.corners.values):
             same_fields(found, value)

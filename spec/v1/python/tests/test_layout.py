@@ -5,7 +5,7 @@ import pytest
 import yaml
 from common import SPECIFICATION
 
-from esvo_reader import records
+from esvo_reader import kinds, records
 
 KSY = yaml.safe_load((SPECIFICATION / "esvo.ksy").read_text("utf-8"))
 TYPES = KSY["types"]
@@ -117,7 +117,7 @@ def test_codecs_and_attachments_have_their_numbers():
         "plain_normals": "PLAIN_NORMALS",
         "corners": "CORNERS",
     }
-    assert {name: getattr(records, constant) for name, constant in names.items()} == numbers
+    assert {name: getattr(kinds, constant) for name, constant in names.items()} == numbers
     assert KSY["enums"]["codec"] == {0: "raw", 1: "zstandard", 2: "fields"}
 
 

@@ -13,7 +13,7 @@ from common import INVALID_FOLDER, PACKAGE, SPECIFICATION, VALID, open_vector
 from test_mutations import with_checksums
 
 import esvo_reader
-from esvo_reader import EsvoError, field, records
+from esvo_reader import EsvoError, field, kinds, records
 from esvo_reader.blocks import decompress
 from esvo_reader.octree import mark_far_pointers
 
@@ -126,7 +126,7 @@ def test_corners_at_any_point():
 
 def test_arrays_of_a_file_are_read_only():
     octree = open_vector("colors")
-    for array in (octree.objects, octree.blocks, octree.block(0).slots, octree.block(0).words(records.COLOR_BLOCKS)):
+    for array in (octree.objects, octree.blocks, octree.block(0).slots, octree.block(0).words(kinds.COLOR_BLOCKS)):
         with pytest.raises(ValueError, match="read-only"):
             array[...] = 0
 

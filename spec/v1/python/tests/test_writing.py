@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import esvo_reader
-from esvo_reader import records, trees, write_grid, write_voxels
+from esvo_reader import kinds, trees, write_grid, write_voxels
 
 PROGRAM = os.environ.get("ESVO_PROGRAM")
 
@@ -178,7 +178,7 @@ def test_deepest_level():
 def test_one_voxel():
     octree = check(written([(7, -8, 9)], (1, 2, 3)), np.array([(7, -8, 9)]), np.array([(1, 2, 3, 255)]))
     assert octree.objects["levels"][0] == 1
-    assert list(octree.block(0).attachments) == [records.CONSTANT_COLOR]
+    assert list(octree.block(0).attachments) == [kinds.CONSTANT_COLOR]
 
 
 def test_constant_colors_and_plain_ones_side_by_side(monkeypatch):
@@ -186,8 +186,8 @@ def test_constant_colors_and_plain_ones_side_by_side(monkeypatch):
     positions, _, _ = shell(64)
     colors = np.where(positions[:, :1] < 34, (10, 20, 30), positions).astype(np.uint8)
     octree = check(written(positions, colors), positions, np.c_[colors, np.full(len(colors), 255)])
-    kinds = {kind for k in range(len(octree.blocks)) for kind in octree.block(k).attachments}
-    assert kinds == {records.CONSTANT_COLOR, records.PLAIN_COLORS}
+    found = {kind for k in range(len(octree.blocks)) for kind in octree.block(k).attachments}
+    assert found == {kinds.CONSTANT_COLOR, kinds.PLAIN_COLORS}
 
 
 def test_alpha_is_stored():
@@ -199,7 +199,7 @@ def test_values_that_voxels_share_are_stored_once():
     positions = np.argwhere(np.ones((2, 2, 2), bool))
     colors = np.array([(9, 9, 9)] * 5 + [(1, 1, 1), (2, 2, 2), (3, 3, 3)], np.uint8)
     block = esvo_reader.from_bytes(written(positions, colors)).block(0)
-    assert len(block.words(records.PLAIN_COLORS)) - len(block.slots) == 4
+    assert len(block.words(kinds.PLAIN_COLORS)) - len(block.slots) == 4
 
 
 def test_metadata_and_matrix():

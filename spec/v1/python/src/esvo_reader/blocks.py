@@ -7,30 +7,19 @@ from typing import Any, Dict
 import numpy as np
 import zstandard
 
+from . import kinds
 from .errors import Findings
 from .opening import crc, overlap, record, records
 from .records import (
-    AMBIENT_BLOCKS,
     ATTACHMENT_ENTRY,
-    COLOR_BLOCKS,
-    CONSTANT_COLOR,
-    CORNERS,
     INFO_SECTION,
-    NORMAL_BLOCKS,
     PAGE_SLOTS,
-    PLAIN_COLORS,
-    PLAIN_NORMALS,
-    WITH_COLORS,
-    WITH_NORMALS,
     Array,
 )
 
 ZSTANDARD_MAGIC = b"\x28\xb5\x2f\xfd"
 #: Window of frames whose blocks are smaller than it.
 MAX_WINDOW = 1 << 27
-# Bytes for each pair of slots, for each slot and for each value.
-PAIR_BYTES = {COLOR_BLOCKS: 8, NORMAL_BLOCKS: 16, AMBIENT_BLOCKS: 8}
-ENTRY_BYTES = {PLAIN_COLORS: 4, PLAIN_NORMALS: 4, CORNERS: 8}
 
 
 class Block:
@@ -133,7 +122,7 @@ class Block:
             low = self.info_at + int(entry["offset"])
             at = self.at(directory + ATTACHMENT_ENTRY.itemsize * number)
             name = f"block {self.index}: attachment {kind}"
-            registered = COLOR_BLOCKS <= kind <= CORNERS or 0x8000 <= kind <= 0xFFFF
+            registered = kinds.COLOR_BLOCKS <= kind <= kinds.CORNERS or 0x8000 <= kind <= 0xFFFF
             findings.require(registered, "A002", at, f"{name} is neither registered nor a vendor's")
             findings.require(kind not in self.attachments, "A002", at, f"{name} occurs twice")
             findings.require(self._right_size(kind, size), "A003", at + 8, f"{name} has {size} bytes")
@@ -141,8 +130,8 @@ class Block:
             findings.require(inside, "A001", at + 4, f"{name} from byte {low} to {low + size}")
             self.attachments[kind] = self.image[low : low + size]
             ranges.append((low, low + size))
-        for what, kinds in (("colours", WITH_COLORS), ("normals", WITH_NORMALS)):
-            both = sorted(kinds & self.attachments.keys())
+        for what, those in (("colours", kinds.WITH_COLORS), ("normals", kinds.WITH_NORMALS)):
+            both = sorted(those & self.attachments.keys())
             findings.require(len(both) <= 1, "A002", self.at(directory), f"block {self.index}: {what} in types {both}")
         findings.settle()
         findings.require(not overlap(ranges), "A001", self.at(directory), f"block {self.index}: attachments overlap")
@@ -150,11 +139,11 @@ class Block:
     def _right_size(self, kind: int, size: int) -> bool:
         """A003."""
         slots = len(self.slots)
-        if kind in PAIR_BYTES:
-            return size == PAIR_BYTES[kind] * ((slots + 1) // 2)
-        if kind in ENTRY_BYTES:
-            return size >= ENTRY_BYTES[kind] * slots and size % ENTRY_BYTES[kind] == 0
-        return kind != CONSTANT_COLOR or size == 8
+        if kind in kinds.PAIR_BYTES:
+            return size == kinds.PAIR_BYTES[kind] * ((slots + 1) // 2)
+        if kind in kinds.ENTRY_BYTES:
+            return size >= kinds.ENTRY_BYTES[kind] * slots and size % kinds.ENTRY_BYTES[kind] == 0
+        return kind != kinds.CONSTANT_COLOR or size == kinds.CONSTANT_BYTES
 
     def words(self, kind: int) -> Array:
         """An attachment of the registry as uint32."""

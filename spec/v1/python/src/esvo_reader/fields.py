@@ -1,26 +1,13 @@
-"""Codec 2: blocks as streams of fields, and the layout that makes an image of them (section 4.4)."""
+"""Codec 2: blocks as streams of fields (section 4.4)."""
 
 from __future__ import annotations
 
-from typing import Any, Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Callable, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
-from .records import (
-    AMBIENT_BLOCKS,
-    ATTACHMENT_ENTRY,
-    COLOR_BLOCKS,
-    CONSTANT_COLOR,
-    CORNERS,
-    INFO_SECTION,
-    NORMAL_BLOCKS,
-    PAGE_BYTES,
-    PAGE_SLOTS,
-    PLAIN_COLORS,
-    PLAIN_NORMALS,
-    POPCOUNT,
-    Array,
-)
+from . import kinds
+from .records import POPCOUNT, Array
 
 #: A field: lowest bit and width.
 Field = Tuple[int, int]
@@ -33,13 +20,13 @@ NONE, NEAR, FAR, BLOCK = range(4)
 APART, JOINED, RAW = range(3)
 #: How many streams an attachment has.
 STREAMS = {
-    COLOR_BLOCKS: 10,
-    NORMAL_BLOCKS: 18,
-    CONSTANT_COLOR: 0,
-    AMBIENT_BLOCKS: 8,
-    PLAIN_COLORS: 5,
-    PLAIN_NORMALS: 6,
-    CORNERS: 13,
+    kinds.COLOR_BLOCKS: 10,
+    kinds.NORMAL_BLOCKS: 18,
+    kinds.CONSTANT_COLOR: 0,
+    kinds.AMBIENT_BLOCKS: 8,
+    kinds.PLAIN_COLORS: 5,
+    kinds.PLAIN_NORMALS: 6,
+    kinds.CORNERS: 13,
 }
 #: A byte of a Zstandard frame stands for at most this many.
 MAX_RATIO = 32768
@@ -86,6 +73,27 @@ class Fields:
         self._read_levels(counts, streams)
         streams.end()
 
+    def cut(self, whole: bool, there: Callable[[int], bool]) -> None:
+        """Makes leaves of voxels whose children are not there (section 11.3).
+
+        These are the children of links to blocks that are not there, and unless all parts of the block are there, those
+        below the last level that was read.
+        """
+        for number, level in enumerate(self.levels):
+            stays = np.array([there(int(block)) for block in level.children], bool)
+            gone = np.zeros(len(level.links), bool)
+            gone[level.links == BLOCK] = ~stays
+            if number == len(self.levels) - 1 and not whole:
+                gone |= (level.links == NEAR) | (level.links == FAR)
+            nonleaf, links = level.nonleaf.copy(), level.links.copy()
+            nonleaf[gone], links[gone] = 0, NONE
+            self.levels[number] = level._replace(nonleaf=nonleaf, links=links, children=level.children[stays])
+
+    def entered(self) -> Iterator[Tuple[int, int]]:
+        """The blocks that links lead to, and which children of the descriptor are there, as a mask."""
+        for level in self.levels:
+            yield from zip(level.children.tolist(), level.nonleaf[level.links == BLOCK].tolist())
+
     def _read_front(self, rest: Rest) -> None:
         self.array_slots = rest.number(4)
         if not 4 <= self.array_slots <= self.limit // 8:
@@ -97,7 +105,7 @@ class Fields:
             kind = rest.number(2)
             if kind not in STREAMS:
                 raise ValueError(f"attachment type {kind}")
-            self.kinds.append((kind, rest.take(8) if kind == CONSTANT_COLOR else b""))
+            self.kinds.append((kind, rest.take(8) if kind == kinds.CONSTANT_COLOR else b""))
 
     def _streams(self, rest: Rest) -> Streams:
         form = rest.number(1)
@@ -144,7 +152,7 @@ class Fields:
             for (kind, _), (mask, column) in zip(self.kinds, columns):
                 if mask is None:
                     at = slice(int(pair_ends[k] - pairs[k]), int(pair_ends[k]))
-                    values.append((None, column[at] if kind != CONSTANT_COLOR else column))
+                    values.append((None, column[at] if kind != kinds.CONSTANT_COLOR else column))
                 else:
                     values.append((mask[pick], of(value_counts(kind, mask, valid), column)))
             self.levels.append(
@@ -178,14 +186,14 @@ class Fields:
         return pairs
 
     def _read_values(self, kind: int, valid: Array, pairs: int, streams: Streams) -> Tuple[Optional[Array], Array]:
-        if kind == CONSTANT_COLOR:
+        if kind == kinds.CONSTANT_COLOR:
             return None, np.zeros(0, np.uint64)
-        if kind == NORMAL_BLOCKS:
+        if kind == kinds.NORMAL_BLOCKS:
             return None, read_rows(pairs, streams)
-        if kind in (COLOR_BLOCKS, AMBIENT_BLOCKS):
-            low = streams.words(pairs, COLOR_HEAD if kind == COLOR_BLOCKS else BYTES)
+        if kind in (kinds.COLOR_BLOCKS, kinds.AMBIENT_BLOCKS):
+            low = streams.words(pairs, COLOR_HEAD if kind == kinds.COLOR_BLOCKS else BYTES)
             return None, slots_of(low, streams.words(pairs, BYTES))
-        if kind == CORNERS:
+        if kind == kinds.CORNERS:
             mask = streams.words(len(valid), BYTES)
             count = int(value_counts(kind, mask, valid).sum())
             self._check_values(8 * count)
@@ -194,7 +202,7 @@ class Fields:
         mask = streams.next(len(valid))
         count = int(value_counts(kind, mask, valid).sum())
         self._check_values(4 * count)
-        return mask, streams.words(count, BASE if kind == PLAIN_NORMALS else BYTES)
+        return mask, streams.words(count, BASE if kind == kinds.PLAIN_NORMALS else BYTES)
 
     def _check_values(self, size: int) -> None:
         if size > self.limit:
@@ -281,7 +289,7 @@ def slots_of(low: Array, high: Array) -> Array:
 def value_counts(kind: int, mask: Array, valid: Array) -> Array:
     """How many values each descriptor has."""
     counts: Array
-    if kind == CORNERS:
+    if kind == kinds.CORNERS:
         bits = POPCOUNT[(mask & np.uint32(0x7FFFFFF)).astype("<u4")[:, None].view(np.uint8)].sum(axis=1)
         counts = bits + 8 * (mask >> np.uint32(27) & np.uint32(1)).astype(np.int64)
     else:
@@ -323,185 +331,3 @@ def read_rows(count: int, streams: Streams) -> Array:
             recent = [row, recent[0]]
         rows[k] = recent[0]
     return rows
-
-
-class Group(NamedTuple):
-    """Siblings that have their slots."""
-
-    level: int
-    #: Indices into the level.
-    nodes: range
-    slot: int
-
-
-class Layout:
-    """The slots of the descriptors of a block."""
-
-    def __init__(self, fields: Fields) -> None:
-        self.levels = fields.levels
-        self.groups: List[Group] = []
-        self.cursor = 2
-        self.next = [0] * len(self.levels)
-        #: Distance from each descriptor with children to what its child pointer leads to.
-        self.pointers: Dict[int, int] = {}
-        #: Far pointers: their slots, those of their descriptors, and where they lead in the block.
-        self.far: List[Tuple[int, int, int]] = []
-        #: The same of those to other blocks: with the number of the link in its level.
-        self.outer: List[Tuple[int, int, int, int]] = []
-        self._run()
-
-    def _place(self, level: int, count: int) -> Group:
-        if level >= len(self.levels):
-            raise ValueError("the last level has children")
-        start = self.next[level]
-        nodes = range(start, start + count)
-        self.next[level] += count
-        needed = count + int((self.levels[level].links[start : start + count] >= FAR).sum())
-        if self.cursor % PAGE_SLOTS == 0 or self.cursor % PAGE_SLOTS + needed > PAGE_SLOTS:
-            self.cursor += -self.cursor % PAGE_SLOTS + 2
-        group = Group(level, nodes, self.cursor)
-        self.cursor += needed
-        self.cursor += self.cursor % 2
-        self.groups.append(group)
-        return group
-
-    def _run(self) -> None:
-        links = [level.links.tolist() for level in self.levels]
-        counts = [POPCOUNT[level.nonleaf].tolist() for level in self.levels]
-        outer = [0] * len(self.levels)
-        group = self._place(0, len(self.levels[0].valid))
-        # Each entry: a group, how many of its members are done, and its next far pointer.
-        stack = [(group, 0, group.slot + len(group.nodes))]
-        while stack:
-            group, done, pointer = stack.pop()
-            if done == len(group.nodes):
-                continue
-            node, slot, level = group.nodes[done], group.slot + done, group.level
-            link = links[level][node]
-            stack.append((group, done + 1, pointer + (link >= FAR)))
-            if link == NONE:
-                continue
-            if link == BLOCK:
-                self.outer.append((pointer, slot, level, outer[level]))
-                outer[level] += 1
-                self.pointers[slot] = pointer - slot
-                continue
-            below = self._place(level + 1, counts[level][node])
-            stack.append((below, 0, below.slot + len(below.nodes)))
-            self.pointers[slot] = (below.slot if link == NEAR else pointer) - slot
-            if link == FAR:
-                self.far.append((pointer, slot, below.slot - slot))
-
-
-def image(fields: Fields, index: int, start: int, starts: Callable[[int], Optional[int]]) -> Array:
-    """uint8: the image of block `index`, which begins at slot `start`; `starts` says the same of other blocks."""
-    layout = Layout(fields)
-    count = layout.cursor
-    info = 8 * count
-    pool = info + INFO_SECTION.itemsize + ATTACHMENT_ENTRY.itemsize * len(fields.kinds)
-    contours = sum(len(level.contours) for level in fields.levels)
-    end, places = pool + 4 * contours, []
-    for number, (kind, _) in enumerate(fields.kinds):
-        size = attachment_bytes(kind, count, sum(len(level.values[number][1]) for level in fields.levels))
-        at = end + -end % 8
-        places.append((kind, at, size))
-        end = at + size
-    end += -end % PAGE_BYTES
-    if end != fields.limit or count != fields.array_slots:
-        raise ValueError(f"the fields make {end} bytes and {count} slots")
-    data = np.zeros(end, np.uint8)
-    slots = data[:info].view("<u8")
-    slots[::PAGE_SLOTS] = count - PAGE_SLOTS * np.arange(len(slots[::PAGE_SLOTS]))
-    _write_descriptors(fields, layout, data, slots, pool)
-    _write_outer(fields, layout, slots, start, starts)
-    record = data[info : info + INFO_SECTION.itemsize].view(INFO_SECTION)
-    record["block"], record["array_slots"], record["first_descriptor"] = index, count, count - 2
-    record["contour_offset"], record["contour_count"] = (pool - info) // 4, contours
-    record["attachment_count"] = len(fields.kinds)
-    directory = data[info + INFO_SECTION.itemsize : pool].view(ATTACHMENT_ENTRY)
-    for number, (kind, at, size) in enumerate(places):
-        directory["kind"][number], directory["offset"][number], directory["size"][number] = kind, at - info, size
-        _write_attachment(fields, layout, number, data[at : at + size], count)
-    return data
-
-
-def attachment_bytes(kind: int, slots: int, values: int) -> int:
-    """The size of an attachment."""
-    if kind == CONSTANT_COLOR:
-        return 8
-    if kind in (COLOR_BLOCKS, AMBIENT_BLOCKS):
-        return (slots + 1) // 2 * 8
-    if kind == NORMAL_BLOCKS:
-        return (slots + 1) // 2 * 16
-    return (slots + values) * (8 if kind == CORNERS else 4)
-
-
-def _write_descriptors(fields: Fields, layout: Layout, data: Array, slots: Array, pool: int) -> None:
-    contour_at = [0] * len(fields.levels)
-    written = 0
-    words = data[pool:].view("<u4")
-    for level, nodes, slot in layout.groups:
-        columns = fields.levels[level]
-        for node, at in zip(nodes, range(slot, slot + len(nodes))):
-            valid, nonleaf = int(columns.valid[node]), int(columns.nonleaf[node])
-            far = int(columns.links[node] >= FAR)
-            pointer = layout.pointers.get(at, 0)
-            mask = int(columns.contour_masks[node])
-            contours = int(POPCOUNT[mask])
-            contour_pointer = pool // 4 + written - 2 * at if contours else 0
-            if pointer >= 1 << 15 or contour_pointer >= 1 << 24:
-                raise ValueError("a pointer does not reach")
-            low = pointer << 17 | far << 16 | valid << 8 | (valid & ~nonleaf)
-            slots[at] = (contour_pointer << 8 | mask) << 32 | low
-            first = contour_at[level]
-            words[written : written + contours] = columns.contours[first : first + contours]
-            contour_at[level] += contours
-            written += contours
-    for pointer, _, distance in layout.far:
-        slots[pointer] = distance
-
-
-def _write_outer(
-    fields: Fields, layout: Layout, slots: Array, start: int, starts: Callable[[int], Optional[int]]
-) -> None:
-    for pointer, slot, level, number in layout.outer:
-        block = int(fields.levels[level].children[number])
-        target = starts(block)
-        distance = 0 if target is None else target + 2 - start - slot
-        if not 0 < distance < 1 << 32:
-            raise ValueError(f"block {block} cannot be reached")
-        slots[pointer] = distance
-
-
-def _write_attachment(fields: Fields, layout: Layout, number: int, data: Array, count: int) -> None:
-    kind, constant = fields.kinds[number]
-    if kind == CONSTANT_COLOR:
-        data[:] = np.frombuffer(constant, np.uint8)
-        return
-    at = [0] * len(fields.levels)
-    written = 0
-    if kind in (COLOR_BLOCKS, AMBIENT_BLOCKS, NORMAL_BLOCKS):
-        pairs = data.view("<u8").reshape(-1, 2 if kind == NORMAL_BLOCKS else 1)
-        for level, nodes, slot in layout.groups:
-            some = (len(nodes) + 1) // 2
-            values = fields.levels[level].values[number][1].reshape(-1, pairs.shape[1])
-            pairs[slot // 2 : slot // 2 + some] = values[at[level] : at[level] + some]
-            at[level] += some
-        return
-    cells: Any = data.view("<u8" if kind == CORNERS else "<u4")
-    for level, nodes, slot in layout.groups:
-        columns = fields.levels[level]
-        masks, values = columns.values[number]
-        assert masks is not None
-        own = value_counts(kind, masks[nodes.start : nodes.stop], columns.valid[nodes.start : nodes.stop])
-        for place, node, some in zip(range(slot, slot + len(nodes)), nodes, own.tolist()):
-            first, mask = count + written, int(masks[node])
-            if kind == CORNERS:
-                cells[place] = (2 * first if some else 0) << 32 | mask
-            elif first >= 1 << 24:
-                raise ValueError("a plain value is too far away")
-            else:
-                cells[place] = first << 8 | mask
-            cells[first : first + some] = values[at[level] : at[level] + some]
-            at[level] += some
-            written += some

@@ -6,18 +6,16 @@ from typing import List, Optional, Tuple
 
 import numpy as np
 
+from . import kinds
 from .container import bytes_of
 from .records import (
     ATTACHMENT_ENTRY,
     CONSTANT,
-    CONSTANT_COLOR,
     INFO_SECTION,
     MAX_IMAGE_BYTES,
     MAX_LEVELS,
     PAGE_BYTES,
     PAGE_SLOTS,
-    PLAIN_COLORS,
-    PLAIN_NORMALS,
     Array,
 )
 from .shades import color_words, constant, normal_words, plain_values
@@ -100,13 +98,13 @@ class Tree:
         if color is not None:
             record = np.zeros(1, CONSTANT)
             record["red"], record["green"], record["blue"] = color
-            found.append((CONSTANT_COLOR, bytes_of(record)))
+            found.append((kinds.CONSTANT_COLOR, bytes_of(record)))
         elif self._colors is not None:
             values = plain_values(self._colors, first, number, self._child, count, slot)
-            found.append((PLAIN_COLORS, bytes_of(values)))
+            found.append((kinds.PLAIN_COLORS, bytes_of(values)))
         if self._normals is not None:
             values = plain_values(self._normals, first, number, self._child, count, slot)
-            found.append((PLAIN_NORMALS, bytes_of(values)))
+            found.append((kinds.PLAIN_NORMALS, bytes_of(values)))
         return found
 
     def _set_far_pointers(self) -> None:

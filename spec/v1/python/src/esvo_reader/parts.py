@@ -9,8 +9,9 @@ import zstandard
 
 from .blocks import decompress
 from .errors import Findings
-from .fields import Fields, image
+from .fields import Fields
 from .index import check_index
+from .layout import Layout
 from .opening import IN_PARTS, Table, check_section_crc, crc, read_table, record
 from .records import MAX_LEVELS, NO_PARENT, PART_ENTRY, PART_HEADER, Array
 
@@ -129,7 +130,10 @@ class Parts:
             for part, body in zip(parts, bodies):
                 levels = int(self.entries["last_level"][part]) - int(self.entries["first_level"][part]) + 1
                 fields.add(body.tobytes(), levels)
-            return image(fields, index, int(entry["image_offset"]) // 8, self._start)
+            layout = Layout(fields)
+            if layout.size != size or layout.cursor != fields.array_slots:
+                raise ValueError(f"the fields make {layout.size} bytes and {layout.cursor} slots")
+            return layout.image(index, int(entry["image_offset"]) // 8, self._start)
         except (ValueError, MemoryError, zstandard.ZstdError) as error:
             findings.add(rule, at, f"block {index}: {error}")
             findings.settle()

@@ -6,24 +6,19 @@ from typing import TYPE_CHECKING, Dict, List, Optional, Tuple
 
 import numpy as np
 
-from . import opening
-from .blocks import ENTRY_BYTES, PAIR_BYTES, Block, check_block_crc
+from . import kinds, opening
+from .blocks import Block, check_block_crc
 from .codecs import bit_count
 from .errors import EsvoError, Finding, Findings
 from .records import (
-    AMBIENT_BLOCKS,
     CONSTANT,
-    CONSTANT_COLOR,
     CORNER_ENTRY,
-    CORNERS,
     HEADER,
     NO_PARENT,
     PAGE_SLOTS,
     PLAIN_ENTRY,
     POPCOUNT,
     SECTION_ENTRY,
-    WITH_COLORS,
-    WITH_NORMALS,
     Array,
     field,
 )
@@ -182,13 +177,13 @@ class _Blocks:
             self.findings.require(says == found, "O005", at, f"object {number} says {says} {name}, there are {found}")
 
     def note_attributes(self, block: Block, number: int) -> None:
-        kinds = block.attachments.keys()
+        there = block.attachments.keys()
         for name, those in (
-            ("colours", WITH_COLORS),
-            ("normals", WITH_NORMALS),
-            ("ambient occlusion", {AMBIENT_BLOCKS}),
+            ("colours", kinds.WITH_COLORS),
+            ("normals", kinds.WITH_NORMALS),
+            ("ambient occlusion", {kinds.AMBIENT_BLOCKS}),
         ):
-            self.attributes.setdefault((number, name), {}).setdefault(bool(kinds & those), block.index)
+            self.attributes.setdefault((number, name), {}).setdefault(bool(there & those), block.index)
 
     def check_attribute_sets(self) -> None:
         """A006."""
@@ -213,10 +208,10 @@ def check_parts(block: Block, findings: Findings) -> None:
     findings.require(
         at is None, "P006", block.at(at or 0), f"block {block.index}: bytes between its parts are not zero"
     )
-    if CONSTANT_COLOR in block.attachments:
-        unused = block.attachments[CONSTANT_COLOR].view(CONSTANT)["zero"]
+    if kinds.CONSTANT_COLOR in block.attachments:
+        unused = block.attachments[kinds.CONSTANT_COLOR].view(CONSTANT)["zero"]
         name = f"block {block.index}: unused bytes of the constant colour are not zero"
-        findings.require(not unused.any(), "A005", block.at(attachment_at(block, CONSTANT_COLOR)), name)
+        findings.require(not unused.any(), "A005", block.at(attachment_at(block, kinds.CONSTANT_COLOR)), name)
 
 
 def attachment_at(block: Block, kind: int) -> int:
@@ -237,11 +232,11 @@ def check_values(trace: Trace, findings: Findings) -> None:
     used = np.zeros(len(block.slots), bool)
     used[local] = True
     for kind in sorted(block.attachments):
-        if kind in PAIR_BYTES:
+        if kind in kinds.PAIR_BYTES:
             pairs = np.append(used, np.zeros(len(used) % 2, bool)).reshape(-1, 2)
-            check_empty(block, kind, PAIR_BYTES[kind], ~pairs[:, 0] & ~pairs[:, 1], findings)
-        if kind in ENTRY_BYTES:
-            check_empty(block, kind, ENTRY_BYTES[kind], ~used, findings)
+            check_empty(block, kind, kinds.PAIR_BYTES[kind], ~pairs[:, 0] & ~pairs[:, 1], findings)
+        if kind in kinds.ENTRY_BYTES:
+            check_empty(block, kind, kinds.ENTRY_BYTES[kind], ~used, findings)
             check_entries(trace, kind, findings)
 
 
@@ -302,7 +297,7 @@ def check_entries(trace: Trace, kind: int, findings: Findings) -> None:
     """A007, A008."""
     block, nodes = trace.block, trace.nodes
     slot, valid, words = nodes["slot"] - block.start, nodes["valid_mask"], block.words(kind)
-    if kind == CORNERS:
+    if kind == kinds.CORNERS:
         values_at = 2 * len(block.slots)
         entry = words[:values_at].view("<u8")[slot]
         mask = CORNER_ENTRY["mask"].of(entry)

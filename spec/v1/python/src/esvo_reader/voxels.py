@@ -7,20 +7,13 @@ from typing import Any, Dict, Optional, Sequence
 
 import numpy as np
 
-from . import codecs
+from . import codecs, kinds
 from .blocks import Block
 from .errors import Findings
 from .records import (
-    AMBIENT_BLOCKS,
     CHILD_CORNER,
-    COLOR_BLOCKS,
-    CONSTANT_COLOR,
-    CORNERS,
     HAS_BIT,
     MAX_LEVELS,
-    NORMAL_BLOCKS,
-    PLAIN_COLORS,
-    PLAIN_NORMALS,
     RANK,
     Array,
     field,
@@ -146,7 +139,7 @@ def contour_places(block: Block, nodes: Array) -> Array:
 def gather(block: Block, kind: int, places: Array, wanted: Array) -> Array:
     """Words of an attachment at places that are checked where they are wanted (A007); 0 elsewhere."""
     words = block.words(kind)
-    unit = 2 if kind == CORNERS else 1
+    unit = 2 if kind == kinds.CORNERS else 1
     inside = (places >= unit * len(block.slots)) & (places + unit <= len(words))
     findings = Findings()
     findings.require(
@@ -164,26 +157,26 @@ def gather(block: Block, kind: int, places: Array, wanted: Array) -> Array:
 def attributes(block: Block, slot: Array, child: Array) -> Dict[str, Optional[Array]]:
     """The columns of `Voxels` that the attachments of a block give its voxels."""
     found: Dict[str, Optional[Array]] = {}
-    kinds = block.attachments
+    there = block.attachments
     everywhere = np.ones(len(slot), bool)
-    if COLOR_BLOCKS in kinds:
-        found["color"] = codecs.color_blocks(block.words(COLOR_BLOCKS), slot, child)
-    if CONSTANT_COLOR in kinds:
-        found["color"] = codecs.constant_color(kinds[CONSTANT_COLOR], len(slot))
-    if PLAIN_COLORS in kinds:
-        places = codecs.plain_places(block.words(PLAIN_COLORS), slot, child)
-        found["color"], found["alpha"] = codecs.plain_colors(gather(block, PLAIN_COLORS, places, everywhere))
-    if NORMAL_BLOCKS in kinds:
-        found["normal"] = codecs.normal_blocks(block.words(NORMAL_BLOCKS), slot, child)
-    if PLAIN_NORMALS in kinds:
-        places = codecs.plain_places(block.words(PLAIN_NORMALS), slot, child)
-        found["normal"] = codecs.normalised(codecs.raw_normals(gather(block, PLAIN_NORMALS, places, everywhere)))
-    if AMBIENT_BLOCKS in kinds:
-        found["ambient"] = codecs.ambient_blocks(kinds[AMBIENT_BLOCKS], slot, child)
-    if CORNERS in kinds:
-        entries = kinds[CORNERS][: 8 * len(block.slots)].view("<u8")[slot]
+    if kinds.COLOR_BLOCKS in there:
+        found["color"] = codecs.color_blocks(block.words(kinds.COLOR_BLOCKS), slot, child)
+    if kinds.CONSTANT_COLOR in there:
+        found["color"] = codecs.constant_color(there[kinds.CONSTANT_COLOR], len(slot))
+    if kinds.PLAIN_COLORS in there:
+        places = codecs.plain_places(block.words(kinds.PLAIN_COLORS), slot, child)
+        found["color"], found["alpha"] = codecs.plain_colors(gather(block, kinds.PLAIN_COLORS, places, everywhere))
+    if kinds.NORMAL_BLOCKS in there:
+        found["normal"] = codecs.normal_blocks(block.words(kinds.NORMAL_BLOCKS), slot, child)
+    if kinds.PLAIN_NORMALS in there:
+        places = codecs.plain_places(block.words(kinds.PLAIN_NORMALS), slot, child)
+        found["normal"] = codecs.normalised(codecs.raw_normals(gather(block, kinds.PLAIN_NORMALS, places, everywhere)))
+    if kinds.AMBIENT_BLOCKS in there:
+        found["ambient"] = codecs.ambient_blocks(there[kinds.AMBIENT_BLOCKS], slot, child)
+    if kinds.CORNERS in there:
+        entries = there[kinds.CORNERS][: 8 * len(block.slots)].view("<u8")[slot]
         places, source = codecs.corner_places(entries, child)
-        values = gather(block, CORNERS, places, np.repeat(source[:, None] > 0, 8, axis=1))
+        values = gather(block, kinds.CORNERS, places, np.repeat(source[:, None] > 0, 8, axis=1))
         middle = np.full(3, 0.5)
         found["corners"], found["corners_of"] = values, source
         found["color"], found["alpha"], found["normal"] = codecs.interpolate_corners(values, source, child, middle)
