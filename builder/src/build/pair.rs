@@ -109,7 +109,7 @@ impl Decider<'_> {
             for slot in 0..8 {
                 let child = &mut pair.children[k][slot];
                 let Some(voxel) = &mut child.voxel else { continue };
-                if voxel.leaf || candidates != 0 {
+                if (voxel.leaf || candidates != 0) && self.stores_attributes() {
                     let found = self.attributes(parent, slot);
                     child.mean = found.mean;
                     (voxel.color, voxel.normal) = self.wanted(found.color, found.normal);
@@ -177,13 +177,20 @@ impl Decider<'_> {
         let (color, normal) = self.bounds();
         match &parent.found {
             Found::Pieces { arena, pieces, ends } => {
-                span(&self.voxel(arena, &pieces[ends[slot]..ends[slot + 1]], &cube), color, normal)
+                let voxel = self.voxel(arena, &pieces[ends[slot]..ends[slot + 1]], &cube);
+                if self.stores_attributes() { span(&voxel, color, normal) } else { (!voxel.has_holes()).then_some(Span::EMPTY) }
             }
+            Found::Through(_) if !self.stores_attributes() => Some(Span::EMPTY),
             Found::Through(through) => {
                 let span = through.span(self.surface, cube.centre, through.height(cube.centre), cube.size);
                 Some(span).filter(|span| span.color_fits(color) && span.normal_fits(normal))
             }
         }
+    }
+
+    /// Whether voxels have a colour or a normal. If not, the surface is not looked up for them.
+    pub(super) fn stores_attributes(&self) -> bool {
+        self.settings.colors || self.settings.normals
     }
 
     /// The largest errors of a decoded colour and normal. What is not stored is not tested.

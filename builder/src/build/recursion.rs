@@ -367,7 +367,7 @@ impl<'a> Recursion<'a> {
         for slot in slots[..inner].iter().copied() {
             match found[slot] {
                 Some(mean) => {
-                    if !keeps {
+                    if !keeps && self.decider.stores_attributes() {
                         let (color, normal) = mean.encode();
                         let (color, normal) = self.decider.wanted(color, normal);
                         worker.tree.set_attributes(node, slot, color, normal);
@@ -388,6 +388,9 @@ impl<'a> Recursion<'a> {
         }
         worker.tree.close(node);
         self.cut(&mut worker.tree, node, &split.cube);
+        if !self.decider.stores_attributes() {
+            return Some(Mean::default());
+        }
         Some(Mean::of_parts(children.iter().filter(|c| c.voxel.is_some()).map(|c| &c.mean)))
     }
 

@@ -177,7 +177,7 @@ pub(crate) fn span(voxel: &VoxelSurface, color_error: f32, normal_error: f32) ->
         let normal = Vec3A::from(surface.normals[piece.triangle as usize]);
         two_sided |= front.get_or_insert(normal).dot(normal) < 0.0;
     }
-    if surface.is_cut_through(voxel.arena, voxel.pieces) {
+    if voxel.has_holes() {
         return None;
     }
     if span.normal_fits(normal_error) {

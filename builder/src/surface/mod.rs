@@ -38,6 +38,9 @@ pub(crate) struct Surface<'a> {
     pub dropped: usize,
     /// Whether alpha cuts holes into some material.
     pub has_holes: bool,
+    /// Whether colours are stored, and normals. What is not stored is not looked up.
+    colors: bool,
+    normals_stored: bool,
     /// What the attributes of a voxel are compared with.
     pub test: TextureTest,
     /// Colours that differ by more than this in a channel are never within the bound of one.
@@ -67,6 +70,8 @@ impl<'a> Surface<'a> {
         Self {
             dropped,
             has_holes: shading.has_holes(),
+            colors: settings.colors,
+            normals_stored: settings.normals,
             test: settings.texture_test,
             color_reach: (settings.color_error * 2.0).ceil().min(255.0) as u8,
             corners,

@@ -243,14 +243,14 @@ impl Surface<'_> {
         let Some(frame) = self.shading.frames.get(facet.frame as usize) else { return Sample { color, normal } };
         let w = frame.weights(self.corners[triangle as usize][0], p);
         let mesh = self.shading.mesh;
-        if !mesh.colors.is_empty() {
+        if self.colors && !mesh.colors.is_empty() {
             color *= frame.color(mesh, w);
         }
-        if let Some(texture) = &look.texture {
+        if let Some(texture) = look.texture.as_ref().filter(|_| self.colors) {
             color *= texture.sample(frame.uv(mesh, w), voxel_size as f32 * frame.texel_density);
         }
         let mut normal = frame.normal(mesh, normal, w);
-        if let Some(map) = &look.normal_map {
+        if let Some(map) = look.normal_map.as_ref().filter(|_| self.normals_stored) {
             let detail = map.sample(frame.uv(mesh, w).into(), voxel_size as f32 * frame.normal_density);
             normal = self.mapped(frame, normal, w, detail);
         }
@@ -333,9 +333,10 @@ impl Surface<'_> {
         for v in vertices {
             outline.push(frame.weights(a, *v));
         }
+        let flat = self.normals[triangle as usize].into();
         Span {
-            color: self.color_range(look, frame, &outline),
-            normal: self.normal_range(look, frame, &outline, self.normals[triangle as usize].into()),
+            color: if self.colors { self.color_range(look, frame, &outline) } else { [[0; 3]; 2] },
+            normal: if self.normals_stored { self.normal_range(look, frame, &outline, flat) } else { [flat; 2] },
         }
     }
 

@@ -18,3 +18,10 @@ pub(crate) struct VoxelSurface<'a> {
     /// Edge of the voxel in octree space.
     pub size: f64,
 }
+
+impl VoxelSurface<'_> {
+    /// Whether the surface has a hole in the voxel. Called for surface that is not all hole.
+    pub(crate) fn has_holes(&self) -> bool {
+        self.surface.is_cut_through(self.arena, self.pieces)
+    }
+}
