@@ -1,5 +1,6 @@
 //! A build from start to end: in memory, or directly into a file.
 
+mod cubes;
 mod displaced;
 mod expectation;
 mod journal;

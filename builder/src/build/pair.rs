@@ -159,7 +159,7 @@ impl Decider<'_> {
         VoxelSurface { surface: self.surface, arena, pieces, centre: cube.centre, size: cube.size }
     }
 
-    fn attributes(&self, parent: &Parent, slot: usize) -> Attributes {
+    pub(super) fn attributes(&self, parent: &Parent, slot: usize) -> Attributes {
         let cube = parent.cube.child(slot);
         match &parent.found {
             Found::Pieces { arena, pieces, ends } => {

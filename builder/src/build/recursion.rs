@@ -56,9 +56,9 @@ impl Cube {
 }
 
 pub(crate) struct Recursion<'a> {
-    surface: &'a Surface<'a>,
-    settings: &'a BuildSettings,
-    decider: Decider<'a>,
+    pub(super) surface: &'a Surface<'a>,
+    pub(super) settings: &'a BuildSettings,
+    pub(super) decider: Decider<'a>,
     store: &'a BlockStore,
     journal: Option<&'a Journal>,
     /// Subtrees with more nodes than this become blocks.
@@ -73,17 +73,17 @@ pub(crate) struct Recursion<'a> {
 
 /// A cube to be split.
 #[derive(Clone, Copy)]
-struct Split<'a> {
-    cube: Cube,
+pub(super) struct Split<'a> {
+    pub(super) cube: Cube,
     /// The slots that lead from the root to the cube, three bits each, the last slot lowest.
-    path: u32,
-    surface: Source<'a>,
-    bounds: &'a Bounds,
+    pub(super) path: u32,
+    pub(super) surface: Source<'a>,
+    pub(super) bounds: &'a Bounds,
 }
 
 /// Where the surface in a cube comes from.
 #[derive(Clone, Copy)]
-enum Source<'a> {
+pub(super) enum Source<'a> {
     /// Pieces in the worker's list: the first, and the one after the last.
     Pieces(usize, usize),
     /// One triangle that cuts through the cube.
@@ -105,16 +105,16 @@ pub(crate) struct Part {
 
 /// What one thread needs on its way down the octree.
 #[derive(Default)]
-struct Worker {
-    arena: Arena,
+pub(super) struct Worker {
+    pub(super) arena: Arena,
     shaper: Shaper,
     /// Stack of the pieces in the voxels on the current path and in their siblings.
-    pieces: Vec<Piece>,
+    pub(super) pieces: Vec<Piece>,
     sorted: Vec<(u8, Piece)>,
     /// Unused storage for the children of two cubes. Taken while the cubes are processed, and put back after.
     pairs: Vec<Box<Pair>>,
-    tree: Tree,
-    voxels: u64,
+    pub(super) tree: Tree,
+    pub(super) voxels: u64,
 }
 
 /// Appends pieces to a list in the order of their slots. Returns where the pieces of each slot begin, and the end of the last.
@@ -259,15 +259,11 @@ impl<'a> Recursion<'a> {
 
     /// Builds the subtrees of one or two sibling cubes, which are nodes of their parent, and pushes them to the worker's tree.
     fn split(&self, worker: &mut Worker, cubes: &[Option<Split>; 2]) -> Means {
+        if self.has_cubes_only() && cubes.iter().flatten().all(|split| split.cube.level >= PARALLEL_LEVELS) {
+            return [0, 1].map(|k| self.push_cubes(worker, cubes[k].as_ref()?));
+        }
         let (arena_mark, pieces_mark) = (worker.arena.mark(), worker.pieces.len());
-        let through = |split: &Option<Split>| match split.as_ref()?.surface {
-            Source::Pieces(first, end) if end - first == 1 => {
-                let cube = split.as_ref()?.cube;
-                Through::new(self.surface, worker.pieces[first].triangle, cube.centre, cube.size)
-            }
-            _ => None,
-        };
-        let own: [Option<Through>; 2] = [through(&cubes[0]), through(&cubes[1])];
+        let own: [Option<Through>; 2] = [0, 1].map(|k| self.through(worker, cubes[k].as_ref()?));
         let cubes: [Option<Split>; 2] = std::array::from_fn(|k| {
             let split = cubes[k]?;
             Some(Split { surface: own[k].as_ref().map_or(split.surface, Source::Through), ..split })
@@ -298,9 +294,18 @@ impl<'a> Recursion<'a> {
         means
     }
 
+    /// The only triangle in a cube, if it cuts through all of it.
+    pub(super) fn through(&self, worker: &Worker, split: &Split) -> Option<Through> {
+        let Source::Pieces(first, end) = split.surface else { return None };
+        if end - first != 1 {
+            return None;
+        }
+        Through::new(self.surface, worker.pieces[first].triangle, split.cube.centre, split.cube.size)
+    }
+
     /// Distributes the pieces in a cube to its children, and appends those of each child to the worker's list. Returns where
     /// the pieces of each child begin, and the end of the last.
-    fn distribute(&self, worker: &mut Worker, cube: Cube, range: Range<usize>) -> [usize; 9] {
+    pub(super) fn distribute(&self, worker: &mut Worker, cube: Cube, range: Range<usize>) -> [usize; 9] {
         worker.sorted.clear();
         for piece in &worker.pieces[range] {
             let sorted = &mut worker.sorted;
@@ -432,7 +437,7 @@ impl<'a> Recursion<'a> {
     }
 
     /// Turns the subtree of a node that has just been closed into a block if it is large enough.
-    fn cut(&self, tree: &mut Tree, node: usize, cube: &Cube) {
+    pub(super) fn cut(&self, tree: &mut Tree, node: usize, cube: &Cube) {
         if self.failed.load(Ordering::Relaxed) {
             return;
         }

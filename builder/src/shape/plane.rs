@@ -198,6 +198,18 @@ impl Through {
         height.abs() <= self.reach * size + MARGIN
     }
 
+    /// The children that the triangle [`meets`](Self::meets), of the cube of edge `size` with this centre: a mask of slots.
+    pub(crate) fn children(&self, centre: DVec3, size: f64) -> u8 {
+        let (quarter, reach) = (size * 0.25, self.reach * (size * 0.5) + MARGIN);
+        // The heights of the children's centres, with the roundings of `height`: the terms of each axis take two values.
+        let term = |axis: usize, offset: f64| self.normal[axis] * (centre[axis] + offset - self.corner[axis]);
+        let [x, y, z] = [0, 1, 2].map(|axis| [term(axis, -quarter), term(axis, quarter)]);
+        (0..8).fold(0, |mask, slot| {
+            let height = x[slot & 1] + y[slot >> 1 & 1] + z[slot >> 2];
+            mask | u8::from(height.abs() <= reach) << slot
+        })
+    }
+
     /// Extent along `n` of the part of the plane `normal·p = height` inside the unit cube around the origin.
     ///
     /// The upper end is a linear program. Its dual is the minimum, over all `l`, of `l height + |n - l normal|₁ / 2`: every
