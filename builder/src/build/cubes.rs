@@ -22,6 +22,7 @@ impl Recursion<'_> {
 
     /// Builds the subtree of a cube, which is a node of its parent, and pushes it to the worker's tree. Returns the mean of its
     /// attributes; `None`, and pushes nothing, if there is no surface in it.
+    #[inline(never)]
     pub(super) fn push_cubes(&self, worker: &mut Worker, split: &Split) -> Option<Mean> {
         let (arena_mark, pieces_mark) = (worker.arena.mark(), worker.pieces.len());
         let through = self.through(worker, split);

@@ -159,6 +159,7 @@ impl Decider<'_> {
         VoxelSurface { surface: self.surface, arena, pieces, centre: cube.centre, size: cube.size }
     }
 
+    #[inline(always)]
     pub(super) fn attributes(&self, parent: &Parent, slot: usize) -> Attributes {
         let cube = parent.cube.child(slot);
         match &parent.found {
@@ -178,7 +179,11 @@ impl Decider<'_> {
         match &parent.found {
             Found::Pieces { arena, pieces, ends } => {
                 let voxel = self.voxel(arena, &pieces[ends[slot]..ends[slot + 1]], &cube);
-                if self.stores_attributes() { span(&voxel, color, normal) } else { (!voxel.has_holes()).then_some(Span::EMPTY) }
+                if self.stores_attributes() {
+                    span(&voxel, color, normal)
+                } else {
+                    (!voxel.has_holes()).then_some(Span::EMPTY)
+                }
             }
             Found::Through(_) if !self.stores_attributes() => Some(Span::EMPTY),
             Found::Through(through) => {

@@ -263,7 +263,9 @@ impl<'a> Recursion<'a> {
             return [0, 1].map(|k| self.push_cubes(worker, cubes[k].as_ref()?));
         }
         let (arena_mark, pieces_mark) = (worker.arena.mark(), worker.pieces.len());
-        let own: [Option<Through>; 2] = [0, 1].map(|k| self.through(worker, cubes[k].as_ref()?));
+        let through = |split: &Option<Split>| self.through(worker, split.as_ref()?);
+        // Not `map`, which copies what it has made.
+        let own: [Option<Through>; 2] = [through(&cubes[0]), through(&cubes[1])];
         let cubes: [Option<Split>; 2] = std::array::from_fn(|k| {
             let split = cubes[k]?;
             Some(Split { surface: own[k].as_ref().map_or(split.surface, Source::Through), ..split })
@@ -295,6 +297,7 @@ impl<'a> Recursion<'a> {
     }
 
     /// The only triangle in a cube, if it cuts through all of it.
+    #[inline(always)]
     pub(super) fn through(&self, worker: &Worker, split: &Split) -> Option<Through> {
         let Source::Pieces(first, end) = split.surface else { return None };
         if end - first != 1 {

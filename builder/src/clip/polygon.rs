@@ -17,6 +17,7 @@ fn projection(normal: Vec3A) -> (usize, usize, f32) {
 }
 
 /// The area of a planar polygon with this unit normal.
+#[inline(always)]
 pub(crate) fn area(vertices: &[DVec3], normal: Vec3A) -> f32 {
     let (x, y, stretch) = projection(normal);
     let first = vertices[0].to_array();

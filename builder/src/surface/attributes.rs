@@ -146,6 +146,7 @@ const CANCELLED: f32 = 0.5;
 const SIDES_EQUAL: f32 = 0.25;
 
 /// Attributes of a voxel from the surface in it.
+#[inline(always)]
 pub(crate) fn attributes(voxel: &VoxelSurface) -> Attributes {
     let surface = voxel.surface;
     if let Some((color, normal)) = surface.constant(voxel.pieces) {
@@ -165,6 +166,7 @@ pub(crate) fn attributes(voxel: &VoxelSurface) -> Attributes {
 
 /// The range of colours and normals over all the surface in a voxel; `None` if they spread further than what one colour and
 /// one normal within these bounds can represent, or if the surface has holes.
+#[inline]
 pub(crate) fn span(voxel: &VoxelSurface, color_error: f32, normal_error: f32) -> Option<Span> {
     let surface = voxel.surface;
     let mut span = Span::EMPTY;

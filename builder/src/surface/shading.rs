@@ -223,6 +223,7 @@ impl Surface<'_> {
 
     /// The area of a piece in squared units of octree space, and its colour and normal at the centroid, filtered to the size
     /// of a voxel.
+    #[inline(always)]
     pub(crate) fn sample(&self, triangle: u32, vertices: &[DVec3], voxel_size: f64) -> (f32, Sample) {
         let facet = &self.shading.facets[triangle as usize];
         let normal = Vec3A::from(self.normals[triangle as usize]);
