@@ -15,11 +15,6 @@ fn bits(mask: u8) -> impl Iterator<Item = usize> + Clone {
 }
 
 impl Recursion<'_> {
-    /// Whether the subtrees of this build are cubes without holes.
-    pub(super) fn has_cubes_only(&self) -> bool {
-        !self.settings.contours && !self.surface.has_holes
-    }
-
     /// Builds the subtree of a cube, which is a node of its parent, and pushes it to the worker's tree. Returns the mean of its
     /// attributes; `None`, and pushes nothing, if there is no surface in it.
     #[inline(never)]
@@ -106,5 +101,53 @@ impl Recursion<'_> {
         worker.tree.close(node);
         self.cut(&mut worker.tree, node, &split.cube);
         Some(if stores { Mean::of_parts(bits(mask).map(|slot| &means[slot])) } else { Mean::default() })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use esvo_format::{BlockStore, WriteOptions};
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::surface::Surface;
+    use crate::{BuildSettings, Material, Mesh};
+
+    /// The file of a build that takes the short way or not.
+    fn file(mesh: &Mesh, settings: &BuildSettings, short: bool) -> Vec<u8> {
+        let surface = Surface::new(mesh, settings).expect("a mesh with surface");
+        let store = BlockStore::in_memory();
+        let mut recursion = Recursion::new(&surface, settings, &store, None, &|_| {});
+        assert!(recursion.cubes_only);
+        recursion.cubes_only = short;
+        let root = recursion.run().expect("memory").expect("surface");
+        let octree = store.octree(root, surface.octree_to_mesh).expect("a tree");
+        let mut bytes = Vec::new();
+        octree.write_to_with(&mut bytes, &WriteOptions::default()).expect("memory");
+        bytes
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(24))]
+        #[test]
+        fn the_short_way_gives_the_same_bytes(
+            corners in prop::collection::vec(prop::array::uniform3(prop::array::uniform3(0.0f32..1.0)), 1..6),
+            colors in prop::collection::vec(prop::array::uniform3(0.0f32..1.0), 18),
+            (stores_colors, stores_normals) in any::<(bool, bool)>(), levels in 6u32..9,
+        ) {
+            let positions: Vec<[f64; 3]> = corners.iter().flatten().map(|p| p.map(f64::from)).collect();
+            let mesh = Mesh {
+                colors: colors[..positions.len()].to_vec(),
+                triangles: (0..corners.len() as u32).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect(),
+                triangle_materials: vec![0; corners.len()],
+                materials: vec![Material::default()],
+                positions,
+                ..Mesh::default()
+            };
+            let settings =
+                BuildSettings { levels, contours: false, colors: stores_colors, normals: stores_normals, ..BuildSettings::default() };
+            let (short, long) = (file(&mesh, &settings, true), file(&mesh, &settings, false));
+            prop_assert!(short == long, "{} and {} bytes", short.len(), long.len());
+        }
     }
 }

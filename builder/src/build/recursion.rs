@@ -59,6 +59,8 @@ pub(crate) struct Recursion<'a> {
     pub(super) surface: &'a Surface<'a>,
     pub(super) settings: &'a BuildSettings,
     pub(super) decider: Decider<'a>,
+    /// Whether the voxels of this build are cubes without holes, so that the short way is taken (`build/cubes.rs`).
+    pub(super) cubes_only: bool,
     store: &'a BlockStore,
     journal: Option<&'a Journal>,
     /// Subtrees with more nodes than this become blocks.
@@ -179,6 +181,7 @@ impl<'a> Recursion<'a> {
                 settings,
                 deviation: STRICTNESS * (-settings.contour_error).exp2() * 3f64.sqrt(),
             },
+            cubes_only: !settings.contours && !surface.has_holes,
             store,
             journal,
             block_nodes: block_nodes(&settings.assemble),
@@ -259,7 +262,7 @@ impl<'a> Recursion<'a> {
 
     /// Builds the subtrees of one or two sibling cubes, which are nodes of their parent, and pushes them to the worker's tree.
     fn split(&self, worker: &mut Worker, cubes: &[Option<Split>; 2]) -> Means {
-        if self.has_cubes_only() && cubes.iter().flatten().all(|split| split.cube.level >= PARALLEL_LEVELS) {
+        if self.cubes_only && cubes.iter().flatten().all(|split| split.cube.level >= PARALLEL_LEVELS) {
             return [0, 1].map(|k| self.push_cubes(worker, cubes[k].as_ref()?));
         }
         let (arena_mark, pieces_mark) = (worker.arena.mark(), worker.pieces.len());
