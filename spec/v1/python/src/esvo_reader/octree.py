@@ -8,7 +8,7 @@ from typing import Any, Callable, Dict, Iterator, List, NamedTuple, Optional, Se
 
 import numpy as np
 
-from . import opening, streaming, validation
+from . import opening, partial, streaming, validation
 from .blocks import Block, block_image
 from .errors import EsvoError, Finding, Findings
 from .parts import Parts, read_parts
@@ -61,7 +61,8 @@ class Octree:
     def __init__(self, data: Array, max_block_bytes: int = 1 << 30) -> None:
         """`data`: the file, uint8. `max_block_bytes`: a compressed block that has more when decompressed is refused."""
         self._data = data
-        self._max_block_bytes = max_block_bytes
+        #: A compressed block that has more bytes when decompressed is refused.
+        self.max_block_bytes = max_block_bytes
         self._kept: OrderedDict[int, Block] = OrderedDict()
         self._kept_bytes = 0
         #: A record of `HEADER`.
@@ -133,9 +134,9 @@ class Octree:
             return self._kept[index]
         entry = self.blocks[index]
         if self.parts is not None:
-            block = Block(index, entry, self.parts.image(index, self._max_block_bytes), PART_HEADER.itemsize)
+            block = Block(index, entry, self.parts.image(index, self.max_block_bytes), PART_HEADER.itemsize)
         else:
-            block = Block(index, entry, block_image(self._data, index, entry, self._max_block_bytes))
+            block = Block(index, entry, block_image(self._data, index, entry, self.max_block_bytes))
         self._kept[index] = block
         self._kept_bytes += block.own_bytes
         while len(self._kept) > 1 and (self._kept_bytes > CACHE_BYTES or len(self._kept) > CACHE_BLOCKS):
@@ -288,9 +289,34 @@ class Octree:
 
         Reads and checks these blocks only. Raises `ValueError` if the parent of one is missing.
         """
+        if self.parts is not None:
+            return self.partial([part for index in sorted(set(blocks)) for part in self.parts.of_block(index)])
         for index in blocks:
             self.block(index)
-        return from_bytes(streaming.part(self, blocks), self._max_block_bytes)
+        return from_bytes(streaming.part(self, blocks), self.max_block_bytes)
+
+    def parts_for(
+        self,
+        low: Sequence[float] = (0, 0, 0),
+        high: Sequence[float] = (1, 1, 1),
+        level: int = MAX_LEVELS,
+        number: int = 0,
+    ) -> List[int]:
+        """Parts that show an object in a box of octree space, faces included, down to a level (section 11.3).
+
+        Indices into the section PART, in its order. There are none if the blocks are not stored in parts.
+        """
+        if self.parts is None:
+            return []
+        return streaming.parts_for(self.parts, self.blocks_for(low, high, level, number), level)
+
+    def partial(self, parts: Sequence[int]) -> Octree:
+        """The octree of some parts, in memory; voxels that are split in other parts become leaves (section 11.3).
+
+        `parts` are indices into the section PART. Reads and checks these parts only. Raises `ValueError` if one of them
+        needs another that is missing.
+        """
+        return from_bytes(partial.of_octree(self, parts), self.max_block_bytes)
 
     def validate(self) -> List[Finding]:
         """All findings by the rules that opening did not check. No errors: the file is sound. Reads all of the file."""

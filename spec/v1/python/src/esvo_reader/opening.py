@@ -49,8 +49,8 @@ def records(data: Array, offset: int, count: int, dtype: np.dtype[Any]) -> Array
     return data[offset : offset + count * dtype.itemsize].view(dtype)
 
 
-def read_header(data: Array) -> Any:
-    """The header (section 2.1)."""
+def read_header(data: Array, whole: bool = True) -> Any:
+    """The header (section 2.1). `whole`: whether the data are all of the file, so that its length can be checked."""
     findings = Findings()
     if len(data) < HEADER.itemsize or data[:12].tobytes() != IDENTIFIER:
         findings.add("H001", 0, "the identifier or a part of the header is missing")
@@ -63,17 +63,19 @@ def read_header(data: Array) -> Any:
     unknown = int(header["required_features"]) & ~(COMPRESSED | IN_PARTS)
     findings.require(not unknown, "H003", 16, f"required feature bits {unknown:#x} are unknown")
     length = int(header["file_length"])
-    findings.require(length == len(data), "H004", 32, f"the file has {len(data)} bytes, its header says {length}")
+    findings.require(
+        not whole or length == len(data), "H004", 32, f"the file has {len(data)} bytes, its header says {length}"
+    )
     findings.settle()
     return header
 
 
 def read_sections(data: Array, header: Any) -> Array:
     """The directory (section 2.2). Checksums are checked only of the sections that opening reads."""
-    findings = Findings()
+    findings, total = Findings(), int(header["file_length"])
     start, count = int(header["directory_offset"]), int(header["directory_count"])
     end = start + SECTION_ENTRY.itemsize * count
-    inside = HEADER.itemsize <= start and end <= len(data) and start % 8 == 0
+    inside = HEADER.itemsize <= start and end <= total and start % 8 == 0
     findings.require(inside, "D001", 40, f"directory at byte {start} with {count} entries")
     findings.settle()
     findings.require(count <= 1024, "D008", 48, f"the directory has {count} entries, at most 1024 are allowed")
@@ -87,7 +89,7 @@ def read_sections(data: Array, header: Any) -> Array:
         low, size = int(entry["offset"]), int(entry["length"])
         unused = int(entry["flags"]) & ~(REQUIRED | OWN_CHECKSUMS)
         findings.require(not unused and entry["reserved"] == 0, "D007", at, f"section {tag!r}: reserved bits are set")
-        inside = low % 8 == 0 and low + size <= len(data)
+        inside = low % 8 == 0 and low + size <= total
         findings.require(inside, "D003", at, f"section {tag!r} at byte {low} with {size} bytes")
         known = tag in KNOWN or not entry["flags"] & REQUIRED
         findings.require(known, "D005", at, f"section {tag!r} is required, but unknown")

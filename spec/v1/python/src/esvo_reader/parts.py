@@ -95,15 +95,7 @@ class Parts:
         """What follows the header of a part; checks S004 and S005."""
         entry, at = self.entries[part], int(self.offsets[part])
         stored = self.data[at : at + int(entry["size"])]
-        header = record(stored, 0, PART_HEADER)
-        name = f"the part of block {entry['block']} from level {entry['first_level']} on"
-        findings.require(crc(stored[4:]) == header["crc"], "S004", at, f"{name} is damaged")
-        findings.settle()
-        same = all(header[field] == entry[field] for field in ("size", "block", "first_level", "last_level"))
-        same = same and header["codec"] == self.blocks["codec"][entry["block"]] and header["reserved"] == 0
-        findings.require(same, "S005", at, f"{name} has another header")
-        findings.settle()
-        return stored[PART_HEADER.itemsize :]
+        return part_body(stored, entry, int(self.blocks["codec"][entry["block"]]), at, findings)
 
     def image(self, index: int, limit: int) -> Array:
         """The image of a block of its parts."""
@@ -141,6 +133,22 @@ class Parts:
 
     def _start(self, block: int) -> Optional[int]:
         return int(self.blocks["image_offset"][block]) // 8 if block < len(self.blocks) else None
+
+
+def part_body(stored: Array, entry: Any, codec: int, at: int, findings: Findings) -> Array:
+    """What follows the header of a part that lies at a byte of the file; checks S004 and S005.
+
+    `entry` is a record of `PART_ENTRY`, `stored` as many bytes as it says, more than a header.
+    """
+    header = record(stored, 0, PART_HEADER)
+    name = f"the part of block {entry['block']} from level {entry['first_level']} on"
+    findings.require(crc(stored[4:]) == header["crc"], "S004", at, f"{name} is damaged")
+    findings.settle()
+    same = all(header[field] == entry[field] for field in ("size", "block", "first_level", "last_level"))
+    same = same and header["codec"] == codec and header["reserved"] == 0
+    findings.require(same, "S005", at, f"{name} has another header")
+    findings.settle()
+    return stored[PART_HEADER.itemsize :]
 
 
 def first_levels(blocks: Array) -> Array:

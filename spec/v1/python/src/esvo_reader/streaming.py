@@ -21,6 +21,7 @@ from .walking import Trace, Walk
 
 if TYPE_CHECKING:
     from .octree import Octree
+    from .parts import Parts
 
 
 def blocks_for(octree: Octree, number: int, low: Sequence[float], high: Sequence[float], level: int) -> List[int]:
@@ -33,6 +34,13 @@ def blocks_for(octree: Octree, number: int, low: Sequence[float], high: Sequence
     first_level = MAX_LEVELS - blocks["cube_scale"].astype(np.int64) + 2
     wanted = (blocks["parent"] == NO_PARENT) | ((first_level <= level) & meets)
     return [int(index) for index in np.flatnonzero(wanted & (blocks["object"] == number))]
+
+
+def parts_for(parts: Parts, blocks: Sequence[int], level: int) -> List[int]:
+    """The parts of these blocks that have descriptors above a level, in the order of the table."""
+    entries = parts.entries
+    wanted = np.isin(entries["block"], blocks) & (entries["first_level"] < level)
+    return [int(part) for part in np.flatnonzero(wanted)]
 
 
 def part(octree: Octree, blocks: Sequence[int]) -> bytes:

@@ -66,10 +66,10 @@ class Walk:
     def visit(self, block: Block) -> Optional[Trace]:
         """The descriptors of a block; None if nothing that was visited refers to it."""
         entrance = self.entrances.pop(block.index, None)
-        return None if entrance is None else _BlockWalk(self, block).run(entrance)
+        return None if entrance is None else BlockWalk(self, block).run(entrance)
 
 
-class _BlockWalk:
+class BlockWalk:
     """One block of a walk. Slots are counted from the start of the block."""
 
     def __init__(self, walk: Walk, block: Block) -> None:
