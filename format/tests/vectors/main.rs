@@ -1,5 +1,5 @@
 //! The test vectors of the specification, in `spec/v1/vectors`: `valid` with what each decodes to, `invalid` with the rule
-//! that each breaks, `streaming` with parts of octrees.
+//! that each breaks, `streaming` with parts of octrees. Those in `streaming_parts` were made by the reader in Python.
 //!
 //! `ESVO_BLESS=1 cargo test -p esvo-format --test vectors` writes them anew. The bytes do not depend on the machine.
 
@@ -8,6 +8,7 @@ mod common;
 mod expected;
 mod invalid;
 mod streaming;
+mod streaming_parts;
 mod valid;
 mod writer;
 

@@ -26,6 +26,7 @@ from .records import (
     SECTION_ENTRY,
     field,
 )
+from .served import IndexReader, read_file
 from .voxels import Voxels
 from .writing import write_grid, write_voxels
 
@@ -46,6 +47,7 @@ __all__ = [
     "Descriptor",
     "EsvoError",
     "Finding",
+    "IndexReader",
     "Octree",
     "Voxels",
     "decode_contours",
@@ -53,6 +55,7 @@ __all__ = [
     "from_bytes",
     "interpolate_corners",
     "open",
+    "read_file",
     "validate",
     "write_grid",
     "write_voxels",

@@ -48,32 +48,41 @@ def first_level(entry: Any) -> int:
     return 0 if entry["parent"] == NO_PARENT else MAX_LEVELS + 1 - int(entry["cube_scale"])
 
 
-def check_closed(pieces: Sequence[Piece]) -> None:
-    """Raises `ValueError` where a part lacks one before it, or a block the part that refers to it."""
+def closed(pieces: Sequence[Piece]) -> List[Piece]:
+    """The blocks that the octree of a set has: those whose parents have the parts that refer to them.
+
+    Raises `ValueError` where a part lacks one before it, or a block its parent.
+    """
     last: Dict[int, int] = {}
+    found = []
     for piece in pieces:
         above = int(piece.entry["parent"])
         level = first_level(piece.entry)
-        if above != NO_PARENT and last.get(above, -1) < level - 1:
-            raise ValueError(f"block {piece.block} needs the part of block {above} with level {level - 1}")
+        if above != NO_PARENT and above not in last:
+            raise ValueError(f"block {piece.block} cannot be used without block {above}, its parent")
         for body in piece.bodies:
             if body.first_level != level:
-                raise ValueError(
-                    f"block {piece.block} needs a part from level {level} on before that from {body[0]} on"
-                )
+                raise ValueError(f"block {piece.block} lacks the part from level {level} on")
             level = body.last_level + 1
-        last[piece.block] = level - 1
+        if above == NO_PARENT or last[above] >= first_level(piece.entry) - 1:
+            last[piece.block] = level - 1
+            found.append(piece)
+        else:
+            # Nothing refers to it, and to none below it.
+            last[piece.block] = -1
+    return found
 
 
 def assemble(objects: Array, pieces: Sequence[Piece], limit: int) -> bytes:
     """The file of a closed set of parts, without codecs. `objects`: the object table; `pieces`: in the order of blocks.
 
+    A block whose parent lacks the part that refers to it is left out.
+
     Raises `ValueError` where the set is not closed, `EsvoError` where something in it is damaged.
     """
     if not pieces:
         raise ValueError("expected at least one part")
-    check_closed(pieces)
-    return _Assembly(objects, pieces, limit).run()
+    return _Assembly(objects, closed(pieces), limit).run()
 
 
 class _Links(BlockWalk):
