@@ -237,6 +237,7 @@ def test_examples_of_the_readme(tmp_path, monkeypatch):
     examples = re.findall(r"```pycon\n(.*?)```", text, re.DOTALL)
     assert examples
     (tmp_path / "colors.esvo").write_bytes(open_vector("colors").data.tobytes())
+    (tmp_path / "served.esvo").write_bytes(open_vector("parts_levels").data.tobytes())
     monkeypatch.chdir(tmp_path)
     test = doctest.DocTestParser().get_doctest("".join(examples), {}, "README.md", None, None)
     assert doctest.DocTestRunner().run(test).failed == 0
