@@ -101,7 +101,7 @@ fn another_set_makes_another_octree() {
     indices.pop();
     assert!(bytes_of(&reader.partial_parts(&indices).unwrap()) != expected(line));
     // Without the first part nothing is closed.
-    let refused = reader.partial_parts(&indices[1..]);
+    let refused = reader.partial_parts(&indices[1..]).map(|part| part.slots().len());
     assert!(matches!(refused, Err(FormatError::Limit(_))), "{refused:?}");
 }
 

@@ -7,14 +7,16 @@ of the Rust library compares them with what that makes.
 import io
 import json
 import os
+import zlib
 
 import numpy as np
 import pytest
+import zstandard
 from common import VECTORS
 from stored_in_parts import Packed
 
 import esvo_reader
-from esvo_reader import EsvoError, IndexReader, trees, write_voxels
+from esvo_reader import EsvoError, IndexReader, records, trees, write_voxels
 
 FOLDER = VECTORS / "streaming_parts"
 ALL = [0.0] * 3, [1.0] * 3
@@ -326,3 +328,38 @@ def test_short_answers_and_files_without_an_index():
     assert error.value.rule == "H006"
     with pytest.raises(IndexError):
         IndexReader(Reader(data)).parts_for(number=2)
+
+
+def with_index(data, page):
+    """The file with another root page of the index, at its end, and right checksums."""
+    data = bytearray(data) + bytes(-len(data) % 8)
+    at = len(data)
+    data += page
+    header = np.frombuffer(data, records.HEADER, 1)
+    start, count = int(header["directory_offset"][0]), int(header["directory_count"][0])
+    entries = np.frombuffer(data, records.SECTION_ENTRY, count, start)
+    row = entries["tag"].tolist().index(b"INDX")
+    entries["offset"][row], entries["length"][row], entries["crc"][row] = at, len(page), zlib.crc32(page)
+    header["file_length"], header["head"] = len(data), len(data)
+    header["directory_crc"] = zlib.crc32(entries.tobytes())
+    header["header_crc"] = zlib.crc32(header.tobytes()[:60])
+    return bytes(data)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("file", ["valid/parts_blocks", "streaming_parts/mixed"])
+def test_an_index_that_lies_raises_only_the_error_of_the_package(file):
+    data = (VECTORS / f"{file}.esvo").read_bytes()
+    page = esvo_reader.from_bytes(data).section(b"INDX").tobytes()
+    columns = zstandard.ZstdDecompressor().decompress(page[12:])
+    assert IndexReader(Reader(with_index(data, page))).octree(level=3).validate() == []
+    rng, refused = np.random.default_rng(11), 0
+    for _ in range(30):
+        changed = bytearray(columns)
+        changed[rng.integers(len(changed))] = rng.choice([0, 1, 2, 0x7F, 0x80, 0xFF])
+        frame = zstandard.ZstdCompressor().compress(bytes(changed))
+        try:
+            IndexReader(Reader(with_index(data, page[:12] + frame))).octree(level=3)
+        except EsvoError:
+            refused += 1
+    assert refused > 5

@@ -54,12 +54,16 @@ def closed(pieces: Sequence[Piece]) -> List[Piece]:
     Raises `ValueError` where a part lacks one before it, or a block its parent.
     """
     last: Dict[int, int] = {}
+    owners: Dict[int, int] = {}
     found = []
     for piece in pieces:
         above = int(piece.entry["parent"])
         level = first_level(piece.entry)
         if above != NO_PARENT and above not in last:
             raise ValueError(f"block {piece.block} cannot be used without block {above}, its parent")
+        owners[piece.block] = int(piece.entry["object"])
+        if above != NO_PARENT and owners[above] != owners[piece.block]:
+            raise ValueError(f"block {piece.block} has another object than block {above}, its parent")
         for body in piece.bodies:
             if body.first_level != level:
                 raise ValueError(f"block {piece.block} lacks the part from level {level} on")

@@ -8,7 +8,7 @@ from typing import Any, Callable, Dict, List, NamedTuple, Sequence, Set, Tuple, 
 import numpy as np
 import zstandard
 
-from .errors import Findings
+from .errors import EsvoError, Finding, Findings
 from .index import Page, read_page
 from .octree import Octree, from_bytes
 from .opening import check_objects, check_section_crc, crc, read_header, read_sections, read_table
@@ -122,7 +122,12 @@ class IndexReader:
 
         Voxels that are split in other parts are leaves in it.
         """
-        return self.read(self.parts_for(low, high, level, number))
+        places = self.parts_for(low, high, level, number)
+        try:
+            return self.read(places)
+        except ValueError as error:
+            # What an index leads to is closed, unless it differs from the tables.
+            raise EsvoError([Finding("I003", "error", 0, f"the index: {error}")]) from error
 
     def read(self, places: Sequence[Place]) -> Octree:
         """The octree of some parts, in memory. Raises `ValueError` if one of them needs another that is missing."""
@@ -182,16 +187,19 @@ class IndexReader:
             findings.add("I001", at, f"a page of the index: {error}")
         findings.settle()
         assert page is not None
-        blocks, parts = page.blocks, page.parts
+        blocks, parts, links = page.blocks, page.parts, page.links
         scale, codec = blocks["scale"], blocks["codec"]
         sound = (scale >= 1) & (scale <= MAX_LEVELS) & (codec <= 2) & (blocks["image_pages"] > 0)
         sound &= (blocks["object"] < len(self.objects)) & (blocks["image_pages"] < 1 << 22)
+        cubes = links["scale"] <= MAX_LEVELS
         for axis in "xyz":
             sound &= blocks[axis] < 1 << MAX_LEVELS
+            cubes &= links[axis] < 1 << MAX_LEVELS
         findings.require(sound.all(), "I003", at, "a page of the index has a block that no file has")
         right = (parts["first_level"] <= parts["last_level"]) & (parts["last_level"] < MAX_LEVELS)
         right &= parts["size"] > PART_HEADER.itemsize
         findings.require(right.all(), "I003", at, "a page of the index has a part that no file has")
+        findings.require(cubes.all(), "I002", at, "a page of the index has a link with a cube that there is not")
         findings.settle()
         return page
 
