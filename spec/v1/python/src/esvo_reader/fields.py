@@ -73,21 +73,13 @@ class Fields:
         self._read_levels(counts, streams)
         streams.end()
 
-    def cut(self, whole: bool, there: Callable[[int], bool]) -> None:
-        """Makes leaves of voxels whose children are not there (section 11.3).
-
-        These are the children of links to blocks that are not there, and unless all parts of the block are there, those
-        below the last level that was read.
-        """
-        for number, level in enumerate(self.levels):
-            stays = np.array([there(int(block)) for block in level.children], bool)
-            gone = np.zeros(len(level.links), bool)
-            gone[level.links == BLOCK] = ~stays
-            if number == len(self.levels) - 1 and not whole:
-                gone |= (level.links == NEAR) | (level.links == FAR)
-            nonleaf, links = level.nonleaf.copy(), level.links.copy()
-            nonleaf[gone], links[gone] = 0, NONE
-            self.levels[number] = level._replace(nonleaf=nonleaf, links=links, children=level.children[stays])
+    def cut(self) -> None:
+        """Makes leaves of the children of the last level that was read, but for those in other blocks."""
+        level = self.levels[-1]
+        gone = (level.links == NEAR) | (level.links == FAR)
+        nonleaf, links = level.nonleaf.copy(), level.links.copy()
+        nonleaf[gone], links[gone] = 0, NONE
+        self.levels[-1] = level._replace(nonleaf=nonleaf, links=links)
 
     def entered(self) -> Iterator[Tuple[int, int]]:
         """The blocks that links lead to, and which children of the descriptor are there, as a mask."""

@@ -52,17 +52,18 @@ class Layout:
         #: Bytes of the image.
         self.size = end + -end % PAGE_BYTES
 
-    def image(self, index: int, start: int, starts: Callable[[int], Optional[int]]) -> Array:
+    def image(self, index: int, start: int, starts: Callable[[int], Optional[int]], partial: bool = False) -> Array:
         """uint8: the image, as block `index`, which begins at slot `start`; `starts` says the same of other blocks.
 
-        Raises `ValueError` where a pointer does not reach.
+        `partial`: voxels become leaves whose children are in a block of which it says None. Raises `ValueError` where a
+        pointer does not reach.
         """
         fields, info, pool, count = self.fields, self.info, self.pool, self.cursor
         data = np.zeros(self.size, np.uint8)
         slots = data[:info].view("<u8")
         slots[::PAGE_SLOTS] = count - PAGE_SLOTS * np.arange(len(slots[::PAGE_SLOTS]))
         _write_descriptors(self, data, slots)
-        _write_outer(self, slots, start, starts)
+        _write_outer(self, slots, start, starts, partial)
         record = data[info : info + INFO_SECTION.itemsize].view(INFO_SECTION)
         record["block"], record["array_slots"], record["first_descriptor"] = index, count, count - 2
         record["contour_offset"], record["contour_count"] = (pool - info) // 4, self.contours
@@ -142,10 +143,22 @@ def _write_descriptors(layout: Layout, data: Array, slots: Array) -> None:
         slots[pointer] = distance
 
 
-def _write_outer(layout: Layout, slots: Array, start: int, starts: Callable[[int], Optional[int]]) -> None:
+def make_leaves(slots: Array, slot: int, pointer: int) -> None:
+    """Makes leaves of all voxels of the descriptor at a slot, and clears its far pointer. The contours stay."""
+    word = int(slots[slot])
+    valid = word >> 8 & 0xFF
+    slots[slot], slots[pointer] = word >> 32 << 32 | valid << 8 | valid, 0
+
+
+def _write_outer(
+    layout: Layout, slots: Array, start: int, starts: Callable[[int], Optional[int]], partial: bool
+) -> None:
     for pointer, slot, level, number in layout.outer:
         block = int(layout.levels[level].children[number])
         target = starts(block)
+        if target is None and partial:
+            make_leaves(slots, slot, pointer)
+            continue
         distance = 0 if target is None else target + 2 - start - slot
         if not 0 < distance < 1 << 32:
             raise ValueError(f"block {block} cannot be reached")

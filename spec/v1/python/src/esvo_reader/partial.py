@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any, Dict, List, NamedTuple, Optional, Sequence, Tuple, Union
+from typing import TYPE_CHECKING, Any, Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple, Union
 
 import numpy as np
 import zstandard
@@ -11,7 +11,7 @@ import zstandard
 from .blocks import Block, decompress
 from .errors import Findings
 from .fields import Fields
-from .layout import Layout
+from .layout import Layout, make_leaves
 from .opening import crc
 from .records import HAS_BIT, MAX_LEVELS, NO_PARENT, PART_HEADER, POPCOUNT, Array, field
 from .streaming import container
@@ -145,7 +145,7 @@ class _Assembly:
             return int(starts[self.new[index]]) // 8 if index in self.new else None
 
         for place, part in enumerate(made):
-            image[starts[place] : starts[place + 1]] = part.image(place, int(starts[place]) // 8, start)
+            image[starts[place] : starts[place + 1]] = part.image(place, int(starts[place]) // 8, start, True)
         return self._file(image, starts)
 
     def _layout(self, piece: Piece) -> Layout:
@@ -153,13 +153,10 @@ class _Assembly:
         fields = Fields(int(piece.entry["image_size"]), decompress)
         for body in piece.bodies:
             fields.add(body.data.tobytes(), body.last_level - body.first_level + 1)
-        fields.cut(piece.whole, lambda block: self._is_below(block, piece))
+        if not piece.whole:
+            fields.cut()
         self.entered.update(fields.entered())
         return Layout(fields)
-
-    def _is_below(self, index: int, piece: Piece) -> bool:
-        """Whether a block is in the set and below this one."""
-        return index in self.new and int(self.pieces[self.new[index]].entry["parent"]) == piece.block
 
     def _mended(self, piece: Piece) -> _Mended:
         """Codec 0 or 1: the image as it is, but for what leads to other blocks."""
@@ -233,8 +230,8 @@ class _Mended:
         self.block, self.outer, self.targets = block, outer, targets
         self.size = len(block.image)
 
-    def image(self, index: int, start: int, starts: Any) -> Array:
-        """uint8: the image, as block `index`, which begins at slot `start`; `starts` says the same of other blocks."""
+    def image(self, index: int, start: int, starts: Callable[[int], Optional[int]], partial: bool = True) -> Array:
+        """As `Layout.image`, of which `partial` always holds here."""
         data = self.block.image
         data[self.block.info_at :][:4].view("<u4")[0] = index
         slots = data[: 8 * len(self.block.slots)].view("<u8")
@@ -242,11 +239,11 @@ class _Mended:
             slot = int(node["slot"])
             pointer = slot + int(field(node, "child_pointer"))
             if target is None:
-                # The contours stay.
-                word, valid = int(slots[slot]), int(node["valid_mask"])
-                slots[slot], slots[pointer] = word >> 32 << 32 | valid << 8 | valid, 0
+                make_leaves(slots, slot, pointer)
             else:
-                slots[pointer] = starts(target) + 2 - start - slot
+                place = starts(target)
+                assert place is not None
+                slots[pointer] = place + 2 - start - slot
         return data
 
 
