@@ -50,6 +50,17 @@ pub enum BuildError {
         .0.display()
     )]
     OtherWork(PathBuf),
+    /// A file is no part of a build, or not one that fits the others.
+    #[error("{}: {what}", path.display())]
+    PartFile {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it, and what to do.
+        what: String,
+    },
+    /// Parts of a build are missing.
+    #[error("{0}")]
+    PartsMissing(String),
     /// The memory limit is too small for a build on one thread.
     #[error("a memory limit of {} MB is too small for this mesh: it needs at least {} MB", limit / 1_000_000, least.div_ceil(1_000_000))]
     Memory {

@@ -80,8 +80,9 @@ mod surface;
 pub mod voxels;
 
 pub use build::{
-    BuildStats, Built, BuiltFile, DisplacedPart, FileOptions, Progress, build, build_displaced, build_displaced_file,
-    build_file, expected_leaves, visit_displaced, visit_displaced_parts,
+    BuildPlan, BuildStats, Built, BuiltFile, BuiltPart, DisplacedPart, FileOptions, PlannedPart, Progress, build,
+    build_displaced, build_displaced_file, build_file, build_part, expected_leaves, is_part, join_parts,
+    visit_displaced, visit_displaced_parts,
 };
 pub use cells::{CellTriangles, Cells, PreparedMesh, build_cells, build_cells_file};
 pub use displace::{DisplaceOptions, displace, displaced_triangles};

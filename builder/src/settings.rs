@@ -1,6 +1,6 @@
 //! Settings of a build, and named presets.
 
-use esvo_format::AssembleOptions;
+use esvo_format::{AssembleOptions, RawNormal};
 use serde::{Deserialize, Serialize};
 
 use crate::BuildError;
@@ -88,6 +88,16 @@ impl Default for BuildSettings {
 }
 
 impl BuildSettings {
+    /// Whether voxels have a colour or a normal. If not, the surface is not looked up for them.
+    pub(crate) fn stores_attributes(&self) -> bool {
+        self.colors || self.normals
+    }
+
+    /// Those of the attributes that are stored.
+    pub(crate) fn wanted(&self, color: [u8; 3], normal: RawNormal) -> (Option<[u8; 3]>, Option<RawNormal>) {
+        (self.colors.then_some(color), self.normals.then_some(normal))
+    }
+
     /// Checks the ranges.
     ///
     /// # Errors

@@ -157,7 +157,7 @@ pub use inspect::stream_stats::stream_stats;
 pub use inspect::{diff, dump};
 pub use layout::assemble::assemble;
 pub use layout::join::join;
-pub use layout::pack::{BlockStore, BlockSummary, PackedBlock, pack};
+pub use layout::pack::{BlockStore, BlockSummary, PackedBlock, StoredBlocks, pack};
 pub use layout::plan::AssembleOptions;
 pub use layout::tree::{Tree, TreeNode, Voxel};
 pub use morton::{morton, morton_place};

@@ -23,7 +23,7 @@ impl Recursion<'_> {
         let through = self.through(worker, split);
         let split = Split { surface: through.as_ref().map_or(split.surface, Source::Through), ..*split };
         let deepest = split.cube.level + 1 == self.settings.levels;
-        let stores = self.decider.stores_attributes();
+        let stores = self.settings.stores_attributes();
         let mut ends = [0; 9];
         let mask = match split.surface {
             Source::Through(through) => through.children(split.cube.centre, split.cube.size),
@@ -52,9 +52,9 @@ impl Recursion<'_> {
         ends: &[usize; 9],
         deepest: bool,
     ) -> Option<Mean> {
-        let stores = self.decider.stores_attributes();
+        let stores = self.settings.stores_attributes();
         worker.voxels += u64::from(mask.count_ones());
-        let (color, normal) = self.decider.wanted([0; 3], RawNormal::default());
+        let (color, normal) = self.settings.wanted([0; 3], RawNormal::default());
         let mut voxels = [None; 8];
         bits(mask).for_each(|slot| voxels[slot] = Some(TreeVoxel { color, normal, contour: None, leaf: deepest }));
         let mut means = [Mean::default(); 8];
@@ -67,7 +67,7 @@ impl Recursion<'_> {
             let parent = Parent { cube: split.cube, found, bounds: &Bounds::default() };
             for slot in bits(mask) {
                 let found = self.decider.attributes(&parent, slot);
-                let (color, normal) = self.decider.wanted(found.color, found.normal);
+                let (color, normal) = self.settings.wanted(found.color, found.normal);
                 voxels[slot] = Some(TreeVoxel { color, normal, contour: None, leaf: true });
                 means[slot] = found.mean;
             }
@@ -82,7 +82,7 @@ impl Recursion<'_> {
             match self.push_cubes(worker, &child) {
                 Some(mean) if stores => {
                     let (color, normal) = mean.encode();
-                    let (color, normal) = self.decider.wanted(color, normal);
+                    let (color, normal) = self.settings.wanted(color, normal);
                     worker.tree.set_attributes(node, slot, color, normal);
                     means[slot] = mean;
                 }

@@ -23,7 +23,7 @@ const FILES: [&str; 2] = ["journal", "blocks"];
 
 /// Stands for what the builder makes of a mesh and its settings, and how parts are kept. Raise it with every change of either: a build must not
 /// go on from parts that an older builder would finish in another way.
-const RESULTS: u32 = 5;
+pub(super) const RESULTS: u32 = 5;
 
 /// Bytes of the first record with its length and CRC-32.
 const FIRST_RECORD: usize = 12 + 1 + 32;
@@ -78,6 +78,11 @@ impl Journal {
         displaced: Option<&DisplaceOptions>,
         settings: &BuildSettings,
     ) -> Result<(Self, BlockStore), BuildError> {
+        Self::open_as(path, fingerprint(mesh, displaced, settings, RESULTS))
+    }
+
+    /// As [`open`](Self::open), of a build with this hash.
+    pub(super) fn open_as(path: &Path, build: [u8; 32]) -> Result<(Self, BlockStore), BuildError> {
         let mut name = path.file_name().unwrap_or_default().to_owned();
         name.push(".part");
         let folder = path.with_file_name(name);
@@ -89,7 +94,6 @@ impl Journal {
         file.try_lock().map_err(|_| BuildError::Busy(folder.clone()))?;
         let mut bytes = Vec::new();
         file.read_to_end(&mut bytes).map_err(io)?;
-        let build = fingerprint(mesh, displaced, settings, RESULTS);
         let first = Records { bytes: &bytes, at: 0 }.next();
         // A build that was stopped while it wrote its first record leaves a piece of it and no blocks.
         let begun = bytes.len() < FIRST_RECORD && folder.join(FILES[1]).metadata().map_or(0, |m| m.len()) == 0;
@@ -157,6 +161,12 @@ impl Journal {
         self.put(&Record::Part(path, Box::new(part.clone())), store)
     }
 
+    /// The two files of the folder, the journal first.
+    pub(super) fn files(&self) -> Result<[File; 2], BuildError> {
+        let open = |name| File::open(self.folder.join(name)).map_err(|e| BuildError::io(&self.folder, e));
+        Ok([open(FILES[0])?, open(FILES[1])?])
+    }
+
     /// Writes a record after that of the blocks that it needs.
     fn put(&self, record: &Record, store: &BlockStore) -> Result<(), BuildError> {
         let mut writer = self.writer.lock().unwrap_or_else(PoisonError::into_inner);
@@ -212,8 +222,64 @@ impl Iterator for Records<'_> {
     }
 }
 
+/// Where things are in a journal, for a reader that has no room for all of it.
+pub(super) struct Index {
+    /// All blocks, in the order of their numbers.
+    pub blocks: Vec<BlockSummary>,
+    /// By the path of their first: where the records of finished cubes begin, and their sizes.
+    pub cubes: HashMap<u32, (u64, u32)>,
+    /// Where the last complete record ends.
+    pub end: u64,
+}
+
+impl Index {
+    /// Reads a journal record by record.
+    pub(super) fn read(journal: &mut dyn Read) -> std::io::Result<Self> {
+        let mut index = Self { blocks: Vec::new(), cubes: HashMap::new(), end: 0 };
+        let mut bytes = Vec::new();
+        loop {
+            let mut head = [0; 12];
+            bytes.clear();
+            journal.take(12).read_to_end(&mut bytes)?;
+            if bytes.len() < 12 {
+                return Ok(index);
+            }
+            head.copy_from_slice(&bytes);
+            let [a, b, c, d, e, f, g, h, ..] = head;
+            let length = u64::from_le_bytes([a, b, c, d, e, f, g, h]);
+            bytes.clear();
+            // Takes no more memory than there are bytes.
+            let read = journal.take(length).read_to_end(&mut bytes)? as u64;
+            let (Ok(size), true) = (u32::try_from(length), read == length) else { return Ok(index) };
+            if crc32fast::hash(&bytes).to_le_bytes() != head[8..] {
+                return Ok(index);
+            }
+            match postcard::from_bytes(&bytes) {
+                Ok(Record::Blocks(blocks)) => index.blocks.extend(blocks),
+                Ok(Record::Cubes(path, _)) => drop(index.cubes.insert(path, (index.end + 12, size))),
+                Ok(Record::Build(_) | Record::Part(..)) => {}
+                Err(_) => return Ok(index),
+            }
+            index.end += 12 + length;
+        }
+    }
+}
+
+/// The finished cubes of a record.
+pub(super) fn cubes(record: &[u8]) -> Option<Finished> {
+    match postcard::from_bytes(record) {
+        Ok(Record::Cubes(_, finished)) => Some(*finished),
+        _ => None,
+    }
+}
+
 /// Hash of everything that the result of a build depends on. `results` is [`RESULTS`].
-fn fingerprint(mesh: &Mesh, displaced: Option<&DisplaceOptions>, settings: &BuildSettings, results: u32) -> [u8; 32] {
+pub(super) fn fingerprint(
+    mesh: &Mesh,
+    displaced: Option<&DisplaceOptions>,
+    settings: &BuildSettings,
+    results: u32,
+) -> [u8; 32] {
     let mut hash = Sha256::new();
     let mut part = |bytes: &[u8]| {
         hash.update((bytes.len() as u64).to_le_bytes());

@@ -3,10 +3,13 @@
 mod cubes;
 mod displaced;
 mod expectation;
+mod in_parts;
 mod journal;
 mod pair;
+mod part_file;
 mod progress;
 mod recursion;
+mod share;
 mod subtrees;
 
 use std::path::Path;
@@ -18,10 +21,12 @@ use serde::Serialize;
 
 pub use self::displaced::{build_displaced, build_displaced_file, visit_displaced, visit_displaced_parts};
 pub use self::expectation::expected_leaves;
+pub use self::in_parts::{BuiltPart, build_part, is_part, join_parts};
 use self::journal::Journal;
 pub use self::progress::Progress;
 use self::recursion::Recursion;
 pub(crate) use self::recursion::{Cube, append_by_slot, block_nodes};
+pub use self::share::{BuildPlan, PlannedPart};
 pub use self::subtrees::DisplacedPart;
 use crate::surface::Surface;
 use crate::{BuildError, BuildSettings, DisplaceOptions, Mesh};

@@ -109,10 +109,10 @@ impl Decider<'_> {
             for slot in 0..8 {
                 let child = &mut pair.children[k][slot];
                 let Some(voxel) = &mut child.voxel else { continue };
-                if (voxel.leaf || candidates != 0) && self.stores_attributes() {
+                if (voxel.leaf || candidates != 0) && self.settings.stores_attributes() {
                     let found = self.attributes(parent, slot);
                     child.mean = found.mean;
-                    (voxel.color, voxel.normal) = self.wanted(found.color, found.normal);
+                    (voxel.color, voxel.normal) = self.settings.wanted(found.color, found.normal);
                 }
             }
         }
@@ -151,7 +151,7 @@ impl Decider<'_> {
             }
         }
         child.bounds.fits = shape.fits;
-        let (color, normal) = self.wanted([0; 3], RawNormal::default());
+        let (color, normal) = self.settings.wanted([0; 3], RawNormal::default());
         child.voxel = Some(TreeVoxel { color, normal, contour: shape.contour, leaf: deepest });
     }
 
@@ -179,23 +179,18 @@ impl Decider<'_> {
         match &parent.found {
             Found::Pieces { arena, pieces, ends } => {
                 let voxel = self.voxel(arena, &pieces[ends[slot]..ends[slot + 1]], &cube);
-                if self.stores_attributes() {
+                if self.settings.stores_attributes() {
                     span(&voxel, color, normal)
                 } else {
                     (!voxel.has_holes()).then_some(Span::EMPTY)
                 }
             }
-            Found::Through(_) if !self.stores_attributes() => Some(Span::EMPTY),
+            Found::Through(_) if !self.settings.stores_attributes() => Some(Span::EMPTY),
             Found::Through(through) => {
                 let span = through.span(self.surface, cube.centre, through.height(cube.centre), cube.size);
                 Some(span).filter(|span| span.color_fits(color) && span.normal_fits(normal))
             }
         }
-    }
-
-    /// Whether voxels have a colour or a normal. If not, the surface is not looked up for them.
-    pub(super) fn stores_attributes(&self) -> bool {
-        self.settings.colors || self.settings.normals
     }
 
     /// The largest errors of a decoded colour and normal. What is not stored is not tested.
@@ -248,11 +243,6 @@ impl Decider<'_> {
             }
         }
         left != 0
-    }
-
-    /// The attributes that the settings ask for.
-    pub(super) fn wanted(&self, color: [u8; 3], normal: RawNormal) -> (Option<[u8; 3]>, Option<RawNormal>) {
-        (self.settings.colors.then_some(color), self.settings.normals.then_some(normal))
     }
 }
 

@@ -3,6 +3,7 @@
 //! Sibling cubes are split two by two, in the order of their slots, because their children share a block of attributes
 //! (`build/pair.rs`).
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -14,6 +15,7 @@ use rayon::prelude::*;
 use super::journal::{Finished, Journal};
 use super::pair::{Bounds, Child, Decider, Found, Pair, Parent};
 use super::progress::Progress;
+use super::share::{Top, top_key};
 use crate::clip::{Arena, Piece};
 use crate::shape::plane::Through;
 use crate::shape::shaper::Shaper;
@@ -24,7 +26,7 @@ use crate::{BuildError, BuildSettings};
 /// Voxels down to this level are built as separate parallel tasks.
 const PARALLEL_LEVELS: u32 = 5;
 /// Level of the cubes that are recorded in the journal when they are finished.
-const JOURNAL_LEVEL: u32 = 4;
+pub(super) const JOURNAL_LEVEL: u32 = 4;
 
 /// Share of the settings' bound of the shape that voxels keep to. With the whole of it, depths in a picture were up to 5 % further
 /// off than those of the authors' octrees of the same settings; with this share they are nearer, and files are still smaller
@@ -49,7 +51,7 @@ impl Cube {
     }
 
     /// Lower corner in units of 2^-23 of the root, and scale. Exact: corners are multiples of 2^-23.
-    fn address(&self) -> ([u32; 3], u32) {
+    pub(super) fn address(&self) -> ([u32; 3], u32) {
         let corner = (self.centre - self.size * 0.5) * f64::from(1u32 << 23);
         (corner.to_array().map(|c| c as u32), 23 - self.level)
     }
@@ -65,6 +67,9 @@ pub(crate) struct Recursion<'a> {
     journal: Option<&'a Journal>,
     /// Subtrees with more nodes than this become blocks.
     block_nodes: usize,
+    /// In a build of a part: the paths of the cubes on [`JOURNAL_LEVEL`] that belong to it, and the nodes above these cubes.
+    share: Option<&'a BTreeSet<u32>>,
+    tops: Option<Mutex<BTreeMap<u32, Top>>>,
     progress: &'a (dyn Fn(Progress) + Sync),
     /// Finished parts of the root cube, in units of `1 / 8^PARALLEL_LEVELS`.
     done: AtomicU64,
@@ -165,6 +170,45 @@ pub(crate) fn cut(
     Ok(())
 }
 
+/// Ends a node whose children's subtrees have been pushed. `found` has the mean of each child that is not a leaf; `None`: alpha cuts out all of
+/// the surface in it, or the surface passes it within the margin, and it is removed. Sets the attributes of the others unless the
+/// block `keeps` them as they are. Returns the mean of all children; `None`, and the node is gone, if none is left.
+pub(super) fn end_node(
+    tree: &mut Tree,
+    node: usize,
+    children: &mut [Child; 8],
+    found: &[Option<Mean>; 8],
+    keeps: bool,
+    settings: &BuildSettings,
+) -> Option<Mean> {
+    for (slot, child) in children.iter_mut().enumerate() {
+        if child.voxel.is_none_or(|voxel| voxel.leaf) {
+            continue;
+        }
+        match found[slot] {
+            Some(mean) => {
+                if !keeps && settings.stores_attributes() {
+                    let (color, normal) = mean.encode();
+                    let (color, normal) = settings.wanted(color, normal);
+                    tree.set_attributes(node, slot, color, normal);
+                }
+                child.mean = mean;
+            }
+            None => {
+                tree.remove_voxel(node, slot);
+                child.voxel = None;
+            }
+        }
+    }
+    let left = || children.iter().filter(|child| child.voxel.is_some()).map(|child| &child.mean);
+    if left().next().is_none() {
+        tree.cancel(node);
+        return None;
+    }
+    tree.close(node);
+    Some(if settings.stores_attributes() { Mean::of_parts(left()) } else { Mean::default() })
+}
+
 impl<'a> Recursion<'a> {
     pub(crate) fn new(
         surface: &'a Surface<'a>,
@@ -185,6 +229,8 @@ impl<'a> Recursion<'a> {
             store,
             journal,
             block_nodes: block_nodes(&settings.assemble),
+            share: None,
+            tops: None,
             progress,
             done: AtomicU64::new(0),
             voxels: AtomicU64::new(0),
@@ -195,16 +241,34 @@ impl<'a> Recursion<'a> {
 
     /// Builds the octree and returns the number of the root block in the store; `None` if there is no surface.
     pub(crate) fn run(&self) -> Result<Option<u32>, BuildError> {
-        let mut worker = self.worker();
-        worker.pieces = (0..self.surface.len() as u32).map(Piece::whole).collect();
-        let surface = Source::Pieces(0, worker.pieces.len());
-        let root = Split { cube: Cube::ROOT, path: 0, surface, bounds: &Bounds::default() };
-        let [mean, _] = self.split(&mut worker, &[Some(root), None]);
+        let (worker, mean) = self.run_root();
         if let Some(error) = self.error.lock().unwrap_or_else(PoisonError::into_inner).take() {
             return Err(error);
         }
         let Some(_) = mean else { return Ok(None) };
         Ok(Some(self.store.put(pack(&worker.tree, None, &self.settings.assemble)?)?))
+    }
+
+    /// Builds what is in these cubes of [`JOURNAL_LEVEL`] into the journal. Returns the nodes above these cubes, whole, by their
+    /// [keys](top_key), and the number of voxels.
+    pub(super) fn run_share(mut self, share: &'a BTreeSet<u32>) -> Result<(BTreeMap<u32, Top>, u64), BuildError> {
+        (self.share, self.tops) = (Some(share), Some(Mutex::default()));
+        self.run_root();
+        if let Some(error) = self.error.into_inner().unwrap_or_else(PoisonError::into_inner) {
+            return Err(error);
+        }
+        let tops = self.tops.unwrap_or_default().into_inner().unwrap_or_else(PoisonError::into_inner);
+        Ok((tops, self.voxels.into_inner()))
+    }
+
+    /// Splits the root cube.
+    fn run_root(&self) -> (Worker, Option<Mean>) {
+        let mut worker = self.worker();
+        worker.pieces = (0..self.surface.len() as u32).map(Piece::whole).collect();
+        let surface = Source::Pieces(0, worker.pieces.len());
+        let root = Split { cube: Cube::ROOT, path: 0, surface, bounds: &Bounds::default() };
+        let [mean, _] = self.split(&mut worker, &[Some(root), None]);
+        (worker, mean)
     }
 
     /// Builds the voxel that a path of slots leads to, with its subtree. `None` if there is no surface in it. The path is not
@@ -238,7 +302,7 @@ impl<'a> Recursion<'a> {
             let [found, _] = self.split(&mut worker, &[Some(split), None]);
             if let Some(found) = found {
                 let (color, normal) = found.encode();
-                (voxel.color, voxel.normal) = self.decider.wanted(color, normal);
+                (voxel.color, voxel.normal) = self.settings.wanted(color, normal);
                 (tree, mean) = (Some(std::mem::take(&mut worker.tree)), found);
             }
         }
@@ -332,7 +396,7 @@ impl<'a> Recursion<'a> {
         children: &mut [Child; 8],
         keeps: bool,
     ) -> Option<Mean> {
-        let mut count = children.iter().filter(|c| c.voxel.is_some()).count();
+        let count = children.iter().filter(|c| c.voxel.is_some()).count();
         worker.voxels += count as u64;
         let level = split.cube.level + 1;
         if level <= PARALLEL_LEVELS {
@@ -341,6 +405,10 @@ impl<'a> Recursion<'a> {
         }
         if count == 0 {
             return None;
+        }
+        if let Some(tops) = self.tops.as_ref().filter(|_| split.cube.level < JOURNAL_LEVEL) {
+            let mut tops = tops.lock().unwrap_or_else(PoisonError::into_inner);
+            tops.insert(top_key(split.path, split.cube.level), Top::of(children, keeps));
         }
         let node = worker.tree.open(&std::array::from_fn(|slot| children[slot].voxel));
         let mut found = [None; 8];
@@ -375,34 +443,9 @@ impl<'a> Recursion<'a> {
                 }
             }
         }
-        for slot in slots[..inner].iter().copied() {
-            match found[slot] {
-                Some(mean) => {
-                    if !keeps && self.decider.stores_attributes() {
-                        let (color, normal) = mean.encode();
-                        let (color, normal) = self.decider.wanted(color, normal);
-                        worker.tree.set_attributes(node, slot, color, normal);
-                    }
-                    children[slot].mean = mean;
-                }
-                // Alpha cuts out all of the surface in the child, or the surface passes it within the margin.
-                None => {
-                    worker.tree.remove_voxel(node, slot);
-                    children[slot].voxel = None;
-                    count -= 1;
-                }
-            }
-        }
-        if count == 0 {
-            worker.tree.cancel(node);
-            return None;
-        }
-        worker.tree.close(node);
+        let mean = end_node(&mut worker.tree, node, children, &found, keeps, self.settings)?;
         self.cut(&mut worker.tree, node, &split.cube);
-        if !self.decider.stores_attributes() {
-            return Some(Mean::default());
-        }
-        Some(Mean::of_parts(children.iter().filter(|c| c.voxel.is_some()).map(|c| &c.mean)))
+        Some(mean)
     }
 
     /// As `split`, for cubes of level [`PARALLEL_LEVELS`] or above, into a tree of their own.
@@ -411,6 +454,10 @@ impl<'a> Recursion<'a> {
         let level = first.cube.level;
         let journal = self.journal.filter(|_| level == JOURNAL_LEVEL);
         if self.failed.load(Ordering::Relaxed) {
+            return Finished::default();
+        }
+        if level == JOURNAL_LEVEL && self.share.is_some_and(|share| !share.contains(&first.path)) {
+            self.count(level, cubes.iter().flatten().count() as u64, 0);
             return Finished::default();
         }
         if let Some(finished) = journal.and_then(|journal| journal.finished(first.path)) {
@@ -444,7 +491,8 @@ impl<'a> Recursion<'a> {
 
     /// Turns the subtree of a node that has just been closed into a block if it is large enough.
     pub(super) fn cut(&self, tree: &mut Tree, node: usize, cube: &Cube) {
-        if self.failed.load(Ordering::Relaxed) {
+        // Above the cubes of a part, the tree is not whole.
+        if self.failed.load(Ordering::Relaxed) || self.tops.is_some() && cube.level < JOURNAL_LEVEL {
             return;
         }
         if let Err(e) = cut(tree, node, cube, self.block_nodes, self.settings, self.store) {

@@ -37,6 +37,7 @@ pub use self::build::{build_cells, build_cells_file};
 pub(crate) use self::build::{cells_in_file, cells_in_memory};
 pub use self::list::Cells;
 pub use self::mesh::CellTriangles;
+pub(crate) use self::walk::{Parent, Walk};
 pub use crate::surface::prepared::PreparedMesh;
 pub use esvo_format::{morton, morton_place};
 

@@ -12,7 +12,7 @@ use crate::clip::{Arena, Piece};
 const PARALLEL_LEVELS: u32 = 5;
 
 /// A cube with surface in it whose children are on the level of the walk.
-pub(super) struct Parent<'a> {
+pub(crate) struct Parent<'a> {
     /// Its centre.
     pub centre: DVec3,
     /// Its Morton code.
@@ -24,7 +24,7 @@ pub(super) struct Parent<'a> {
 }
 
 /// Where a walk goes and what it collects.
-pub(super) struct Walk<'a, W, V> {
+pub(crate) struct Walk<'a, W, V> {
     /// Corners of the triangles in octree space.
     pub corners: &'a [[DVec3; 3]],
     /// The level of the cubes that are looked for, at least 1.
@@ -58,7 +58,7 @@ where
     V: Sync,
 {
     /// Visits all cubes that are wanted, in ascending order of their codes, on all threads. Returns what they added.
-    pub(super) fn run<T: Send>(&self) -> Vec<T>
+    pub(crate) fn run<T: Send>(&self) -> Vec<T>
     where
         V: Fn(Parent, &mut Vec<T>),
     {

@@ -8,7 +8,7 @@
 
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use glam::DMat4;
@@ -131,6 +131,28 @@ pub struct BlockStore {
 enum Images {
     Memory(Mutex<Vec<Vec<u64>>>),
     File(Mutex<Spill>),
+    Files(Gathered),
+}
+
+/// Blocks in a file that [`BlockStore::in_files`] takes over.
+pub struct StoredBlocks {
+    /// Its path, for errors.
+    pub path: PathBuf,
+    /// The file, open for reading.
+    pub file: File,
+    /// Where the first block begins, in bytes.
+    pub start: u64,
+    /// The blocks, in the order of their numbers in the store that wrote them.
+    pub summaries: Vec<BlockSummary>,
+}
+
+/// Blocks in several files, and those that were put later.
+struct Gathered {
+    /// Path, file, where its blocks begin, and the number of the first.
+    files: Vec<(PathBuf, Mutex<File>, u64, u32)>,
+    own: Mutex<Vec<Vec<u64>>>,
+    /// The number of the first block that was put later.
+    first_own: u32,
 }
 
 /// A file with blocks one after the other.
@@ -158,6 +180,29 @@ impl BlockStore {
         Self { summaries: Mutex::new(summaries), images: Images::File(Mutex::new(Spill { file, end })) }
     }
 
+    /// A store of the blocks of several stores in files, one after the other: the blocks of each get the numbers after those of the files
+    /// before it. Returns the first number of each file, too: trees that refer to its blocks are
+    /// [moved](Tree::move_blocks) by it. Blocks that are put are kept in memory.
+    ///
+    /// # Errors
+    /// More than 2^32 - 1 blocks.
+    pub fn in_files(files: Vec<StoredBlocks>) -> Result<(Self, Vec<u32>), FormatError> {
+        let (mut all, mut kept, mut firsts) = (Vec::new(), Vec::new(), Vec::new());
+        for StoredBlocks { path, file, start, summaries } in files {
+            let first = number(all.len())?;
+            number(all.len() + summaries.len())?;
+            firsts.push(first);
+            kept.push((path, Mutex::new(file), start, first));
+            all.extend(summaries.into_iter().map(|mut summary| {
+                // A number that is no block's is found when the blocks are put in order.
+                summary.outer.iter_mut().for_each(|outer| outer.block = outer.block.saturating_add(first));
+                summary
+            }));
+        }
+        let images = Images::Files(Gathered { files: kept, own: Mutex::default(), first_own: number(all.len())? });
+        Ok((Self { summaries: Mutex::new(all), images }, firsts))
+    }
+
     /// Adds a block and returns its number, for [`Tree::attach`].
     ///
     /// # Errors
@@ -165,7 +210,7 @@ impl BlockStore {
     pub fn put(&self, block: PackedBlock) -> Result<u32, FormatError> {
         let mut summary = block.summary;
         match &self.images {
-            Images::Memory(images) => {
+            Images::Memory(images) | Images::Files(Gathered { own: images, .. }) => {
                 let mut images = lock(images);
                 images.push(block.image);
                 let mut summaries = lock(&self.summaries);
@@ -394,20 +439,28 @@ impl BlockStore {
 
     /// The bytes of block `number` as they were put.
     fn stored(&self, number: usize, summary: &BlockSummary) -> Result<Vec<u64>, FormatError> {
-        let spill = match &self.images {
-            Images::Memory(images) => return Ok(lock(images)[number].clone()),
-            Images::File(spill) => spill,
-        };
         let mut image = vec![0u64; summary.slots as usize];
-        let mut spill = lock(spill);
-        let read = (spill.file.seek(SeekFrom::Start(summary.at)))
-            .and_then(|_| spill.file.read_exact(bytemuck::cast_slice_mut(&mut image)));
-        drop(spill);
-        read.map_err(|e| FormatError::io(Path::new("temporary file of the build"), e))?;
+        let mut fill = |file: &mut File, start: u64| {
+            let found = file.seek(SeekFrom::Start(start + summary.at));
+            found.and_then(|_| file.read_exact(bytemuck::cast_slice_mut(&mut image)))
+        };
+        let (name, read) = match &self.images {
+            Images::Memory(images) => return Ok(lock(images)[number].clone()),
+            Images::File(spill) => (Path::new("temporary file of the build"), fill(&mut lock(spill).file, 0)),
+            Images::Files(Gathered { files, own, first_own }) => {
+                if let Some(own_number) = number.checked_sub(*first_own as usize) {
+                    return Ok(lock(own)[own_number].clone());
+                }
+                // The first file begins with block 0.
+                let (path, file, start, _) = &files[files.partition_point(|file| file.3 as usize <= number) - 1];
+                (path.as_path(), fill(&mut lock(file), *start))
+            }
+        };
+        read.map_err(|e| FormatError::io(name, e))?;
         if crc32fast::hash(bytemuck::cast_slice(&image)) == summary.crc {
             return Ok(image);
         }
-        let what = format!("block {number} of the temporary file of the build is damaged: its checksum differs");
+        let what = format!("block {number} of {} is damaged: its checksum differs", name.display());
         Err(Broken::new(ids::BLOCK_CHECKSUM, summary.at, what).into())
     }
 

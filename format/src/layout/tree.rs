@@ -267,6 +267,19 @@ impl Tree {
         self.outside.push(block);
     }
 
+    /// Adds a number to those of all blocks that were [attached](Self::attach): their store has become part of a larger one
+    /// ([`BlockStore::in_files`](crate::BlockStore::in_files)).
+    ///
+    /// # Errors
+    /// A number would be 2^32 or more.
+    pub fn move_blocks(&mut self, by: u32) -> Result<(), FormatError> {
+        for block in &mut self.outside {
+            let moved = block.checked_add(by);
+            *block = moved.ok_or_else(|| FormatError::Limit("the store has more than 2^32 - 1 blocks".into()))?;
+        }
+        Ok(())
+    }
+
     /// Number of voxels, not counting the root.
     pub fn voxels(&self) -> u64 {
         u64::from(self.voxels)
