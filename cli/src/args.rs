@@ -16,6 +16,7 @@ use crate::commands::info::InfoArguments;
 use crate::commands::join::JoinArguments;
 use crate::commands::kernel::KernelArguments;
 use crate::commands::man::ManArguments;
+use crate::commands::plan::PlanArguments;
 use crate::commands::rays::RaysArguments;
 use crate::commands::render::RenderArguments;
 use crate::commands::validate::ValidateArguments;
@@ -43,6 +44,7 @@ pub(crate) struct Arguments {
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
     Build(BuildArguments),
+    Plan(PlanArguments),
     Info(InfoArguments),
     Dump(DumpArguments),
     Diff(DiffArguments),

@@ -43,6 +43,7 @@ fn main() -> ExitCode {
     }
     let result = start_threads().and_then(|()| match Arguments::parse().command {
         Command::Build(arguments) => commands::build::run_build(&arguments),
+        Command::Plan(arguments) => commands::plan::run_plan(&arguments),
         Command::Info(arguments) => commands::info::run_info(&arguments),
         Command::Kernel(arguments) => commands::kernel::run_kernel(&arguments),
         Command::Dump(arguments) => commands::dump::run_dump(&arguments),

@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 use common::Folder;
 
 /// All commands, by the names of their pages.
-const PAGES: [&str; 31] = [
+const PAGES: [&str; 32] = [
     "esvo",
     "esvo-advise",
     "esvo-ambient",
@@ -36,6 +36,7 @@ const PAGES: [&str; 31] = [
     "esvo-join",
     "esvo-kernel",
     "esvo-man",
+    "esvo-plan",
     "esvo-rays",
     "esvo-render",
     "esvo-validate",

@@ -14,6 +14,7 @@ pub(crate) mod info;
 pub(crate) mod join;
 pub(crate) mod kernel;
 pub(crate) mod man;
+pub(crate) mod plan;
 pub(crate) mod rays;
 pub(crate) mod render;
 pub(crate) mod validate;

@@ -1,7 +1,8 @@
 //! `esvo build`.
 
 pub(crate) mod displacement;
-mod input;
+pub(crate) mod input;
+mod part;
 mod voxelizer;
 
 use std::path::{Path, PathBuf};
@@ -46,6 +47,7 @@ Examples:
   esvo build castle.vox -o castle.esvo
   esvo build conference.obj -o c10.esvo --levels 10 --no-contours --voxelizer compute
   zcat bunny.obj.gz | esvo build - --format obj -o bunny.esvo
+  esvo build city.obj -o 2.esvopart --levels 15 --part 2/7
   esvo build --scene hairball -o hairball.esvo --levels 10 --json")]
 pub(crate) struct BuildArguments {
     /// The mesh or voxel model; - reads it from standard input and needs --format
@@ -109,6 +111,10 @@ pub(crate) struct BuildArguments {
     /// ranges. --compress says how hard their streams are compressed
     #[arg(long)]
     pub(crate) parts: bool,
+    /// Build part K of N alone: the voxels in some cubes of level 4, which esvo plan lists. The output is an .esvopart; esvo join makes
+    /// of all N the file that a build without this option writes, byte for byte
+    #[arg(long, value_name = "K/N", value_parser = part::parse_part, conflicts_with_all = ["compress", "parts"])]
+    pub(crate) part: Option<(u32, u32)>,
     /// Store colours and normals uncompressed, 4 bytes each
     #[arg(long)]
     pub(crate) plain_attributes: bool,
@@ -218,6 +224,9 @@ pub(crate) fn run_build(arguments: &BuildArguments) -> Result<(), Failure> {
     voxelizer::check(arguments)?;
     check_output(&arguments.output)?;
     match extension(&arguments.output).as_str() {
+        _ if arguments.part.is_some() => {
+            check_extension(&arguments.output, "esvopart", "parts of builds are written as .esvopart")?;
+        }
         "oct" => check_extension(
             &arguments.output,
             "esvo",
@@ -283,6 +292,12 @@ pub(crate) fn run_build(arguments: &BuildArguments) -> Result<(), Failure> {
         }
         progress.fraction(&what, p.done, &format!("{:.1} M voxels", p.voxels as f64 / 1e6));
     };
+    if let Some(part) = arguments.part {
+        let built = part::run(arguments, part, &input, &source, &settings, &options, &report);
+        progress.finish();
+        input.warnings().iter().for_each(|warning| complain("warning", warning));
+        return print(&built?);
+    }
     let output = &arguments.output;
     let built = match &input {
         Input::Mesh(mesh) if arguments.voxelizer != VoxelizerName::Exact => {
@@ -409,6 +424,7 @@ fn check_for_voxels(arguments: &BuildArguments) -> Result<(), Failure> {
         ("--height-map", !arguments.displacement.height_map.is_empty()),
         ("--resume", arguments.resume),
         ("--memory-limit", arguments.memory_limit.is_some()),
+        ("--part", arguments.part.is_some()),
     ];
     match given.into_iter().find(|(_, given)| *given) {
         Some((option, _)) => {

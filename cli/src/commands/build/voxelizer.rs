@@ -32,6 +32,7 @@ pub(crate) fn check(arguments: &BuildArguments) -> Result<(), Failure> {
         ("--paper", arguments.paper.is_some()),
         ("--resume", arguments.resume),
         ("--memory-limit", arguments.memory_limit.is_some()),
+        ("--part", arguments.part.is_some()),
     ];
     if let Some((option, _)) = given.into_iter().find(|(_, given)| *given) {
         let what = "does not apply to --voxelizer raster and compute, which divide all geometry down to the deepest level in memory; leave it out";
