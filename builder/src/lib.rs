@@ -49,7 +49,7 @@
 //! | `clip/` | clipping triangles to cubes without losing a voxel; areas of polygons |
 //! | `surface/` | the prepared mesh; colours, normals and holes of pieces, and bounds of them; attributes of voxels |
 //! | `shape/` | contours: slabs, the polyhedron that they leave of a voxel, how one is chosen, the short way for planes |
-//! | `build/` | a build from start to end, the recursion, which voxels are leaves, the journal of an interrupted build, progress |
+//! | `build/` | a build from start to end, the recursion, which voxels are leaves, the journal of an interrupted build, builds in parts, progress |
 //! | [`cells`] | which cubes of a level triangles meet, for comparing other voxelizers; octrees of lists of such cubes |
 //! | [`voxels`] | voxel models and the octrees that they become, without triangles |
 //! | `settings.rs`, `error.rs` | [`BuildSettings`] and [`Preset`]; [`BuildError`] |
