@@ -111,8 +111,18 @@ pub(crate) struct Packer(zstd::bulk::Compressor<'static>);
 
 #[cfg(feature = "zstd")]
 impl Packer {
+    /// Shortest match at levels up to [`Self::FAST`]. Streams of fields are close to random: a match of fewer bytes takes about as
+    /// many bits as the bytes themselves, and much more time to decode.
+    const SHORTEST_MATCH: u32 = 6;
+    /// Levels above this one find out by themselves whether a match pays.
+    const FAST: i32 = 9;
+
     pub(crate) fn new(level: i32) -> std::io::Result<Self> {
-        zstd::bulk::Compressor::new(level).map(Self)
+        let mut packer = zstd::bulk::Compressor::new(level)?;
+        if level <= Self::FAST {
+            packer.set_parameter(zstd::zstd_safe::CParameter::MinMatch(Self::SHORTEST_MATCH))?;
+        }
+        Ok(Self(packer))
     }
 
     pub(crate) fn pack(&mut self, bytes: &[u8]) -> std::io::Result<Vec<u8>> {

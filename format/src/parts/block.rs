@@ -7,7 +7,7 @@ use crate::file::compression::{self, Packer};
 use crate::file::*;
 use crate::parts::encode::{fields, runs};
 use crate::parts::fields::Fields;
-use crate::parts::layout::write;
+use crate::parts::layout::{Block, write};
 use crate::parts::stored::{Decoder, decode, encode};
 use crate::parts::table::{PartTable, block_crc};
 use crate::{Broken, ids};
@@ -89,10 +89,11 @@ fn encode_fields(
     // The proof that nothing is lost.
     let mut again = vec![0; image.len()];
     let bodies = stored.iter().map(|part| (part.entry, &part.bytes[PART_HEADER_BYTES as usize..]));
-    let decoded = Decoder::new().and_then(|mut decoder| decode_fields(bodies, image.len() as u64 * 8, &mut decoder));
-    let decoded = decoded.and_then(|fields| {
+    let decoded = Decoder::new().and_then(|mut decoder| {
+        let fields = &decode_fields(bodies, image.len() as u64 * 8, &mut decoder)?;
         let mut outer = |block: u32| table.get(block as usize).map(|b| b.image_offset / 8);
-        write(&fields, fields.array_slots, index, start, &mut again, &mut outer)
+        let block = Block { fields, array_slots: fields.array_slots, index, start };
+        write(decoder.set, &block, &mut again, &mut outer)
     });
     Ok((decoded.is_ok() && again == image).then_some(stored))
 }
@@ -180,7 +181,8 @@ pub(crate) fn decode_stored(
     let start = block.image_offset / 8;
     decode_fields(bodies, block.image_size, decoder)
         .and_then(|fields| {
-            let written = write(&fields, fields.array_slots, index as u32, start, image, &mut outer);
+            let block = Block { fields: &fields, array_slots: fields.array_slots, index: index as u32, start };
+            let written = write(decoder.set, &block, image, &mut outer);
             decoder.spare = fields;
             written
         })

@@ -7,6 +7,7 @@
 pub(crate) mod block;
 pub(crate) mod encode;
 pub(crate) mod fields;
+pub(crate) mod instructions;
 pub(crate) mod layout;
 pub(crate) mod recent;
 pub(crate) mod split;

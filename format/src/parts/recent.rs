@@ -7,23 +7,54 @@ pub(crate) fn pack(tokens: &[u8]) -> Vec<u8> {
     tokens.chunks(4).map(|four| four.iter().rev().fold(0, |byte, token| byte << 2 | token)).collect()
 }
 
-/// The `k`-th of the numbers in these bytes.
+/// How many of the first `count` numbers are at least `least`, 2 or 3. `None` if the bits after them are not zero.
 #[inline(always)]
-pub(crate) fn token(bytes: &[u8], k: usize) -> u8 {
-    bytes[k / 4] >> (k % 4 * 2) & 3
-}
-
-/// How many of the first `count` numbers are at least `least`. `None` if the bits after them are not zero.
 pub(crate) fn count(bytes: &[u8], count: usize, least: u8) -> Option<usize> {
     let rest = count % 4;
     if rest != 0 && bytes.last().is_some_and(|last| last >> (rest * 2) != 0) {
         return None;
     }
-    let of = |byte: u8| (0..4).filter(|k| byte >> (k * 2) & 3 >= least).count() as u8;
-    let table: [u8; 256] = std::array::from_fn(|byte| of(byte as u8));
     // The unused numbers are 0, and `least` is more.
-    Some(bytes.iter().map(|byte| usize::from(table[usize::from(*byte)])).sum())
+    let of = |byte: u8| if least == 2 { byte & 0xaa } else { byte & byte << 1 & 0xaa };
+    Some(bytes.iter().map(|byte| of(*byte).count_ones() as usize).sum())
 }
+
+/// What four numbers stand for: numbers of places in a window, which has the recent values and then the next new ones, four
+/// of them. First those of the four values, then those of the recent values after them; last how many new ones were used.
+type Four = [u8; 8];
+
+/// [`Four`] for each byte, with `recent` recent values of which numbers up to that are the last ones.
+const fn fours(recent: u8) -> [Four; 256] {
+    let mut all = [[0; 8]; 256];
+    let mut byte = 0;
+    while byte < 256 {
+        let mut last = [0, 1, 2];
+        let (mut k, mut new) = (0, 0);
+        while k < 4 {
+            let token = (byte >> (2 * k) & 3) as u8;
+            let value = if token < recent { last[token as usize] } else { recent + new };
+            if token >= recent {
+                new += 1;
+            }
+            if token >= 2 {
+                last[2] = last[1];
+            }
+            if token >= 1 {
+                last[1] = last[0];
+            }
+            last[0] = value;
+            all[byte][k] = value;
+            k += 1;
+        }
+        [all[byte][4], all[byte][5], all[byte][6]] = last;
+        all[byte][7] = new;
+        byte += 1;
+    }
+    all
+}
+
+static FOURS_OF_THREE: [Four; 256] = fours(3);
+static FOURS_OF_TWO: [Four; 256] = fours(2);
 
 /// The last three different values; all 0 at first.
 #[derive(Default, Clone, Copy)]
@@ -63,22 +94,47 @@ pub(crate) fn split_three(values: impl Iterator<Item = u32>) -> (Vec<u8>, Vec<u3
     (tokens, new)
 }
 
-/// Adds the values to words in which their bits are zero. `new` must have one value for each number 3, or more.
+/// Adds the values to words in which their bits are zero. `new` must have one value for each number 3, and [`AHEAD`] more.
+#[inline(always)]
 pub(crate) fn join_three(tokens: &[u8], new: &[u32], words: &mut [u32]) {
-    let (mut recent, mut next) = (Three::default(), 0);
-    // One more, so that it can be read before it is known whether it is needed.
-    let last = new.len().saturating_sub(1);
-    for (four, byte) in words.chunks_mut(4).zip(tokens) {
-        let mut byte = *byte;
-        for word in four {
-            let token = byte & 3;
-            byte >>= 2;
-            let fresh = if new.is_empty() { 0 } else { new[next.min(last)] };
-            *word |= recent.take(token, fresh);
-            next += usize::from(token == 3);
+    let mut recent = Window { places: [0; 8], next: 0 };
+    let (fours, rest) = words.as_chunks_mut::<4>();
+    for (words, byte) in fours.iter_mut().zip(tokens) {
+        let found = recent.four(*byte, new);
+        for k in 0..4 {
+            words[k] |= found[k];
         }
     }
+    if let Some(byte) = tokens.get(fours.len()) {
+        rest.iter_mut().zip(recent.four(*byte, new)).for_each(|(word, found)| *word |= found);
+    }
 }
+
+/// The last three values, and room for the next new ones.
+struct Window {
+    places: [u32; 8],
+    /// Index of the next new one.
+    next: usize,
+}
+
+impl Window {
+    /// The values that a byte of tokens stands for.
+    #[inline(always)]
+    fn four(&mut self, byte: u8, new: &[u32]) -> [u32; 4] {
+        let places = &FOURS_OF_THREE[usize::from(byte)];
+        if let Some(new) = new.get(self.next..).and_then(<[u32]>::first_chunk::<AHEAD>) {
+            self.places[3..7].copy_from_slice(new);
+        }
+        let at = |k: usize| self.places[usize::from(places[k] & 7)];
+        let (found, recent) = ([at(0), at(1), at(2), at(3)], [at(4), at(5), at(6)]);
+        self.places[..3].copy_from_slice(&recent);
+        self.next += usize::from(places[7]);
+        found
+    }
+}
+
+/// How many values there must be after the last new one, so that four can be read at once.
+pub(crate) const AHEAD: usize = 4;
 
 /// A normal block as two slots.
 pub(crate) type Row = [u64; 2];
@@ -110,25 +166,41 @@ pub(crate) fn split_rows(rows: &[Row]) -> (Vec<u8>, Vec<Row>) {
 }
 
 /// The rows, of `count` numbers. `base` are the bases of new rows, `rest` the other three words of those of number 3.
+#[inline(always)]
 pub(crate) fn join_rows(tokens: &[u8], count: usize, base: &[u32], rest: [&[u32]; 3], rows: &mut Vec<u64>) {
-    let (mut recent, mut bases, mut others) = ([[0; 2]; 2], base.iter(), 0);
-    rows.reserve(2 * count);
-    for k in 0..count {
-        match token(tokens, k) {
-            0 => {}
-            1 => recent.swap(0, 1),
-            kind => {
-                let base = u64::from(bases.next().copied().unwrap_or(0));
-                let mut row = [base, 0];
-                if kind == 3 {
-                    let [u, axes, v] = rest.map(|words| u64::from(words.get(others).copied().unwrap_or(0)));
-                    others += 1;
-                    row = [u << 32 | base, v << 32 | axes];
-                }
-                recent = [row, recent[0]];
+    // The new rows, after the one that is last at first.
+    let mut new = vec![[0; 2]; base.len() + 1];
+    let (mut next, mut full) = (1, 0);
+    for byte in tokens.iter().filter(|byte| **byte & 0xaa != 0) {
+        for token in (0..4).map(|k| byte >> (2 * k) & 3).filter(|token| *token >= 2) {
+            let base = u64::from(base.get(next - 1).copied().unwrap_or(0));
+            let mut row = [base, 0];
+            if token == 3 {
+                let [u, axes, v] = rest.map(|words| u64::from(words.get(full).copied().unwrap_or(0)));
+                row = [u << 32 | base, v << 32 | axes];
+                full += 1;
             }
+            if let Some(new) = new.get_mut(next) {
+                *new = row;
+            }
+            next += 1;
         }
-        rows.extend(recent[0]);
+    }
+    // Indices of rows: those of the two recent ones, then of the next new ones.
+    let (mut window, mut next) = ([0u32; 8], 1);
+    let from = rows.len() / 2;
+    rows.resize(2 * (from + count), 0);
+    for (rows, byte) in rows.as_chunks_mut::<2>().0[from..].chunks_mut(4).zip(tokens) {
+        let places = &FOURS_OF_TWO[usize::from(*byte)];
+        for k in 0..4 {
+            window[2 + k] = next + k as u32;
+        }
+        let found: [u32; 6] = std::array::from_fn(|k| window[usize::from(places[k] & 7)]);
+        window[..2].copy_from_slice(&found[4..]);
+        next += u32::from(places[7]);
+        for (row, index) in rows.iter_mut().zip(found) {
+            *row = new.get(index as usize).copied().unwrap_or_default();
+        }
     }
 }
 
@@ -139,10 +211,11 @@ mod tests {
     #[test]
     fn recent_values_come_back() {
         let values: Vec<u32> = (0..1003u32).map(|k| k.wrapping_mul(k) % 11 % 5).collect();
-        let (tokens, new) = split_three(values.iter().copied());
+        let (tokens, mut new) = split_three(values.iter().copied());
         assert!(new.len() < values.len() && tokens.contains(&2));
         let packed = pack(&tokens);
         assert_eq!(count(&packed, tokens.len(), 3), Some(new.len()));
+        new.extend([0; AHEAD]);
         let mut words = vec![0; values.len()];
         join_three(&packed, &new, &mut words);
         assert_eq!(words, values);

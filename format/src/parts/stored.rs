@@ -6,8 +6,9 @@
 use crate::file::attachment;
 use crate::file::compression::{MAX_RATIO, Packer, Unpacker};
 use crate::parts::fields::{Fields, MAX_KINDS, Start, Values, link};
+use crate::parts::instructions::{InstructionSet, Work};
 use crate::parts::recent::{
-    Row, count as count_tokens, join_rows, join_three, pack as pack_tokens, split_rows, split_three,
+    AHEAD, Row, count as count_tokens, join_rows, join_three, pack as pack_tokens, split_rows, split_three,
 };
 use crate::parts::split::{BYTES, COLOR_HEAD, CONTOUR_NORMAL, CONTOUR_REST, NORMAL_BITS, RAW_NORMAL, join, split};
 use crate::values::plain::{OWN_CUBE, plain_count};
@@ -162,11 +163,19 @@ pub(crate) struct Decoder {
     room: Vec<u8>,
     /// Fields that are no longer in use: their memory is taken for the next block.
     pub(crate) spare: Fields,
+    /// What it may use.
+    pub(crate) set: InstructionSet,
 }
 
 impl Decoder {
+    /// With the fastest instructions that there are.
     pub(crate) fn new() -> Result<Self, String> {
-        Ok(Self { unpacker: Unpacker::new()?, room: Vec::new(), spare: Fields::default() })
+        Self::with(InstructionSet::best())
+    }
+
+    /// With these instructions.
+    pub(crate) fn with(set: InstructionSet) -> Result<Self, String> {
+        Ok(Self { unpacker: Unpacker::new()?, room: Vec::new(), spare: Fields::default(), set })
     }
 }
 
@@ -214,6 +223,7 @@ struct Streams<'a, 'b> {
 
 impl Streams<'_, '_> {
     /// The next `N` streams, of `count` bytes each.
+    #[inline(always)]
     fn next<const N: usize>(&mut self, count: usize) -> Result<[&[u8]; N], String> {
         match &mut self.source {
             Source::Joined(rest) => {
@@ -255,6 +265,7 @@ impl Streams<'_, '_> {
         }
     }
 
+    #[inline(always)]
     fn words<const N: usize>(&mut self, fields: [(u32, u32); N], words: &mut [u32]) -> Result<(), String> {
         let streams = self.next::<N>(words.len())?;
         join(streams, fields, words).ok_or_else(|| "a stream has a byte that is wider than its field".into())
@@ -302,7 +313,7 @@ pub(crate) fn decode(
             "the part has levels of {counts:?} descriptors, expected at least one each and no more than fit"
         ));
     }
-    let Decoder { unpacker, room: scratch, .. } = decoder;
+    let Decoder { unpacker, room: scratch, set, .. } = decoder;
     let [form] = rest.array()?;
     let (joined, mut room);
     let source = match form {
@@ -334,7 +345,7 @@ pub(crate) fn decode(
         other => return Err(format!("streams are stored in form {other}, this reader knows 0 to 2")),
     };
     let mut streams = Streams { source, unpacker, room: scratch };
-    read_streams(fields, &counts, nodes, &mut streams, limit)?;
+    set.run(Read { fields, counts: &counts, nodes, streams: &mut streams, limit })?;
     match streams.source {
         Source::Joined(rest) if !rest.0.is_empty() => Err("the streams do not fill the part".into()),
         _ => Ok(()),
@@ -362,6 +373,24 @@ fn read_front(fields: &mut Fields, rest: &mut Rest, limit: u64) -> Result<(), St
     Ok(())
 }
 
+struct Read<'a, 'b, 'c> {
+    fields: &'a mut Fields,
+    counts: &'a [usize],
+    nodes: usize,
+    streams: &'a mut Streams<'b, 'c>,
+    limit: u64,
+}
+
+impl Work for Read<'_, '_, '_> {
+    type Output = Result<(), String>;
+
+    #[inline(always)]
+    fn run(self) -> Result<(), String> {
+        read_streams(self.fields, self.counts, self.nodes, self.streams, self.limit)
+    }
+}
+
+#[inline(always)]
 fn read_streams(
     fields: &mut Fields,
     counts: &[usize],
@@ -424,6 +453,7 @@ fn read_streams(
 }
 
 /// How many descriptors and pairs of slots the level after the last one has. `None` before the first level.
+#[inline(always)]
 fn expected_count(starts: &[Start], valid: &[u8], nonleaf: &[u8], links: &[u8]) -> Option<(usize, usize)> {
     let [.., above, end] = starts else { return None };
     debug_assert!(end.node <= valid.len());
@@ -431,6 +461,7 @@ fn expected_count(starts: &[Start], valid: &[u8], nonleaf: &[u8], links: &[u8]) 
 }
 
 /// How many descriptors, and pairs of slots, are below these descriptors in the same block.
+#[inline(always)]
 fn below(nonleaf: &[u8], links: &[u8]) -> (usize, usize) {
     let mut sum = (0, 0);
     for (mask, kind) in nonleaf.iter().zip(links) {
@@ -440,38 +471,50 @@ fn below(nonleaf: &[u8], links: &[u8]) -> (usize, usize) {
     sum
 }
 
+#[inline(always)]
 fn ones(masks: &[u8]) -> usize {
     masks.iter().map(|mask| mask.count_ones() as usize).sum()
 }
 
 /// The links of descriptors with these masks; those without children have none.
+#[inline(always)]
 fn read_links(nonleaf: &[u8], links: &mut Vec<u8>, streams: &mut Streams) -> Result<(), String> {
     let count = nonleaf.iter().filter(|mask| **mask != 0).count();
     let [stored] = streams.next::<1>(count)?;
     if stored.iter().any(|l| *l > 2) {
         return Err("a link is none of 0 to 2".into());
     }
+    let from = links.len();
+    links.resize(from + nonleaf.len(), link::NONE);
     let mut next = 0;
-    links.extend(nonleaf.iter().map(|mask| {
-        let some = usize::from(*mask != 0);
-        let kind = stored.get(next).map_or(0, |l| (l + 1) * some as u8);
+    // Most runs of descriptors all have children, or none has.
+    for (masks, links) in nonleaf.chunks(8).zip(links[from..].chunks_mut(8)) {
+        let some = masks.iter().filter(|mask| **mask != 0).count();
+        let stored = stored.get(next..next + some).unwrap_or_default();
         next += some;
-        kind
-    }));
+        if some == masks.len() {
+            links.iter_mut().zip(stored).for_each(|(link, stored)| *link = stored + 1);
+        } else if some > 0 {
+            let with = links.iter_mut().zip(masks).filter(|(_, mask)| **mask != 0);
+            with.zip(stored).for_each(|((link, _), stored)| *link = stored + 1);
+        }
+    }
     Ok(())
 }
 
 /// Contours, into words that are zero.
+#[inline(always)]
 fn read_contours(words: &mut [u32], streams: &mut Streams) -> Result<(), String> {
     let (tokens, fresh) = read_tokens(words.len(), [3], streams)?;
-    let mut new = vec![0; fresh[0]];
-    streams.words(CONTOUR_NORMAL, &mut new)?;
+    let mut new = vec![0; fresh[0] + AHEAD];
+    streams.words(CONTOUR_NORMAL, &mut new[..fresh[0]])?;
     streams.words(CONTOUR_REST, words)?;
     join_three(&tokens, &new, words);
     Ok(())
 }
 
 /// Packed numbers of two bits, and how many are at least each of these.
+#[inline(always)]
 fn read_tokens<const N: usize>(
     count: usize,
     least: [u8; N],
@@ -485,6 +528,7 @@ fn read_tokens<const N: usize>(
     Ok((tokens, counts))
 }
 
+#[inline(always)]
 #[expect(clippy::too_many_arguments, reason = "the columns of one attachment")]
 fn read_values(
     kind: u32,

@@ -7,7 +7,8 @@ use crate::file::compression;
 use crate::file::*;
 use crate::parts::block::{check_part, decode_fields, decode_stored};
 use crate::parts::fields::Fields;
-use crate::parts::layout::{measure, write};
+use crate::parts::instructions::InstructionSet;
+use crate::parts::layout::{Block as Layout, measure, write};
 use crate::parts::stored::Decoder;
 use crate::parts::table::PartTable;
 use crate::stream::block::{Block, Part, Region, file_offset};
@@ -215,8 +216,9 @@ impl Cut {
         mut outer: impl FnMut(u32) -> Option<u64>,
     ) -> Result<Vec<u64>, FormatError> {
         let mut slots = vec![0u64; (self.bytes / 8) as usize];
-        write(&self.fields, self.array_slots, index, entry.image_offset / 8, &mut slots, &mut outer)
-            .map_err(|what| broken(entry, index, what))?;
+        let start = entry.image_offset / 8;
+        let block = Layout { fields: &self.fields, array_slots: self.array_slots, index, start };
+        write(InstructionSet::best(), &block, &mut slots, &mut outer).map_err(|what| broken(entry, index, what))?;
         Ok(slots)
     }
 }
