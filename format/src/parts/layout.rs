@@ -430,6 +430,9 @@ impl Writer<'_> {
     #[inline(always)]
     fn descriptors(&mut self, group: &Group) -> Result<(), String> {
         let fields = self.fields;
+        if (group.slot + group.count) as usize > self.array.len() {
+            return Err("a group leaves the array".into());
+        }
         let (valid, nonleaf) = (group.of(&fields.valid), group.of(&fields.nonleaf));
         let masks = group.of(&fields.contour_masks);
         // Sums of the bytes up to each: at most 64, so that no byte overflows.
@@ -441,7 +444,8 @@ impl Writer<'_> {
         // Those after the last of the group are zero.
         for (descriptor, k) in descriptors.iter_mut().zip([0u64, 1, 2, 3, 4, 5, 6, 7]) {
             let of = |bytes: u64| bytes >> (8 * k) & 0xff;
-            let contours = (pool + of(before) - 2 * k) << 40 | of(masks) << 32;
+            // Of those after the last the difference may be negative.
+            let contours = (pool + of(before)).wrapping_sub(2 * k) << 40 | of(masks) << 32;
             let contours = if of(masks) == 0 { 0 } else { contours };
             *descriptor = contours | of(valid) << 8 | of(leaf);
         }
@@ -451,13 +455,12 @@ impl Writer<'_> {
         if !self.pool_is_near && (0..8).any(too_far) {
             return Err(format!("the contours of slot {} are too far away", group.slot));
         }
-        let slots = self.array.get_mut(group.slot as usize..).ok_or("a group leaves the array")?;
+        let slots = &mut self.array[group.slot as usize..];
         match slots.first_chunk_mut() {
             Some(slots) => *slots = descriptors,
             None => {
                 let count = group.count as usize;
-                let slots = slots.get_mut(..count).ok_or("a group leaves the array")?;
-                copy_exactly(slots, &descriptors[..count]);
+                copy_exactly(&mut slots[..count], &descriptors[..count]);
             }
         }
         if contours > 0 {

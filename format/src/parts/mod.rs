@@ -13,3 +13,6 @@ pub(crate) mod recent;
 pub(crate) mod split;
 pub(crate) mod stored;
 pub(crate) mod table;
+
+#[cfg(all(test, feature = "zstd"))]
+mod tests;
