@@ -89,11 +89,14 @@ fn encode_fields(
     // The proof that nothing is lost.
     let mut again = vec![0; image.len()];
     let bodies = stored.iter().map(|part| (part.entry, &part.bytes[PART_HEADER_BYTES as usize..]));
-    let decoded = Decoder::new().and_then(|mut decoder| {
-        let fields = &decode_fields(bodies, image.len() as u64 * 8, &mut decoder)?;
+    let decoded = Decoder::take().and_then(|mut decoder| {
+        let fields = decode_fields(bodies, image.len() as u64 * 8, &mut decoder)?;
         let mut outer = |block: u32| table.get(block as usize).map(|b| b.image_offset / 8);
-        let block = Block { fields, array_slots: fields.array_slots, index, start };
-        write(decoder.set, &block, &mut again, &mut outer)
+        let block = Block { fields: &fields, array_slots: fields.array_slots, index, start };
+        write(decoder.set, &block, &mut again, &mut outer)?;
+        decoder.reuse(fields);
+        decoder.keep();
+        Ok(())
     });
     Ok((decoded.is_ok() && again == image).then_some(stored))
 }
@@ -104,7 +107,7 @@ pub(crate) fn decode_fields<'a>(
     limit: u64,
     decoder: &mut Decoder,
 ) -> Result<Fields, String> {
-    let mut fields = std::mem::take(&mut decoder.spare).cleared();
+    let mut fields = decoder.fields();
     for (entry, body) in parts {
         let levels = usize::from(entry.last_level.saturating_sub(entry.first_level)) + 1;
         decode(&mut fields, levels, body, limit, decoder)?;
@@ -183,7 +186,7 @@ pub(crate) fn decode_stored(
         .and_then(|fields| {
             let block = Block { fields: &fields, array_slots: fields.array_slots, index: index as u32, start };
             let written = write(decoder.set, &block, image, &mut outer);
-            decoder.spare = fields;
+            decoder.reuse(fields);
             written
         })
         .map_err(|what| broken(table, index, what))

@@ -40,6 +40,32 @@ impl Values {
         })
     }
 
+    /// Removes all values and keeps their memory.
+    fn clear(&mut self) {
+        match self {
+            Self::Constant(value) => *value = 0,
+            Self::Pairs(_, slots) => slots.clear(),
+            Self::Plain(masks, words) => {
+                masks.clear();
+                words.clear();
+            }
+            Self::Corners(masks, slots) => {
+                masks.clear();
+                slots.clear();
+            }
+        }
+    }
+
+    /// How many bytes of memory the values take.
+    pub(crate) fn capacity(&self) -> usize {
+        match self {
+            Self::Constant(_) => 0,
+            Self::Pairs(_, slots) => slots.capacity() * 8,
+            Self::Plain(masks, words) => masks.capacity() + words.capacity() * 4,
+            Self::Corners(masks, slots) => masks.capacity() * 4 + slots.capacity() * 8,
+        }
+    }
+
     /// Size in bytes of the attachment with a descriptor array of this many slots.
     pub(crate) fn bytes(&self, array_slots: u64) -> u64 {
         match self {
@@ -85,8 +111,8 @@ pub(crate) struct Fields {
 }
 
 impl Fields {
-    /// Nothing, with the memory of these fields.
-    pub(crate) fn cleared(mut self) -> Self {
+    /// Removes everything and keeps the memory. Returns empty attachments with theirs.
+    pub(crate) fn clear(&mut self) -> Vec<(u32, Values)> {
         self.array_slots = 0;
         self.starts.clear();
         self.valid.clear();
@@ -95,8 +121,14 @@ impl Fields {
         self.children.clear();
         self.contour_masks.clear();
         self.contours.clear();
-        self.attachments.clear();
-        self
+        let mut values = std::mem::take(&mut self.attachments);
+        values.iter_mut().for_each(|(_, values)| values.clear());
+        values
+    }
+
+    /// About how many bytes of memory the columns take.
+    pub(crate) fn capacity(&self) -> usize {
+        self.valid.capacity() * 4 + self.contours.capacity() * 4
     }
 
     /// Number of levels.

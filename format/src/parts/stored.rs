@@ -3,6 +3,8 @@
 //! The decoder checks every length against what is there before it takes memory, and everything that [`layout`](super::layout)
 //! relies on: each level has as many descriptors as the level above refers to.
 
+use std::cell::Cell;
+
 use crate::file::attachment;
 use crate::file::compression::{MAX_RATIO, Packer, Unpacker};
 use crate::parts::fields::{Fields, MAX_KINDS, Start, Values, link};
@@ -162,7 +164,9 @@ pub(crate) struct Decoder {
     unpacker: Unpacker,
     room: Vec<u8>,
     /// Fields that are no longer in use: their memory is taken for the next block.
-    pub(crate) spare: Fields,
+    spare: Fields,
+    /// The attachments of these fields.
+    spare_values: Vec<(u32, Values)>,
     /// What it may use.
     pub(crate) set: InstructionSet,
 }
@@ -175,8 +179,48 @@ impl Decoder {
 
     /// With these instructions.
     pub(crate) fn with(set: InstructionSet) -> Result<Self, String> {
-        Ok(Self { unpacker: Unpacker::new()?, room: Vec::new(), spare: Fields::default(), set })
+        Ok(Self {
+            unpacker: Unpacker::new()?,
+            room: Vec::new(),
+            spare: Fields::default(),
+            spare_values: Vec::new(),
+            set,
+        })
     }
+
+    /// A decoder that this thread no longer needs, or a new one: making one costs as much as decoding 100 KB.
+    pub(crate) fn take() -> Result<Self, String> {
+        UNUSED.take().map_or_else(Self::new, Ok)
+    }
+
+    /// Keeps the decoder for the next [`take`](Self::take) of this thread.
+    pub(crate) fn keep(self) {
+        let bytes = self.room.capacity()
+            + self.spare.capacity()
+            + self.spare_values.iter().map(|v| v.1.capacity()).sum::<usize>();
+        if bytes <= MOST_KEPT {
+            UNUSED.set(Some(self));
+        }
+    }
+
+    /// Empty fields.
+    pub(crate) fn fields(&mut self) -> Fields {
+        let mut fields = std::mem::take(&mut self.spare);
+        self.spare_values = fields.clear();
+        fields
+    }
+
+    /// Takes back the memory of fields.
+    pub(crate) fn reuse(&mut self, fields: Fields) {
+        self.spare = fields;
+    }
+}
+
+/// Bytes of memory that a thread keeps for the next block: several times what blocks of the usual size take.
+const MOST_KEPT: usize = 32 << 20;
+
+thread_local! {
+    static UNUSED: Cell<Option<Decoder>> = const { Cell::new(None) };
 }
 
 /// Bytes that are read from the front.
@@ -300,7 +344,7 @@ pub(crate) fn decode(
 ) -> Result<(), String> {
     let mut rest = Rest(stored);
     if fields.starts.is_empty() {
-        read_front(fields, &mut rest, limit)?;
+        read_front(fields, &mut decoder.spare_values, &mut rest, limit)?;
         fields.starts.push(Default::default());
     }
     let mut counts = Vec::with_capacity(levels);
@@ -353,7 +397,7 @@ pub(crate) fn decode(
 }
 
 /// What the first part of a block begins with.
-fn read_front(fields: &mut Fields, rest: &mut Rest, limit: u64) -> Result<(), String> {
+fn read_front(fields: &mut Fields, spare: &mut Vec<(u32, Values)>, rest: &mut Rest, limit: u64) -> Result<(), String> {
     fields.array_slots = u32::from_le_bytes(rest.array()?);
     if fields.array_slots < 4 || u64::from(fields.array_slots) > limit / 8 {
         return Err(format!("the descriptor array has {} slots", fields.array_slots));
@@ -364,7 +408,9 @@ fn read_front(fields: &mut Fields, rest: &mut Rest, limit: u64) -> Result<(), St
     }
     for _ in 0..count {
         let kind = u32::from(u16::from_le_bytes(rest.array()?));
-        let mut values = Values::of_kind(kind).ok_or_else(|| format!("attachment type {kind} cannot be in a part"))?;
+        let spare = spare.iter().position(|(other, _)| *other == kind).map(|at| spare.swap_remove(at).1);
+        let values = spare.or_else(|| Values::of_kind(kind));
+        let mut values = values.ok_or_else(|| format!("attachment type {kind} cannot be in a part"))?;
         if let Values::Constant(value) = &mut values {
             *value = u64::from_le_bytes(rest.array()?);
         }

@@ -173,8 +173,9 @@ impl<S: RangeRead> StreamReader<S> {
         let stored: Vec<(u32, Vec<u8>)> = parts.iter().map(read).collect::<Result<_, FormatError>>()?;
         let stored: Vec<(u32, &[u8])> = stored.iter().map(|(part, bytes)| (*part, &bytes[..])).collect();
         let mut slots = vec![0u64; (block.image_size / 8) as usize];
-        let mut decoder = Decoder::new().map_err(|what| broken(block, index, what))?;
+        let mut decoder = Decoder::take().map_err(|what| broken(block, index, what))?;
         decode_stored(self.blocks(), table, index as usize, &stored, &mut slots, &mut decoder)?;
+        decoder.keep();
         self.block(index, slots)
     }
 }
@@ -192,9 +193,9 @@ impl Cut {
     fn new(entry: &BlockEntry, parts: &[&Part], cut: bool) -> Result<Self, FormatError> {
         let broken = |what| broken(entry, parts[0].entry.block, what);
         let bodies = parts.iter().map(|part| (part.entry, &part.body[..]));
-        let mut fields = Decoder::new()
-            .and_then(|mut decoder| decode_fields(bodies, entry.image_size, &mut decoder))
-            .map_err(broken)?;
+        let mut decoder = Decoder::take().map_err(broken)?;
+        let mut fields = decode_fields(bodies, entry.image_size, &mut decoder).map_err(broken)?;
+        decoder.keep();
         let (mut array_slots, mut bytes) = (fields.array_slots, entry.image_size);
         if cut {
             fields.cut();
