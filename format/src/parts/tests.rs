@@ -41,7 +41,7 @@ fn grow(tree: &mut Tree, rng: &mut Rng, with: With, level: u32) {
             color: (with.values > 0).then(|| [rng.below(with.values) as u8, 80, rng.below(with.values) as u8]),
             normal: (with.values > 0).then(|| RawNormal(rng.below(with.values) as u32 * 0x1003)),
             contour: (with.contours && rng.below(4) > 0)
-                .then(|| Contour(rng.below(7 + with.values) as u32 * 0x2_0401 | 1)),
+                .then(|| Contour((rng.below(7 + with.values) as u32 * 0x2_0401) | 1)),
             leaf: level == 1 || rng.below(5) == 0,
         })
     });
@@ -73,6 +73,9 @@ fn octrees() -> Vec<Octree> {
     all
 }
 
+/// Parts without their headers.
+type Bodies = Vec<(PartEntry, Vec<u8>)>;
+
 /// The image of a block of its parts, by one instruction set.
 fn image_of(
     set: InstructionSet,
@@ -91,7 +94,7 @@ fn image_of(
 }
 
 /// Every block of these octrees: the octree, its index, its image and its parts.
-fn blocks(octrees: &[Octree]) -> Vec<(&Octree, u32, &[u64], Vec<(PartEntry, Vec<u8>)>)> {
+fn blocks(octrees: &[Octree]) -> Vec<(&Octree, u32, &[u64], Bodies)> {
     let mut all = Vec::new();
     for octree in octrees {
         for index in 0..octree.blocks().len() as u32 {
