@@ -69,6 +69,50 @@ fn a_coarse_picture_takes_two_requests() {
     assert!(reader.reads() <= reads + 1, "no page is read again");
 }
 
+/// Deep in a corner, shallow elsewhere.
+fn two_depths(_: usize, cube: &Region) -> u32 {
+    if cube.meets(&corner(0.6)) { 9 } else { 3 }
+}
+
+#[test]
+fn depths_by_cube_give_the_same_with_and_without_the_tables() {
+    let (octree, bytes) = many_blocks();
+    let tables = StreamReader::open(&bytes).expect("our own file");
+    let wanted = tables.parts_by(two_depths);
+    assert!(!wanted.is_empty() && wanted.len() < tables.parts().len());
+    let expected = tables.partial_parts(&wanted).expect("closed");
+    let mut reader = IndexReader::open(&bytes).expect("a file with an index");
+    assert!(!reader.needs_tables());
+    let part = reader.octree_by(two_depths).expect("our own file");
+    assert!(part.slots() == expected.slots() && part.objects() == expected.objects());
+    assert!(validate(&part).findings.is_empty());
+    // Another depth gives another octree.
+    assert!(reader.octree_by(|_, _| 2).expect("our own file").slots() != part.slots());
+    // What has been read is not read again.
+    let before = (reader.reads(), reader.bytes_read());
+    assert!(reader.octree_by(two_depths).expect("our own file").slots() == part.slots());
+    assert_eq!((reader.reads(), reader.bytes_read()), before);
+    assert!(reader.octree_by(|_, _| 9).expect("our own file").slots() == octree.slots());
+    assert!(reader.reads() > before.0);
+    // Nothing is wanted: the root is there.
+    let least = IndexReader::open(&bytes).and_then(|mut reader| reader.octree_by(|_, _| 0)).expect("our own file");
+    assert_eq!(least.objects().len(), 1);
+
+    // A file without parts: by blocks, and those that lie together in one read.
+    let mut plain = Vec::new();
+    octree.write_to(&mut plain).expect("memory");
+    let blocks = StreamReader::open(&plain).expect("our own file");
+    let chosen = blocks.blocks_by(two_depths);
+    assert!(chosen.len() > 10 && chosen.len() < octree.blocks().len(), "{} of {}", chosen.len(), octree.blocks().len());
+    assert_eq!(blocks.blocks_by(|_, _| 9), blocks.blocks_for(0, &Region::ALL, 9));
+    let reads = blocks.reads();
+    let read = blocks.read_blocks(&chosen).expect("our own file");
+    assert!(blocks.reads() - reads < chosen.len() as u64 / 4, "{} reads", blocks.reads() - reads);
+    assert_eq!(read.iter().map(|block| block.index()).collect::<Vec<_>>(), chosen);
+    assert_eq!(read[3], blocks.read_block(chosen[3]).expect("our own file"));
+    assert!(blocks.read_blocks(&[0, u32::MAX]).is_err());
+}
+
 #[test]
 fn files_without_an_index_are_refused() {
     let (octree, _) = many_blocks();

@@ -56,6 +56,7 @@
 //! | place a camera | [`Camera`]; [`camera::viewpoint`]: one that sees all objects |
 //! | know the rays of a picture | [`View`], [`Ray`]; in double precision: [`exact`] |
 //! | cast a picture | [`Caster::cast`] |
+//! | read only the parts of a file that a picture needs | [`Detail`] |
 //! | cast a picture of several objects, or of one placed many times | [`Instances`], [`Caster::cast_instances`]; each whole: [`Nearest::cast`] |
 //! | cast your own rays | [`Object::ray`], [`Object::rays`], [`Caster::cast_rays`]; many from few points: [`Fans`], [`Caster::cast_fans`] |
 //! | read a hit | [`Hit`]; its position, normal, colour and voxel in mesh space: [`HitPoint`] |
@@ -98,6 +99,7 @@ mod attributes;
 pub mod camera;
 mod caster;
 mod checked;
+mod detail;
 mod error;
 pub mod exact;
 mod fan;
@@ -122,6 +124,7 @@ pub mod testing;
 pub use camera::Camera;
 pub use caster::{Caster, Device, DeviceKind, Filtered, FrameTime};
 pub use checked::{Checked, Roots};
+pub use detail::Detail;
 pub use error::CastError;
 pub use fan::{Fan, Fans};
 pub use frame::{

@@ -4,5 +4,6 @@ pub(crate) mod block;
 mod partial;
 mod parts;
 pub(crate) mod reader;
+mod runs;
 pub(crate) mod served;
 pub(crate) mod source;

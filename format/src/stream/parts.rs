@@ -14,11 +14,9 @@ use crate::parts::table::PartTable;
 use crate::stream::block::{Block, Part, Region, file_offset};
 use crate::stream::partial::assemble;
 use crate::stream::reader::StreamReader;
+use crate::stream::runs::{batches, runs};
 use crate::stream::source::RangeRead;
 use crate::{Broken, FormatError, Octree, OpenOptions, ids};
-
-/// Parts with at most this many bytes between them are read at once: a request costs more than that.
-pub(super) const MERGE_GAP: u64 = 64 << 10;
 
 impl<S: RangeRead> StreamReader<S> {
     /// The table of parts, in the order in which they are stored. Empty if the blocks are not stored in parts.
@@ -35,6 +33,22 @@ impl<S: RangeRead> StreamReader<S> {
         // Descriptors of one level say which voxels the next has.
         let wanted = |part: &u32| u32::from(parts.entries[*part as usize].first_level) < max_level.max(1);
         let mut found: Vec<u32> = all.copied().filter(wanted).collect();
+        found.sort_unstable();
+        found
+    }
+
+    /// The parts needed to show all objects as deep as `level` says, as [`blocks_by`](Self::blocks_by). Empty if the blocks are
+    /// not stored in parts.
+    pub fn parts_by(&self, level: impl Fn(usize, &Region) -> u32) -> Vec<u32> {
+        let Some(parts) = &self.parts else { return Vec::new() };
+        let of_block = |block: u32| {
+            let entry = &self.blocks()[block as usize];
+            let cube = Region::cube(entry.cube_position, entry.cube_scale);
+            let level = level(entry.object as usize, &cube).max(u32::from(entry.parent == NO_PARENT));
+            let all = parts.of_block(block as usize).iter().copied();
+            all.filter(move |part| u32::from(parts.entries[*part as usize].first_level) < level)
+        };
+        let mut found: Vec<u32> = self.blocks_by(&level).into_iter().flat_map(of_block).collect();
         found.sort_unstable();
         found
     }
@@ -57,19 +71,19 @@ impl<S: RangeRead> StreamReader<S> {
         // Parts are stored in the order of the table.
         wanted.sort_unstable();
         wanted.dedup();
-        let start_of = |part: u32| table.range(part).0;
         let mut found = Vec::with_capacity(wanted.len());
-        for run in wanted.chunk_by(|a, b| start_of(*b) - table.range(*a).1 <= MERGE_GAP) {
-            let (Some(&first), Some(&last)) = (run.first(), run.last()) else { continue };
-            let (start, end) = (start_of(first), table.range(last).1);
-            self.options().check(end - start)?;
-            let bytes = self.fetch(start, end - start)?;
-            for &index in run {
-                let (at, end) = table.range(index);
-                let entry = table.entries[index as usize];
-                let stored = &bytes[(at - start) as usize..(end - start) as usize];
-                let body = check_part(&entry, self.blocks()[entry.block as usize].codec, stored, at)?.to_vec();
-                found.push(Part { index, entry, body });
+        let sizes = wanted.iter().map(|part| u64::from(table.entries[*part as usize].size));
+        self.options().check(sizes.sum())?;
+        for batch in batches(&runs(&wanted, |part| table.range(*part))) {
+            let read = self.fetch_many(batch.iter().map(|run| (run.start, run.end - run.start)))?;
+            for (run, bytes) in batch.iter().zip(read) {
+                for &index in run.pieces {
+                    let (at, end) = table.range(index);
+                    let entry = table.entries[index as usize];
+                    let stored = &bytes[(at - run.start) as usize..(end - run.start) as usize];
+                    let body = check_part(&entry, self.blocks()[entry.block as usize].codec, stored, at)?.to_vec();
+                    found.push(Part { index, entry, body });
+                }
             }
         }
         Ok(found)
@@ -233,10 +247,10 @@ fn broken(entry: &BlockEntry, index: u32, what: String) -> FormatError {
 pub(super) fn octree_of(
     objects: &[ObjectEntry],
     known: &BTreeMap<u32, (BlockEntry, usize)>,
-    parts: &[Part],
+    parts: Vec<&Part>,
     options: &OpenOptions,
 ) -> Result<Octree, FormatError> {
-    let mut given: Vec<&Part> = parts.iter().collect();
+    let mut given = parts;
     given.sort_by_key(|part| (part.entry.block, part.entry.first_level));
     // A table of the blocks that are there. Parents come first, as their indices are smaller.
     let (mut numbers, mut table, mut cuts) = (BTreeMap::<u32, u32>::new(), Vec::new(), Vec::new());

@@ -11,6 +11,7 @@ use crate::file::*;
 use crate::parts::table::PartTable;
 use crate::stream::block::{Block, Region, file_offset};
 use crate::stream::partial::assemble;
+use crate::stream::runs::{batches, runs};
 use crate::stream::source::RangeRead;
 use crate::{FormatError, Octree, OpenOptions};
 
@@ -148,6 +149,23 @@ impl<S: RangeRead> StreamReader<S> {
         blocks.filter(|(_, b)| b.object as usize == object && wanted(b)).map(|(index, _)| index as u32).collect()
     }
 
+    /// The blocks needed to show all objects as deep as `level` says, parents first: `level` gives the deepest level of voxels
+    /// of an object that is wanted in a cube, 0 where nothing is. It must not give less for a cube than for one within it. The
+    /// root block of each object is among them.
+    pub fn blocks_by(&self, level: impl Fn(usize, &Region) -> u32) -> Vec<u32> {
+        let mut taken = vec![false; self.blocks.len()];
+        for (index, block) in self.blocks.iter().enumerate() {
+            let cube = Region::cube(block.cube_position, block.cube_scale);
+            // As in `blocks_for`.
+            let first_level = 23 - block.cube_scale + 2;
+            taken[index] = match block.parent {
+                NO_PARENT => true,
+                parent => taken[parent as usize] && first_level <= level(block.object as usize, &cube),
+            };
+        }
+        (0..).zip(&taken).filter(|(_, taken)| **taken).map(|(index, _)| index).collect()
+    }
+
     /// Reads a block, checks its stored bytes against their checksum, decompresses it and checks its info section.
     ///
     /// # Errors
@@ -163,28 +181,61 @@ impl<S: RangeRead> StreamReader<S> {
         if let Some(parts) = &self.parts {
             return self.block_of_parts(parts, index);
         }
-        let stored = self.fetch(block.file_offset, block.stored_size)?;
-        compression::check_crc(index as usize, block, &stored)?;
+        self.block_of(index, &self.fetch(block.file_offset, block.stored_size)?)
+    }
+
+    /// A block of a file without parts from its stored bytes.
+    fn block_of(&self, index: u32, stored: &[u8]) -> Result<Block, FormatError> {
+        let block = &self.blocks[index as usize];
+        compression::check_crc(index as usize, block, stored)?;
         // Allocated only now: the stored bytes exist, and the table has been checked for impossible ratios.
         let mut slots = vec![0u64; (block.image_size / 8) as usize];
         let image: &mut [u8] = bytemuck::cast_slice_mut(&mut slots);
-        compression::decode(index as usize, block, &stored, image)?;
+        compression::decode(index as usize, block, stored, image)?;
         let parts = block_parts(image, 0, file_offset(block, 0), index as usize)?;
         Ok(Block { index, parts, slots })
     }
 
-    /// Reads blocks and makes an octree of them, see [`partial_of`](Self::partial_of).
+    /// Reads blocks, in ascending order and each once. Of files without parts, blocks that are near each other are read at once.
     ///
     /// # Errors
-    /// Those of [`read_block`](Self::read_block) and [`partial_of`](Self::partial_of).
-    pub fn partial(&self, blocks: &[u32]) -> Result<Octree, FormatError> {
+    /// Those of [`read_block`](Self::read_block); the memory limit for all of them.
+    pub fn read_blocks(&self, blocks: &[u32]) -> Result<Vec<Block>, FormatError> {
         let mut wanted = blocks.to_vec();
         wanted.sort_unstable();
         wanted.dedup();
         let image = wanted.iter().filter_map(|index| self.blocks.get(*index as usize)).map(|b| b.image_size).sum();
         self.options.check(image)?;
-        let blocks: Vec<Block> = wanted.iter().map(|index| self.read_block(*index)).collect::<Result<_, _>>()?;
-        self.partial_of(&blocks)
+        if self.parts.is_some() || wanted.last().is_some_and(|last| *last as usize >= self.blocks.len()) {
+            return wanted.iter().map(|index| self.read_block(*index)).collect();
+        }
+        let range = |index: &u32| {
+            let block = &self.blocks[*index as usize];
+            (block.file_offset, block.file_offset.saturating_add(block.stored_size))
+        };
+        // Blocks need not be stored in the order of the table.
+        wanted.sort_by_key(range);
+        let mut found = Vec::with_capacity(wanted.len());
+        for batch in batches(&runs(&wanted, range)) {
+            let read = self.fetch_many(batch.iter().map(|run| (run.start, run.end - run.start)))?;
+            for (run, bytes) in batch.iter().zip(read) {
+                for index in run.pieces {
+                    let (start, end) = range(index);
+                    let stored = &bytes[(start - run.start) as usize..(end - run.start) as usize];
+                    found.push(self.block_of(*index, stored)?);
+                }
+            }
+        }
+        found.sort_unstable_by_key(|block| block.index);
+        Ok(found)
+    }
+
+    /// Reads blocks and makes an octree of them, see [`partial_of`](Self::partial_of).
+    ///
+    /// # Errors
+    /// Those of [`read_blocks`](Self::read_blocks) and [`partial_of`](Self::partial_of).
+    pub fn partial(&self, blocks: &[u32]) -> Result<Octree, FormatError> {
+        self.partial_of(&self.read_blocks(blocks)?)
     }
 
     /// Makes an octree of blocks of this file, in the order of the table. Descriptors whose children are in a missing
@@ -210,11 +261,20 @@ impl<S: RangeRead> StreamReader<S> {
     }
 
     pub(super) fn fetch(&self, offset: u64, length: u64) -> Result<Vec<u8>, FormatError> {
+        self.counted(|input| input.fetch(offset, length))
+    }
+
+    /// Reads ranges, given by offset and length, at the same time if the source can.
+    pub(super) fn fetch_many(&self, ranges: impl IntoIterator<Item = (u64, u64)>) -> Result<Vec<Vec<u8>>, FormatError> {
+        self.counted(|input| input.fetch_many(ranges))
+    }
+
+    fn counted<T>(&self, read: impl FnOnce(&mut Input<'_, S>) -> T) -> T {
         let mut input = Input { source: &self.source, length: self.length, prefix: Vec::new(), bytes: 0, reads: 0 };
-        let bytes = input.fetch(offset, length);
+        let found = read(&mut input);
         self.bytes.fetch_add(input.bytes, Ordering::Relaxed);
         self.reads.fetch_add(input.reads, Ordering::Relaxed);
-        bytes
+        found
     }
 }
 
@@ -247,5 +307,23 @@ impl<S: RangeRead> Input<'_, S> {
             self.source.read_at(at, part).map_err(|source| FormatError::Source { offset: at, source })?;
         }
         Ok(bytes)
+    }
+
+    /// Reads ranges, given by offset and length.
+    pub(super) fn fetch_many(
+        &mut self,
+        ranges: impl IntoIterator<Item = (u64, u64)>,
+    ) -> Result<Vec<Vec<u8>>, FormatError> {
+        let ranges: Vec<(u64, u64)> = ranges.into_iter().collect();
+        let within = |(at, length): &(u64, u64)| self.length.is_some_and(|all| at.saturating_add(*length) <= all);
+        if !ranges.iter().all(within) {
+            // A length that is wrong or unknown: nothing is allocated that is not there.
+            return ranges.into_iter().map(|(offset, length)| self.fetch(offset, length)).collect();
+        }
+        let mut reads: Vec<_> = ranges.into_iter().map(|(offset, length)| (offset, vec![0; length as usize])).collect();
+        self.reads += reads.len() as u64;
+        self.bytes += reads.iter().map(|(_, buf)| buf.len() as u64).sum::<u64>();
+        self.source.read_many(&mut reads).map_err(|(offset, source)| FormatError::Source { offset, source })?;
+        Ok(reads.into_iter().map(|(_, buf)| buf).collect())
     }
 }

@@ -9,8 +9,9 @@ use crate::file::*;
 use crate::index::page::{Page, PageLink};
 use crate::parts::block::{check_part, first_level};
 use crate::stream::block::{Part, Region};
-use crate::stream::parts::{MERGE_GAP, octree_of};
+use crate::stream::parts::octree_of;
 use crate::stream::reader::Input;
+use crate::stream::runs::{batches, runs};
 use crate::stream::source::RangeRead;
 use crate::{Broken, FormatError, Octree, OpenOptions, ids};
 
@@ -51,6 +52,8 @@ pub struct IndexReader<S> {
     pages: (u64, u64),
     known: BTreeMap<u32, Known>,
     links: Vec<PageLink>,
+    /// Parts that have been read, by block and first level.
+    kept: BTreeMap<(u32, u8), Part>,
     /// The first bytes of the file.
     prefix: Vec<u8>,
     bytes: u64,
@@ -122,6 +125,7 @@ impl<S: RangeRead> IndexReader<S> {
             pages: find(TAG_PAGES).map_or((0, 0), range),
             known: BTreeMap::new(),
             links: Vec::new(),
+            kept: BTreeMap::new(),
             prefix,
             bytes,
             reads,
@@ -155,55 +159,104 @@ impl<S: RangeRead> IndexReader<S> {
         (self.known.len(), self.known.values().map(|block| block.parts.len()).sum())
     }
 
+    /// Whether a block of codec 0 or 1 is among those known. Where its children are follows only from the tables, so that
+    /// only [`StreamReader`](crate::StreamReader) reads it.
+    pub fn needs_tables(&self) -> bool {
+        self.known.values().any(|block| block.entry.codec != CODEC_FIELDS)
+    }
+
     /// An octree that shows an object within a region, down to voxels of level `max_level`. Reads the pages and parts that this
-    /// needs.
+    /// needs, but none that it has read before.
     ///
     /// # Errors
-    /// The source's; the rule that a page or a part breaks; no such object; the memory limit.
+    /// The source's; the rule that a page or a part breaks; no such object; a block of codec 0 or 1, see
+    /// [`needs_tables`](Self::needs_tables); the memory limit.
     pub fn octree(&mut self, object: usize, region: &Region, max_level: u32) -> Result<Octree, FormatError> {
-        self.read_pages(object, region, max_level)?;
-        let mut wanted: Vec<(u64, PartEntry, u32)> = Vec::new();
+        let level = |one: usize, cube: &Region| if one == object && cube.meets(region) { max_level } else { 0 };
+        self.octree_of(|one| one == object, &level)
+    }
+
+    /// An octree that shows all objects as deep as `level` says: it gives the deepest level of voxels of an object that is
+    /// wanted in a cube, 0 where nothing is. It must not give less for a cube than for one within it. Of each object there is at
+    /// least the root. Reads the pages and parts that this needs, but none that it has read before.
+    ///
+    /// # Errors
+    /// Those of [`octree`](Self::octree).
+    pub fn octree_by(&mut self, level: impl Fn(usize, &Region) -> u32) -> Result<Octree, FormatError> {
+        self.octree_of(|_| true, &level)
+    }
+
+    /// An octree of the objects that are `wanted`.
+    fn octree_of(
+        &mut self,
+        wanted: impl Fn(usize) -> bool,
+        level: &impl Fn(usize, &Region) -> u32,
+    ) -> Result<Octree, FormatError> {
+        self.read_pages(&wanted, level)?;
+        let mut parts: Vec<(u64, PartEntry, u32)> = Vec::new();
         let mut taken = BTreeSet::new();
         // Parents come first, as their indices are smaller.
         for (&index, block) in &self.known {
             let entry = &block.entry;
-            let root = entry.parent == NO_PARENT;
-            let meets = Region::cube(entry.cube_position, entry.cube_scale).meets(region);
-            let above = root || taken.contains(&entry.parent);
-            if entry.object as usize != object
-                || !above
-                || !(root || meets && u32::from(first_level(entry)) < max_level)
-            {
+            let (object, root) = (entry.object as usize, entry.parent == NO_PARENT);
+            if !wanted(object) || !(root || taken.contains(&entry.parent)) {
+                continue;
+            }
+            let cube = Region::cube(entry.cube_position, entry.cube_scale);
+            // Of an object there is at least the root.
+            let level = level(object, &cube).max(u32::from(root));
+            if u32::from(first_level(entry)) >= level {
                 continue;
             }
             taken.insert(index);
-            let parts = block.parts.iter().filter(|(part, _)| u32::from(part.first_level) < max_level.max(1));
-            wanted.extend(parts.map(|(part, offset)| (*offset, *part, entry.codec)));
+            // Descriptors of one level say which voxels the next has.
+            let own = block.parts.iter().filter(|(part, _)| u32::from(part.first_level) < level);
+            parts.extend(own.map(|(part, offset)| (*offset, *part, entry.codec)));
         }
-        wanted.sort_unstable_by_key(|part| part.0);
-        let mut parts = Vec::with_capacity(wanted.len());
-        let end = |part: &(u64, PartEntry, u32)| part.0 + u64::from(part.1.size);
-        for run in wanted.chunk_by(|a, b| b.0.saturating_sub(end(a)) <= MERGE_GAP) {
-            let (Some(first), Some(last)) = (run.first(), run.last()) else { continue };
-            let bytes = self.fetch(first.0, end(last) - first.0)?;
-            for (offset, entry, codec) in run {
-                let stored = bytes.get((offset - first.0) as usize..).and_then(|b| b.get(..entry.size as usize));
-                let body = check_part(entry, *codec, stored.unwrap_or_default(), *offset)?.to_vec();
-                parts.push(Part { index: 0, entry: *entry, body });
-            }
-        }
+        parts.sort_unstable_by_key(|part| part.0);
+        self.keep(&parts)?;
         let table: BTreeMap<u32, (BlockEntry, usize)> =
             self.known.iter().map(|(index, block)| (*index, (block.entry, block.parts.len()))).collect();
-        octree_of(&self.objects, &table, &parts, &self.options)
+        let parts = parts.iter().filter_map(|(_, entry, _)| self.kept.get(&(entry.block, entry.first_level))).collect();
+        octree_of(&self.objects, &table, parts, &self.options)
     }
 
-    /// Reads the pages that may have blocks of the region down to this level.
-    fn read_pages(&mut self, object: usize, region: &Region, max_level: u32) -> Result<(), FormatError> {
+    /// Reads those parts, given by offset, entry and codec, that have not been read yet.
+    fn keep(&mut self, parts: &[(u64, PartEntry, u32)]) -> Result<(), FormatError> {
+        let is_new =
+            |(_, entry, _): &&(u64, PartEntry, u32)| !self.kept.contains_key(&(entry.block, entry.first_level));
+        let new: Vec<(u64, PartEntry, u32)> = parts.iter().filter(is_new).copied().collect();
+        let all = self.kept.values().map(|part| part.entry.size).chain(new.iter().map(|part| part.1.size));
+        self.options.check(all.map(u64::from).sum())?;
+        let range = |(at, entry, _): &(u64, PartEntry, u32)| (*at, at + u64::from(entry.size));
+        for batch in batches(&runs(&new, range)) {
+            let read = self.fetch_many(batch.iter().map(|run| (run.start, run.end - run.start)))?;
+            for (run, bytes) in batch.iter().zip(read) {
+                for (offset, entry, codec) in run.pieces {
+                    let stored = bytes.get((offset - run.start) as usize..).and_then(|b| b.get(..entry.size as usize));
+                    let body = check_part(entry, *codec, stored.unwrap_or_default(), *offset)?.to_vec();
+                    self.kept.insert((entry.block, entry.first_level), Part { index: 0, entry: *entry, body });
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Reads the pages that may have wanted blocks.
+    fn read_pages(
+        &mut self,
+        wanted: &impl Fn(usize) -> bool,
+        level: &impl Fn(usize, &Region) -> u32,
+    ) -> Result<(), FormatError> {
+        let objects = self.objects.len();
         loop {
             let wanted = |link: &PageLink| {
-                (link.object as usize == object || link.object == u32::MAX)
-                    && link.first_level < max_level
-                    && Region::cube(link.position, link.scale).meets(region)
+                let cube = Region::cube(link.position, link.scale);
+                // Roots are always wanted.
+                let of = |object: usize| {
+                    object < objects && wanted(object) && link.first_level < level(object, &cube).max(1)
+                };
+                if link.object == u32::MAX { (0..objects).any(of) } else { of(link.object as usize) }
             };
             let (mut now, later): (Vec<PageLink>, Vec<PageLink>) = self.links.iter().partition(|link| wanted(link));
             self.links = later;
@@ -211,25 +264,26 @@ impl<S: RangeRead> IndexReader<S> {
                 return Ok(());
             }
             now.sort_unstable_by_key(|link| link.offset);
-            let near = |a: &PageLink, b: &PageLink| {
-                u64::from(b.offset).saturating_sub(u64::from(a.offset) + u64::from(a.size)) <= MERGE_GAP
+            let from = self.pages.0;
+            let range = |link: &PageLink| {
+                let start = from + u64::from(link.offset);
+                (start, start + u64::from(link.size))
             };
-            for run in now.chunk_by(near) {
-                let (Some(first), Some(last)) = (run.first(), run.last()) else { continue };
-                let length = u64::from(last.offset) + u64::from(last.size) - u64::from(first.offset);
-                let start = self.pages.0 + u64::from(first.offset);
-                if start + length > self.pages.1 {
-                    return Err(Broken::new(ids::INDEX_LINK, start, "a link leads out of PAGE").into());
-                }
-                let bytes = self.fetch(start, length)?;
-                for link in run {
-                    let from = (link.offset - first.offset) as usize;
-                    let page = bytes.get(from..).and_then(|b| b.get(..link.size as usize)).unwrap_or_default();
-                    let at = start + from as u64;
-                    if crc32fast::hash(page) != link.crc {
-                        return Err(Broken::new(ids::INDEX_LINK, at, "a page of the index is damaged").into());
+            if let Some(out) = now.iter().find(|link| range(link).1 > self.pages.1) {
+                return Err(Broken::new(ids::INDEX_LINK, range(out).0, "a link leads out of PAGE").into());
+            }
+            for batch in batches(&runs(&now, range)) {
+                let read = self.fetch_many(batch.iter().map(|run| (run.start, run.end - run.start)))?;
+                for (run, bytes) in batch.iter().zip(read) {
+                    for link in run.pieces {
+                        let at = range(link).0;
+                        let page = bytes.get((at - run.start) as usize..).and_then(|b| b.get(..link.size as usize));
+                        let page = page.unwrap_or_default();
+                        if crc32fast::hash(page) != link.crc {
+                            return Err(Broken::new(ids::INDEX_LINK, at, "a page of the index is damaged").into());
+                        }
+                        self.take(page, at)?;
                     }
-                    self.take(page, at)?;
                 }
             }
         }
@@ -287,20 +341,30 @@ impl<S: RangeRead> IndexReader<S> {
         Ok(())
     }
 
-    fn fetch(&mut self, offset: u64, length: u64) -> Result<Vec<u8>, FormatError> {
-        self.options.check(length)?;
+    /// Reads ranges, given by offset and length.
+    fn fetch_many(&mut self, ranges: impl Iterator<Item = (u64, u64)>) -> Result<Vec<Vec<u8>>, FormatError> {
+        let ranges: Vec<(u64, u64)> = ranges.collect();
+        self.options.check(ranges.iter().map(|range| range.1).sum())?;
         // What came with the head is not read again.
-        let have = usize::try_from(offset).ok().and_then(|at| self.prefix.get(at..)).unwrap_or_default();
-        let mut bytes = have[..have.len().min(length as usize)].to_vec();
-        let start = offset + bytes.len() as u64;
-        let rest = length - bytes.len() as u64;
-        if rest > 0 {
-            let mut input = Input { source: &self.source, length: self.length, prefix: Vec::new(), bytes: 0, reads: 0 };
-            let read = input.fetch(start, rest);
-            self.bytes += input.bytes;
-            self.reads += input.reads;
-            if bytes.is_empty() { bytes = read? } else { bytes.extend(read?) }
-        }
-        Ok(bytes)
+        let have = |(offset, length): &(u64, u64)| {
+            let have = usize::try_from(*offset).ok().and_then(|at| self.prefix.get(at..)).unwrap_or_default();
+            &have[..have.len().min(*length as usize)]
+        };
+        let missing = |range: &(u64, u64)| {
+            let there = have(range).len() as u64;
+            (range.0 + there, range.1 - there)
+        };
+        let rest: Vec<(u64, u64)> = ranges.iter().map(missing).filter(|range| range.1 > 0).collect();
+        let mut input = Input { source: &self.source, length: self.length, prefix: Vec::new(), bytes: 0, reads: 0 };
+        let read = input.fetch_many(rest);
+        self.bytes += input.bytes;
+        self.reads += input.reads;
+        let mut read = read?.into_iter();
+        let whole = |range: &(u64, u64)| {
+            let front = have(range);
+            let rest = if front.len() as u64 == range.1 { Vec::new() } else { read.next().unwrap_or_default() };
+            if front.is_empty() { rest } else { [front, &rest].concat() }
+        };
+        Ok(ranges.iter().map(whole).collect())
     }
 }

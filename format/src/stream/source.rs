@@ -12,6 +12,15 @@ pub trait RangeRead {
     /// [`ErrorKind::UnexpectedEof`] if there are fewer bytes; other errors of the source.
     fn read_at(&self, offset: u64, buf: &mut [u8]) -> Result<()>;
 
+    /// Fills each buffer with the bytes from its offset on. By default one after the other; a source that answers slowly but
+    /// many at once should override it.
+    ///
+    /// # Errors
+    /// The offset of a buffer that was not filled, and why, as by [`read_at`](Self::read_at). The others may be filled or not.
+    fn read_many(&self, reads: &mut [(u64, Vec<u8>)]) -> std::result::Result<(), (u64, Error)> {
+        reads.iter_mut().try_for_each(|(offset, buf)| self.read_at(*offset, buf).map_err(|error| (*offset, error)))
+    }
+
     /// Length in bytes, if known. If it is known, a file whose length differs from that in its header is refused (rule
     /// H004).
     ///
@@ -79,6 +88,10 @@ macro_rules! forward {
         impl<T: RangeRead + ?Sized> RangeRead for $pointer {
             fn read_at(&self, offset: u64, buf: &mut [u8]) -> Result<()> {
                 (**self).read_at(offset, buf)
+            }
+
+            fn read_many(&self, reads: &mut [(u64, Vec<u8>)]) -> std::result::Result<(), (u64, Error)> {
+                (**self).read_many(reads)
             }
 
             fn length(&self) -> Result<Option<u64>> {
