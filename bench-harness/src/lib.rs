@@ -24,6 +24,7 @@
 //! - [`stability_bench`]: `esvo bench stability`, hard rays through hard octrees on every engine, judged by an oracle.
 //! - [`sweep_bench`]: `esvo bench sweep`, error against run time; `esvo advise` picks settings from its record.
 //! - [`shadow_bench`]: `esvo bench shadow`, a volume of one bit a voxel, and how wrong its shortcuts are.
+//! - [`serve_bench`]: `esvo bench serve`, what pictures of octrees on a server take.
 //! - [`voxel_bench`]: `esvo bench voxelize`, voxelization on a GPU against the builder's voxels.
 //! - [`import_bench`]: `esvo bench import`, what happens to each mesh file of a folder.
 //! - [`full_bench`]: `esvo bench --full`, all of these one after the other.
@@ -73,6 +74,7 @@ pub mod repeat;
 pub mod scene;
 mod scene_triangles;
 mod seen;
+pub mod serve_bench;
 pub mod shadow_bench;
 pub mod stability_bench;
 pub mod sweep_bench;

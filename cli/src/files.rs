@@ -6,6 +6,7 @@ use std::path::Path;
 use esvo_format::{Broken, FormatError, Octree, OpenOptions, ids};
 
 use crate::fail::Failure;
+use crate::remote::{is_address, shown};
 
 /// The error with the file's name in front, unless it starts with the name.
 pub(crate) fn name_file(path: &Path, error: impl Display) -> String {
@@ -32,6 +33,12 @@ pub(crate) fn open_verified(path: &Path) -> Result<Octree, Failure> {
 
 /// The error for a file that was not opened.
 pub(crate) fn not_opened(path: &Path, error: FormatError) -> String {
+    if matches!(error, FormatError::Io { .. }) && is_address(path) {
+        let what =
+            "is not read from a server here: esvo info, validate, render and convert do that; get the file first";
+        let name = shown(path);
+        return format!("{name}: {what}: esvo convert {name} -o FILE");
+    }
     if let Some(what) = wrong_kind(path, &error) {
         return what;
     }

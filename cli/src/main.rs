@@ -5,6 +5,7 @@ mod commands;
 mod fail;
 mod files;
 mod memory;
+mod remote;
 mod signals;
 mod stage;
 mod values;

@@ -4,6 +4,7 @@
 fn end() -> ! {
     esvo_format::remove_temporaries();
     esvo_bench::interrupted();
+    crate::remote::remove_copies();
     std::process::exit(130);
 }
 

@@ -29,9 +29,13 @@ impl Stage {
         if extension(path) == LIST {
             return Self::of_list(path, verify);
         }
-        let octree = Arc::new(open(path, verify)?);
+        Ok(Self::of(open(path, verify)?))
+    }
+
+    /// All objects of an octree, where it says.
+    pub(crate) fn of(octree: Octree) -> Self {
         let placed = (0..octree.objects().len()).map(|object| (object, None)).collect();
-        Ok(Self { octree, placed })
+        Self { octree: Arc::new(octree), placed }
     }
 
     fn of_list(path: &Path, verify: bool) -> Result<Self, Failure> {

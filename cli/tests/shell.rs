@@ -21,6 +21,7 @@ const PAGES: [&str; 32] = [
     "esvo-bench-page",
     "esvo-bench-pictures",
     "esvo-bench-rays",
+    "esvo-bench-serve",
     "esvo-bench-shadow",
     "esvo-bench-stability",
     "esvo-bench-sweep",

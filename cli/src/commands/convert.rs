@@ -3,10 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use esvo_format::{WriteOptions, oct};
+use esvo_format::{Octree, WriteOptions, oct};
 
 use crate::fail::{Failure, print};
 use crate::files::{check_output, extension, name_file, open_verified};
+use crate::remote::{Local, RemoteArguments, bare};
 use crate::words::size;
 
 /// A kind of file, given by the extension.
@@ -23,13 +24,17 @@ The extension tells the kind of a file. Contours, block-compressed colours and n
 bit for bit. Data that the other kind of file cannot store is listed. An .esvo is checked against
 every rule first; if it is damaged, nothing is written.
 
+The input may be on a web server or in an object store (http://, https://, s3://, gs://, az://), if the
+program was built with --features remote: all of it is read, to a temporary file.
+
 Examples:
   esvo convert sibenik.oct -o sibenik.esvo
   esvo convert sibenik.esvo -o sibenik.oct
   esvo convert sibenik.esvo -o small.esvo --compress
-  esvo convert sibenik.esvo -o served.esvo --parts")]
+  esvo convert sibenik.esvo -o served.esvo --parts
+  esvo convert https://example.org/sibenik.esvo -o sibenik.esvo")]
 pub(crate) struct ConvertArguments {
-    /// The file to read: .esvo or .oct
+    /// The file to read: .esvo or .oct, or its address
     pub(crate) input: PathBuf,
     /// The file to write: .esvo or .oct
     #[arg(short, long, value_name = "FILE")]
@@ -41,24 +46,20 @@ pub(crate) struct ConvertArguments {
     /// ranges. --compress says how hard their streams are compressed
     #[arg(long)]
     pub(crate) parts: bool,
+    #[command(flatten)]
+    pub(crate) remote: RemoteArguments,
 }
 
 pub(crate) fn run_convert(arguments: &ConvertArguments) -> Result<(), Failure> {
-    let (from, to) = (kind(&arguments.input)?, kind(&arguments.output)?);
+    let (from, to) = (kind(&bare(&arguments.input))?, kind(&arguments.output)?);
     let option = if arguments.parts { "--parts" } else { "--compress" };
     if (arguments.compress.is_some() || arguments.parts) && to == Kind::Oct {
         return Err(format!("{}: .oct files are not compressed; leave out {option}", arguments.output.display()).into());
     }
     check_output(&arguments.output)?;
-    let input = |e| name_file(&arguments.input, e);
-    let (octree, mut lost) = match from {
-        Kind::Esvo => (open_verified(&arguments.input)?, Vec::new()),
-        Kind::Oct => {
-            let imported = oct::open(&arguments.input).map_err(input)?;
-            imported.octree.sound().map_err(|e| name_file(&arguments.input, e))?;
-            (imported.octree, imported.lost)
-        }
-    };
+    let local = Local::of(&arguments.input, &arguments.remote)?;
+    let opened = read(from, local.path());
+    let (octree, mut lost) = opened.map_err(|failure| local.rename(failure, &arguments.input))?;
     match to {
         Kind::Esvo => {
             let options = WriteOptions { compress: arguments.compress, parts: arguments.parts };
@@ -76,6 +77,16 @@ pub(crate) fn run_convert(arguments: &ConvertArguments) -> Result<(), Failure> {
         lost.iter().for_each(|loss| text += &format!("  {loss}\n"));
     }
     print(&text)
+}
+
+/// The octree of a file, and what the file has beside it that is lost.
+fn read(kind: Kind, path: &Path) -> Result<(Octree, Vec<String>), Failure> {
+    if kind == Kind::Esvo {
+        return Ok((open_verified(path)?, Vec::new()));
+    }
+    let imported = oct::open(path).map_err(|e| name_file(path, e))?;
+    imported.octree.sound().map_err(|e| name_file(path, e))?;
+    Ok((imported.octree, imported.lost))
 }
 
 fn kind(path: &Path) -> Result<Kind, Failure> {

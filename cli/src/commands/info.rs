@@ -9,8 +9,10 @@ use esvo_format::file::CODEC_FIELDS;
 use esvo_format::{Octree, Stats};
 use serde_json::{Value, json};
 
+use super::info_served::run_info_served;
 use crate::fail::{Failure, print};
 use crate::files::{open, open_verified};
+use crate::remote::{Local, RemoteArguments, is_address, shown};
 use crate::words::{count, size};
 
 /// Show the contents of a file: levels, voxels, bytes by kind.
@@ -19,10 +21,15 @@ use crate::words::{count, size};
 The checksums of all blocks are compared first, as all blocks are counted. A damaged file is
 refused with exit code 1.
 
-Example:
-  esvo info sibenik.esvo --json")]
+The file may be on a web server or in an object store (http://, https://, s3://, gs://, az://), if the
+program was built with --features remote: then only its head is read, or its tables if it has no index,
+and the bytes and requests are printed; --verify reads all of it.
+
+Examples:
+  esvo info sibenik.esvo --json
+  esvo info https://example.org/sibenik.esvo")]
 pub(crate) struct InfoArguments {
-    /// The file
+    /// The file, or its address
     pub(crate) file: PathBuf,
     /// Print JSON
     #[arg(long)]
@@ -33,16 +40,22 @@ pub(crate) struct InfoArguments {
     /// Do not compare the checksums of the blocks: for a file that was verified before
     #[arg(long)]
     pub(crate) no_verify: bool,
+    #[command(flatten)]
+    pub(crate) remote: RemoteArguments,
 }
 
 pub(crate) fn run_info(arguments: &InfoArguments) -> Result<(), Failure> {
-    let octree =
-        if arguments.verify { open_verified(&arguments.file)? } else { open(&arguments.file, !arguments.no_verify)? };
+    if is_address(&arguments.file) && !arguments.verify {
+        return run_info_served(arguments);
+    }
+    let local = Local::of(&arguments.file, &arguments.remote)?;
+    let opened = if arguments.verify { open_verified(local.path()) } else { open(local.path(), !arguments.no_verify) };
+    let octree = opened.map_err(|failure| local.rename(failure, &arguments.file))?;
     let stats = esvo_format::stats(&octree);
     if arguments.json {
         return print(&(serde_json::to_string_pretty(&as_json(&octree, &stats))? + "\n"));
     }
-    let mut text = format!("{}\n", arguments.file.display());
+    let mut text = format!("{}\n", shown(&arguments.file));
     for (index, object) in octree.objects().iter().enumerate() {
         let to_mesh = octree.octree_to_mesh(index);
         let corner = to_mesh.transform_point3(glam::DVec3::ZERO);

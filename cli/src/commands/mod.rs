@@ -11,6 +11,7 @@ pub(crate) mod dump;
 pub(crate) mod export;
 pub(crate) mod hits;
 pub(crate) mod info;
+mod info_served;
 pub(crate) mod join;
 pub(crate) mod kernel;
 pub(crate) mod man;

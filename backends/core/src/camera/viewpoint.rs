@@ -5,8 +5,9 @@ use glam::{DMat4, DVec3};
 
 use crate::{Camera, Object};
 
-/// Levels that are visited to find out which part of the root cube is filled.
-const LEVELS: u32 = 6;
+/// Levels that are visited to find out which part of the root cube is filled: octrees without the levels below have the same
+/// bounds and cameras.
+pub const LEVELS: u32 = 6;
 /// The same where there are more than [`MANY`] objects.
 const LEVELS_OF_MANY: u32 = 3;
 const MANY: usize = 16;

@@ -14,6 +14,7 @@ pub(crate) mod rays;
 mod record;
 mod repeat;
 pub(crate) mod selection;
+pub(crate) mod serve;
 pub(crate) mod shadow;
 pub(crate) mod stability;
 pub(crate) mod sweep;
@@ -31,6 +32,7 @@ use needs::BenchNeedsArguments;
 use page::BenchPageArguments;
 use pictures::BenchPicturesArguments;
 use rays::BenchRaysArguments;
+use serve::BenchServeArguments;
 use shadow::BenchShadowArguments;
 use stability::BenchStabilityArguments;
 use sweep::BenchSweepArguments;
@@ -70,6 +72,7 @@ pub(crate) enum BenchCommand {
     Import(BenchImportArguments),
     Rays(BenchRaysArguments),
     Needs(BenchNeedsArguments),
+    Serve(BenchServeArguments),
     Shadow(BenchShadowArguments),
     Stability(BenchStabilityArguments),
     Sweep(BenchSweepArguments),
@@ -88,6 +91,7 @@ pub(crate) fn run_bench(arguments: &BenchArguments) -> Result<(), Failure> {
         Some(BenchCommand::Import(arguments)) => import::run_bench_import(arguments),
         Some(BenchCommand::Rays(arguments)) => rays::run_bench_rays(arguments),
         Some(BenchCommand::Needs(arguments)) => needs::run_bench_needs(arguments),
+        Some(BenchCommand::Serve(arguments)) => serve::run_bench_serve(arguments),
         Some(BenchCommand::Shadow(arguments)) => shadow::run_bench_shadow(arguments),
         Some(BenchCommand::Stability(arguments)) => stability::run_bench_stability(arguments),
         Some(BenchCommand::Sweep(arguments)) => sweep::run_bench_sweep(arguments),

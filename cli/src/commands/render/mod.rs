@@ -12,6 +12,7 @@ mod effects_gpu;
 mod frames;
 mod look;
 mod path;
+mod served;
 
 use std::path::{Path, PathBuf};
 
@@ -29,6 +30,7 @@ use glam::DVec3;
 use crate::fail::{Failure, complain, print};
 use crate::files::{check_extension, check_not_input, check_output, extension};
 use crate::memory::check_memory;
+use crate::remote::{RemoteArguments, is_address};
 use crate::stage::{LIST, Stage};
 use crate::values::{SkyValue, engine, parse_beam_block, parse_light, parse_sky};
 use crate::view::{DEFAULT_FOV, Key, ViewArguments};
@@ -95,9 +97,15 @@ Examples:
   esvo render sibenik.esvo -o contours.png --compare contours,no-contours+no-filter
   esvo render sibenik.esvo -o same.png --compare cpu,wgpu+beam
   esvo render sibenik.esvo -o turn.png --turn --frames 120        # turn-001.png to turn-120.png
-  esvo render sibenik.esvo -o walk.png --path walk.txt --sky dome")]
+  esvo render sibenik.esvo -o walk.png --path walk.txt --sky dome
+  esvo render https://example.org/sibenik.esvo -o nave.png --scene sibenik
+
+An octree may be on a web server or in an object store (http://, https://, s3://, gs://, az://), if the
+program was built with --features remote. Only what the picture needs is read, best of a file that was
+written with --parts: voxels in the picture, down to the size at which rays end. All of it is read for
+shadows of lights and for effects.")]
 pub(crate) struct RenderArguments {
-    /// The octree, or a scene list (.toml): octrees and where they stand
+    /// The octree, its address, or a scene list (.toml): octrees and where they stand
     pub(crate) file: PathBuf,
     /// The PNG to write. Frames of a film have their number before the extension: -o turn.png writes turn-001.png and so on
     #[arg(short, long, value_name = "FILE")]
@@ -150,6 +158,8 @@ pub(crate) struct RenderArguments {
     /// the picture needs is then read from an uncompressed file
     #[arg(long)]
     pub(crate) no_verify: bool,
+    #[command(flatten)]
+    pub(crate) remote: RemoteArguments,
 }
 
 pub(crate) fn run_render(arguments: &RenderArguments) -> Result<(), Failure> {
@@ -163,7 +173,11 @@ pub(crate) fn run_render(arguments: &RenderArguments) -> Result<(), Failure> {
     let looks = arguments.looks()?;
     let fov = arguments.rays.fov()?.unwrap_or(DEFAULT_FOV);
     let path = arguments.path.as_deref().map(|path| CameraPath::read(path, fov)).transpose()?;
-    let stage = Stage::open(&arguments.file, !arguments.no_verify)?;
+    let (stage, read) = if is_address(&arguments.file) {
+        arguments.served_stage(path.as_ref(), &looks)?
+    } else {
+        (Stage::open(&arguments.file, !arguments.no_verify)?, String::new())
+    };
     arguments.warn_of_missing_ambient(&stage.octree, &looks);
     let objects = stage.objects();
     let cameras = arguments.cameras(&objects, path.as_ref())?;
@@ -217,6 +231,7 @@ pub(crate) fn run_render(arguments: &RenderArguments) -> Result<(), Failure> {
         warn_of_nothing(&objects, (empty.len(), cameras.len()), &outputs[*first], &cameras[*first]);
     }
     arguments.report(&outputs, &looks, &casters, &totals, &differences)?;
+    print(&read)?;
     effects.map_or(Ok(()), |effects| print(&effects.about()))
 }
 
