@@ -79,13 +79,15 @@ step "format"
 cargo fmt --all --check
 
 step "clippy"
-cargo clippy --workspace --all-targets --locked -- -D warnings
+# The crates of `remote` are compiled anyway, as it is a member; the program without it is checked below, feature by feature.
+features='esvo/remote'
+cargo clippy --workspace --all-targets --locked --features "$features" -- -D warnings
 
 step "tests"
 if cargo nextest --version >/dev/null 2>&1; then
-    cargo nextest run --workspace --locked
+    cargo nextest run --workspace --locked --features "$features"
 else
-    cargo test --workspace --all-targets --locked
+    cargo test --workspace --all-targets --locked --features "$features"
 fi
 
 if [ "$mode" = quick ]; then
@@ -100,11 +102,15 @@ step "documentation"
 RUSTDOCFLAGS='-D warnings' cargo doc --workspace --no-deps --locked
 
 step "each feature alone"
+cargo check -q --locked -p esvo
 cargo check -q --locked -p esvo --no-default-features
 cargo check -q --locked -p esvo --no-default-features --features wgpu
 cargo check -q --locked -p esvo --no-default-features --features ash
 cargo check -q --locked -p esvo-format --no-default-features
 cargo check -q --locked -p esvo-core --no-default-features --all-targets
+
+step "object stores"
+bash remote/tests/s3.sh
 
 step "Embree"
 # The feature is for comparison only; it links a library that is no package of Rust.

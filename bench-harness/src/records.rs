@@ -92,8 +92,9 @@ enum Kind {
     Needs,
     Voxelize,
     Shadow,
-    /// A record that pages do not show.
+    /// Records that pages do not show.
     Format,
+    Serve,
 }
 
 fn kind(value: &Value) -> Option<Kind> {
@@ -101,7 +102,7 @@ fn kind(value: &Value) -> Option<Kind> {
     if !has(&["schema", "machine"]) {
         return None;
     }
-    let kinds: [(Kind, &[&str]); 9] = [
+    let kinds: [(Kind, &[&str]); 10] = [
         (Kind::Voxelize, &["curve", "device"]),
         (Kind::Shadow, &["world", "moving", "leaks"]),
         (Kind::Stability, &["controls", "leaks", "meshes"]),
@@ -111,6 +112,7 @@ fn kind(value: &Value) -> Option<Kind> {
         (Kind::Paper, &["matrix", "devices", "scenes"]),
         (Kind::Build, &["matrix", "scenes"]),
         (Kind::Format, &["octrees", "storage"]),
+        (Kind::Serve, &["served", "mbit"]),
     ];
     kinds.iter().find(|(_, fields)| has(fields)).map(|(kind, _)| *kind)
 }
@@ -219,7 +221,7 @@ fn parse_record(path: &Path, text: &str, kind: Option<Kind>) -> Result<Option<Re
         Some(Kind::Shadow) => Record::Shadow(parse(text, &file, crate::shadow_bench::SCHEMA)?),
         // Its cells point at octrees, which this function checks.
         Some(Kind::Sweep) => Record::Sweep(Box::new(read_sweep_record(path)?)),
-        Some(Kind::Format) | None => return Ok(None),
+        Some(Kind::Format | Kind::Serve) | None => return Ok(None),
     };
     Ok(Some(record))
 }

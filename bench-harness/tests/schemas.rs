@@ -14,6 +14,7 @@ use esvo_bench::paper_bench::slowed::Slowed;
 use esvo_bench::paper_bench::{PaperBenchOptions, run_paper_bench};
 use esvo_bench::ray_bench::{RayBenchOptions, run_ray_bench};
 use esvo_bench::records::{Record, read_record};
+use esvo_bench::serve_bench::{ServeReport, ServeRow, ServedFile};
 use esvo_bench::shadow_bench::{ShadowOptions, run_shadow_bench, write_shadow_record};
 use esvo_bench::stability_bench::{StabilityOptions, run_stability_bench};
 use esvo_bench::sweep_bench::{Cache, SweepBenchOptions, SweepPlan, run_sweep_bench};
@@ -28,7 +29,7 @@ use jsonschema::Validator;
 use serde_json::{Value, json};
 
 /// Names of the schemas, and fields by which records are known.
-const RECORDS: [(&str, &[&str]); 9] = [
+const RECORDS: [(&str, &[&str]); 10] = [
     ("shadow", &["moving", "world"]),
     ("voxelize", &["curve", "device"]),
     ("stability", &["controls", "leaks"]),
@@ -37,6 +38,7 @@ const RECORDS: [(&str, &[&str]); 9] = [
     ("needs", &["cases"]),
     ("tables", &["matrix", "devices"]),
     ("format", &["storage"]),
+    ("serve", &["served"]),
     ("build", &["matrix"]),
 ];
 
@@ -514,6 +516,50 @@ fn format() {
     let report = run_format_bench(&options, &Progress::hidden()).unwrap();
     // Absent in rows of blocks that are not in parts.
     holds("format", &parse(&report.to_json()), &["storage/parts"]);
+}
+
+/// A record that is made up: one that is measured needs the feature `remote`.
+#[test]
+fn serve() {
+    let row = |what: &str, different: Option<u64>| ServeRow {
+        what: what.into(),
+        bytes: 32_768,
+        requests: Some(1),
+        seconds: Some(0.25),
+        octree_bytes: different.map(|_| 8192),
+        different,
+        control: different.map(|_| 9),
+    };
+    let file = ServedFile {
+        name: "a.esvo".into(),
+        stored: "parts by level".into(),
+        file_bytes: 1 << 20,
+        head_bytes: 16_000,
+        levels: 9,
+        voxels: 100_000,
+        rows: vec![row("opened", None), row("16 px", Some(0))],
+    };
+    let report = ServeReport {
+        schema: esvo_bench::serve_bench::SCHEMA,
+        machine: Machine::detect(),
+        delay_ms: 50,
+        mbit: 50.0,
+        camera: "Camera nave-east of SIBENIK".into(),
+        size: [1024, 768],
+        served: vec![file],
+        seconds: 1.5,
+    };
+    assert!(report.passed());
+    let with = |change: fn(&mut ServeRow)| {
+        let mut report = report.clone();
+        change(&mut report.served[0].rows[1]);
+        report
+    };
+    assert!(!with(|row| row.different = Some(1)).passed());
+    assert!(!with(|row| row.control = Some(0)).passed(), "nothing shows that a difference would be seen");
+    holds("serve", &parse(&report.to_json()), &[]);
+    let text = esvo_bench::serve_bench::to_text(&report);
+    assert!(text.contains("0.0328 / 1 / 0.250"), "{text}");
 }
 
 #[test]

@@ -159,8 +159,8 @@ fn a_file_without_ranges_and_without_end_is_given_up_at_the_limit() {
 
 #[test]
 fn slow_answers_and_closed_doors_are_given_up() {
-    let server = Server::of_file(stored(&[0; 300_000]), Pace { bytes_per_second: 100_000, ..Pace::default() }).unwrap();
-    let with = RemoteOptions { slowest: 1 << 20, patience: Duration::from_millis(300), ..options() };
+    let server = Server::of_file(stored(&[0; 300_000]), Pace { bytes_per_second: 60_000, ..Pace::default() }).unwrap();
+    let with = RemoteOptions { slowest: 1 << 20, patience: Duration::from_millis(800), tries: 1, ..options() };
     let file = RemoteFile::open(&server.address("a"), with).unwrap();
     let error = esvo_format::RangeRead::read_at(&file, 40_000, &mut vec![0; 260_000]).unwrap_err().to_string();
     assert!(error.contains("slower than 1048576 bytes/s"), "{error}");

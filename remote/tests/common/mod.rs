@@ -38,6 +38,7 @@ pub(crate) fn bytes(octree: &Octree, parts: bool) -> Vec<u8> {
 }
 
 /// A temporary file with these bytes.
+#[allow(dead_code, reason = "the test of object stores serves nothing itself")]
 pub(crate) fn stored(bytes: &[u8]) -> File {
     let mut file = tempfile::tempfile().unwrap();
     file.write_all(bytes).unwrap();
