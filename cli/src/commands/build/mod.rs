@@ -108,7 +108,8 @@ pub(crate) struct BuildArguments {
     #[arg(long, value_name = "LEVEL", num_args = 0..=1, default_missing_value = "3", value_parser = clap::value_parser!(i32).range(1..=22))]
     pub(crate) compress: Option<i32>,
     /// Store the blocks in parts by level, as streams of fields: the smallest files, and a coarse version is read by few
-    /// ranges. --compress says how hard their streams are compressed
+    /// ranges. --compress says how hard their streams are compressed. Blocks are smaller than those that `esvo convert --parts`
+    /// takes over, so that a picture of a served file needs fewer bytes
     #[arg(long)]
     pub(crate) parts: bool,
     /// Build part K of N alone: the voxels in some cubes of level 4, which esvo plan lists. The output is an .esvopart; esvo join makes
@@ -138,6 +139,10 @@ pub(crate) struct BuildArguments {
 
 /// The deepest level of the octree of a mesh unless --levels gives another.
 const DEFAULT_LEVELS: u32 = 10;
+
+/// Slots of the largest blocks of a file with parts: blocks are a quarter as large as in other files, so that fewer voxels that a
+/// picture does not need come with those that it needs.
+const SERVED_BLOCK_SLOTS: u32 = 1 << 18;
 
 /// The formats of [`esvo_builder::import::Format`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -452,5 +457,8 @@ fn settings(
     settings.color_error = arguments.color_error.unwrap_or(settings.color_error);
     settings.normal_error = arguments.normal_error.unwrap_or(settings.normal_error);
     settings.texture_test = arguments.texture_test.map_or(settings.texture_test, Into::into);
+    if arguments.parts {
+        settings.assemble.block_slots = SERVED_BLOCK_SLOTS;
+    }
     Ok(settings)
 }
