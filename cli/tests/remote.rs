@@ -37,7 +37,7 @@ mod with_servers {
 
     /// An octree with parts, one without, and a server for each.
     fn served(folder: &Folder) -> [Server; 2] {
-        folder.put("ball.obj", &ball());
+        folder.put("ball.obj", ball());
         folder.ok(&["build", "ball.obj", "-o", "plain.esvo", "--levels", "9"]);
         folder.ok(&["convert", "plain.esvo", "-o", "parts.esvo", "--parts"]);
         ["parts.esvo", "plain.esvo"]
