@@ -108,10 +108,13 @@ pub(crate) struct BuildArguments {
     #[arg(long, value_name = "LEVEL", num_args = 0..=1, default_missing_value = "3", value_parser = clap::value_parser!(i32).range(1..=22))]
     pub(crate) compress: Option<i32>,
     /// Store the blocks in parts by level, as streams of fields: the smallest files, and a coarse version is read by few
-    /// ranges. --compress says how hard their streams are compressed. Blocks are smaller than those that `esvo convert --parts`
-    /// takes over, so that a picture of a served file needs fewer bytes
+    /// ranges. --compress says how hard their streams are compressed
     #[arg(long)]
     pub(crate) parts: bool,
+    /// Largest blocks in slots of 8 bytes for descriptors: 262144 with --parts for a file on a server, so that a picture needs fewer
+    /// bytes [default: 1048576]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(64..=1 << 20))]
+    pub(crate) block_slots: Option<u32>,
     /// Build part K of N alone: the voxels in some cubes of level 4, which esvo plan lists. The output is an .esvopart; esvo join makes
     /// of all N the file that a build without this option writes, byte for byte
     #[arg(long, value_name = "K/N", value_parser = part::parse_part, conflicts_with_all = ["compress", "parts"])]
@@ -139,10 +142,6 @@ pub(crate) struct BuildArguments {
 
 /// The deepest level of the octree of a mesh unless --levels gives another.
 const DEFAULT_LEVELS: u32 = 10;
-
-/// Slots of the largest blocks of a file with parts: blocks are a quarter as large as in other files, so that fewer voxels that a
-/// picture does not need come with those that it needs.
-const SERVED_BLOCK_SLOTS: u32 = 1 << 18;
 
 /// The formats of [`esvo_builder::import::Format`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -457,8 +456,8 @@ fn settings(
     settings.color_error = arguments.color_error.unwrap_or(settings.color_error);
     settings.normal_error = arguments.normal_error.unwrap_or(settings.normal_error);
     settings.texture_test = arguments.texture_test.map_or(settings.texture_test, Into::into);
-    if arguments.parts {
-        settings.assemble.block_slots = SERVED_BLOCK_SLOTS;
+    if let Some(slots) = arguments.block_slots {
+        settings.assemble.block_slots = slots;
     }
     Ok(settings)
 }
