@@ -286,14 +286,16 @@ export class Served {
 /**
  * Ranges that have all parts, those that lie close together in one.
  * @param {PartEntry[]} parts
+ * @param {number} [maxGap] Bytes between two that are read along.
+ * @param {number} [maxRequest] Bytes of a range of several.
  */
-export function coalesce(parts) {
+export function coalesce(parts, maxGap = MAX_GAP, maxRequest = MAX_REQUEST) {
   /** @type {{ start: number, end: number, parts: PartEntry[] }[]} */
   const runs = [];
   for (const part of [...parts].sort((a, b) => a.fileAt - b.fileAt)) {
     const run = runs.at(-1);
     const end = part.fileAt + part.size;
-    if (run && part.fileAt - run.end <= MAX_GAP && end - run.start <= MAX_REQUEST) {
+    if (run && part.fileAt - run.end <= maxGap && end - run.start <= maxRequest) {
       run.end = end;
       run.parts.push(part);
     } else {

@@ -1,0 +1,552 @@
+// Keeps the parts of a file in memory that the camera needs most (specification, sections 4.3 to 4.5 and 11.3).
+//
+// A part is worth as many pixels as the voxels have that it splits. The parts that are worth most are wanted, as many as the budget
+// holds. A block that gets a part is laid out anew beside its former image; then one descriptor of its parent is changed, so that
+// the picture changes at once and never shows half of it. What is least worth goes first, and only when its room is needed.
+import { EsvoError } from '../reader/src/errors.js';
+import { coalesce, openSource } from '../reader/src/served.js';
+import { NO_PARENT } from '../reader/src/tables.js';
+import { PageAllocator } from './pages.js';
+import { Place } from './priority.js';
+
+/** @typedef {import('../reader/src/served.js').Served} Served */
+/** @typedef {import('../reader/src/served.js').ServedBlock} ServedBlock */
+/** @typedef {import('../reader/src/served.js').BlockLink} BlockLink */
+/** @typedef {import('../reader/src/index-pages.js').PageLink} PageLink */
+/** @typedef {import('./priority.js').Eye} Eye */
+
+/** Bytes and words of a page. */
+const PAGE = 8192;
+const PAGE_WORDS = 2048;
+/** Requests at a time, most bytes of one, and bytes that are worth reading along. */
+const REQUESTS = 6;
+const REQUEST_BYTES = 1 << 18;
+const GAP = 1 << 13;
+/** How much better a part must be to drive out another. */
+const BETTER = 1.3;
+/** Milliseconds of work between two looks at the queue of messages. */
+const SLICE = 12;
+/** What of the budget is for parts that are kept, in case their blocks are laid out anew; the rest is for images. */
+const KEPT = 0.25;
+/** What of either is planned with: the rest is for what goes while something comes, and for gaps. */
+const ROOM = 0.88;
+/** Bytes of an image for a stored byte, before anything is known. */
+const FIRST_RATIO = 5;
+
+/**
+ * What is in memory of a block.
+ * @typedef {object} Resident
+ * @property {ServedBlock} block
+ * @property {Place} place
+ * @property {number} distance
+ * @property {number} sight
+ * @property {(Uint8Array | undefined)[]} stored Bytes of the parts that are there.
+ * @property {boolean[]} loading
+ * @property {number} shown Number of parts in the image in the pool; 0 if it is in none.
+ * @property {number} wanted Number of parts that should be there.
+ * @property {number} page
+ * @property {number} pages
+ * @property {BlockLink[]} links Of the image that is shown.
+ * @property {number} inner Non-leaf mask of the descriptor that leads here.
+ * @property {Resident[]} children Those that are known.
+ */
+
+/**
+ * A change of the pool that is made at once.
+ * @typedef {object} Batch
+ * @property {{ at: number, words: Uint32Array }[]} writes Word in the pool, and what comes there.
+ * @property {number[]} patches Pairs of a word in the pool and its value.
+ * @property {number[]} roots Slot of the root of each object.
+ */
+
+/**
+ * @typedef {object} Stats
+ * @property {number} requests
+ * @property {number} bytes Read from the source.
+ * @property {number} parts In the picture.
+ * @property {number} known Parts that are known.
+ * @property {number} missing Parts that are wanted and not there.
+ * @property {number} used Bytes of the pool in use.
+ * @property {number} kept Bytes of parts that are kept.
+ * @property {number} limit Voxels of so many pixels are split as far as the budget lets it; the threshold if it does not matter.
+ */
+
+/**
+ * The cubes of the voxels of a root block's image, at the level or above it.
+ * @param {Uint32Array} words
+ * @param {number} [below]
+ */
+function coarseBoxes(words, below = 4) {
+  /** @type {{ low: number[], high: number[] }[]} */
+  const found = [];
+  const visit = (/** @type {number} */ slot, /** @type {number} */ level, /** @type {number[]} */ low) => {
+    const word = words[2 * slot];
+    const [valid, leaf, edge] = [(word >> 8) & 255, word & 255, 2 ** -(level + 1)];
+    const pointer = slot + (word >>> 17);
+    let next = word & 0x10000 ? slot + words[2 * pointer] : pointer;
+    for (let child = 0; child < 8; child++) {
+      if (!((valid >> child) & 1)) continue;
+      const at = low.map((x, axis) => x + edge * ((child >> axis) & 1));
+      const inner = !((leaf >> child) & 1);
+      if (inner && level + 1 < below && 2 * next < words.length) visit(next, level + 1, at);
+      else found.push({ low: at, high: at.map((x) => x + edge) });
+      if (inner) next++;
+    }
+  };
+  visit(2, 0, [0, 0, 0]);
+  return found;
+}
+
+export class Streamer {
+  /**
+   * @param {import('../reader/src/source.js').Source} source
+   * @param {{ budget: number, batch: (batch: Batch) => void, stats?: (stats: Stats) => void, root?: (object: number, boxes: { low: number[], high: number[] }[]) => void, fail?: (error: unknown) => void, now?: () => number }} options
+   *   `budget`: bytes of the pool and of parts that are kept.
+   */
+  constructor(source, { budget, batch, stats = () => {}, fail = () => {}, root = () => {}, now = () => performance.now() }) {
+    this.source = source;
+    this.budget = budget;
+    this.send = batch;
+    this.report = stats;
+    this.fail = fail;
+    this.sawRoot = root;
+    this.now = now;
+    /** @type {Map<number, Resident>} */
+    this.residents = new Map();
+    /** @type {Map<PageLink, Place>} Pages of the index that were not read. */
+    this.pageLinks = new Map();
+    /** @type {Eye | undefined} */
+    this.eye = undefined;
+    /** @type {number[]} */
+    this.roots = [];
+    this.ratio = FIRST_RATIO;
+    this.inFlight = 0;
+    this.kept = 0;
+    this.missing = 0;
+    this.limit = 0;
+    this.failed = false;
+    /** How far the budget is used: less where estimates were too low. */
+    this.trust = 1;
+    this.abort = new AbortController();
+    /** @type {Set<Resident>} Blocks with parts that are not in their image. */
+    this.ready = new Set();
+  }
+
+  /** Reads the head. Returns what the page shows of the file. */
+  async open() {
+    const served = await openSource(this.source);
+    this.served = served;
+    this.pool = new PageAllocator(Math.max(16, Math.floor((this.budget * (1 - KEPT)) / PAGE)));
+    this.#learn([...served.blocks.values()], served.links);
+    this.roots = served.objects.map(() => 0xffffffff);
+    return { objects: served.objects, inParts: served.inParts, length: served.header.length };
+  }
+
+  /**
+   * @param {ServedBlock[]} blocks
+   * @param {PageLink[]} links
+   */
+  #learn(blocks, links) {
+    const { served } = this;
+    if (!served) return;
+    for (const block of blocks) {
+      const place = new Place(served.objects[block.object].octreeToMesh, block.position, block.scale);
+      this.residents.set(block.index, {
+        block, place, distance: 0, sight: 1, stored: block.parts.map(() => undefined), loading: block.parts.map(() => false), shown: 0, wanted: 0,
+        page: -1, pages: 0, links: [], inner: 0, children: [],
+      });
+    }
+    for (const { index, parent } of blocks) {
+      const own = this.residents.get(index);
+      if (own && parent !== NO_PARENT) this.residents.get(parent)?.children.push(own);
+    }
+    for (const link of links) {
+      if (this.pageLinks.has(link)) continue;
+      const object = served.objects[link.object ?? 0];
+      const all = link.object === undefined && served.objects.length > 1;
+      this.pageLinks.set(link, all ? new Place(object.octreeToMesh, [0, 0, 0], 23) : new Place(object.octreeToMesh, link.position, link.scale));
+    }
+  }
+
+  /**
+   * The camera moved, or a setting changed.
+   * @param {Eye} eye
+   */
+  look(eye) {
+    if (this.eye && eye.eye.some((x, k) => x !== this.eye?.eye[k])) this.trust = Math.min(this.trust * 1.01, 1);
+    this.eye = eye;
+    this.plan();
+  }
+
+  /** Ends everything. */
+  close() {
+    this.failed = true;
+    this.abort.abort();
+  }
+
+  /** Whether all that is wanted is there. */
+  get settled() {
+    return this.inFlight === 0 && this.missing === 0 && this.ready.size === 0;
+  }
+
+  /** Decides what is wanted, and asks for what is missing. */
+  plan() {
+    const { eye, pool, served } = this;
+    if (!eye || !pool || !served || this.failed) return;
+    /** @type {{ pixels: number, own: Resident, number: number, cost: number }[]} */
+    const candidates = [];
+    for (const own of this.residents.values()) {
+      Object.assign(own, own.place.worth(eye));
+      own.wanted = 0;
+      own.block.parts.forEach((part, number) => {
+        const isRoot = number === 0 && own.block.parent === NO_PARENT;
+        const pixels = isRoot ? Infinity : own.place.pixels(own, part.first, eye.pixel);
+        if (pixels > eye.threshold) candidates.push({ pixels, own, number, cost: this.#cost(own, number) });
+      });
+    }
+    candidates.sort((a, b) => b.pixels - a.pixels || a.own.block.first - b.own.block.first || a.number - b.number);
+    let images = pool.total * PAGE * ROOM * this.trust;
+    let stored = this.budget * KEPT * ROOM;
+    this.limit = eye.threshold;
+    for (const { pixels, own, number, cost } of candidates) {
+      const parent = own.block.parent === NO_PARENT ? undefined : this.residents.get(own.block.parent);
+      // In this order a part comes after all that it needs; where one of those had no room, it has none.
+      if (own.wanted !== number || (parent && parent.wanted === 0)) continue;
+      images -= cost;
+      stored -= own.block.parts[number].size;
+      if (images < 0 || stored < 0) {
+        this.limit = pixels;
+        break;
+      }
+      own.wanted = number + 1;
+    }
+    this.#request();
+    this.#report();
+  }
+
+  /**
+   * Bytes of the pool that a part takes.
+   * @param {Resident} own
+   * @param {number} number
+   */
+  #cost(own, number) {
+    const { block } = own;
+    if (number < own.shown) {
+      const stored = block.parts.slice(0, own.shown).reduce((sum, part) => sum + part.size, 0);
+      return (own.pages * PAGE * block.parts[number].size) / stored;
+    }
+    const bytes = block.codec === 2 ? block.parts[number].size * this.ratio : block.size;
+    // An image has whole pages: half of one is left over.
+    return number === 0 ? bytes + PAGE / 2 : bytes;
+  }
+
+  /** Asks for parts and pages that are wanted and missing, the most needed first. */
+  #request() {
+    const { served, eye } = this;
+    if (!served || !eye) return;
+    /** @type {import('../reader/src/tables.js').PartEntry[]} */
+    const parts = [];
+    /** @type {Map<import('../reader/src/tables.js').PartEntry, number>} */
+    const worth = new Map();
+    this.missing = 0;
+    for (const own of this.residents.values()) {
+      for (let number = 0; number < own.wanted; number++) {
+        if (own.stored[number]) continue;
+        this.missing++;
+        if (own.loading[number]) continue;
+        const part = own.block.parts[number];
+        parts.push(part);
+        worth.set(part, number === 0 && own.block.parent === NO_PARENT ? Infinity : own.place.pixels(own, part.first, eye.pixel));
+      }
+    }
+    /** @type {{ pixels: number, start: () => Promise<void> }[]} */
+    const wishes = coalesce(parts, GAP, REQUEST_BYTES).map((run) => ({
+      pixels: run.parts.reduce((most, part) => Math.max(most, worth.get(part) ?? 0), 0),
+      start: () => this.#loadParts(run.parts),
+    }));
+    for (const [link, place] of this.pageLinks) {
+      const pixels = place.pixels(place.worth(eye), link.first, eye.pixel);
+      if (pixels > Math.max(eye.threshold, this.limit)) wishes.push({ pixels, start: () => this.#loadPage(link) });
+    }
+    wishes.sort((a, b) => b.pixels - a.pixels);
+    while (this.inFlight < REQUESTS && wishes.length) {
+      this.inFlight++;
+      wishes.shift()?.start().catch((error) => this.#stop(error)).finally(() => {
+        this.inFlight--;
+        this.plan();
+      });
+    }
+  }
+
+  /** @param {unknown} error */
+  #stop(error) {
+    if (this.failed) return;
+    this.failed = true;
+    this.abort.abort();
+    this.fail(error);
+  }
+
+  /** @param {PageLink} link */
+  async #loadPage(link) {
+    const { served } = this;
+    this.pageLinks.delete(link);
+    const before = new Set(served?.links);
+    const blocks = await served?.readPage(link, this.abort.signal) ?? [];
+    this.#learn(blocks, served?.links.filter((other) => !before.has(other)) ?? []);
+  }
+
+  /** @param {import('../reader/src/tables.js').PartEntry[]} parts */
+  async #loadParts(parts) {
+    const places = parts.map((part) => {
+      const own = /** @type {Resident} */ (this.residents.get(part.block));
+      const number = own.block.parts.indexOf(part);
+      own.loading[number] = true;
+      return { own, number };
+    });
+    try {
+      await this.served?.readParts(parts, (part, bytes) => {
+        const { own, number } = places[parts.indexOf(part)];
+        // A copy: the answer of the server has other parts too, which may go.
+        own.stored[number] = bytes.slice();
+        this.kept += part.size;
+        this.ready.add(own);
+      }, this.abort.signal);
+    } finally {
+      for (const { own, number } of places) own.loading[number] = false;
+    }
+    await this.work();
+  }
+
+  /** Makes images of the parts that are there, for a while at a time. */
+  async work() {
+    if (this.working) return;
+    this.working = true;
+    try {
+      let start = this.now();
+      while (this.ready.size && !this.failed) {
+        this.#makeOne();
+        if (this.now() - start > SLICE) {
+          await new Promise((resolve) => setTimeout(resolve));
+          start = this.now();
+        }
+      }
+    } catch (error) {
+      this.#stop(error);
+    } finally {
+      this.working = false;
+    }
+    this.#report();
+  }
+
+  /** The block that is most needed gets the image of the parts that are there; it is forgotten if it cannot. */
+  #makeOne() {
+    /** @type {Resident | undefined} */
+    let best;
+    for (const own of this.ready) {
+      if (!best || own.block.first < best.block.first || (own.block.first === best.block.first && own.distance < best.distance)) best = own;
+    }
+    if (!best) return;
+    this.ready.delete(best);
+    const there = best.stored.findIndex((bytes) => !bytes);
+    const count = there < 0 ? best.stored.length : there;
+    if (count <= best.shown) return;
+    const link = this.#linkTo(best);
+    // Comes again once the parent's image has the descriptor that leads here.
+    if (link === undefined) return;
+    this.#show(best, count, link);
+  }
+
+  /**
+   * The link of the parent's image to a block; `null` for a root block, `undefined` where there is none yet.
+   * @param {Resident} own
+   */
+  #linkTo(own) {
+    const { parent, index, position, scale } = own.block;
+    if (parent === NO_PARENT) return null;
+    const above = this.residents.get(parent);
+    if (!above?.shown) return undefined;
+    const leads = (/** @type {BlockLink} */ link) => (link.child === undefined ? link.scale === scale && position.every((x, axis) => x === link.position?.[axis]) : link.child === index);
+    return above.links.find(leads);
+  }
+
+  /**
+   * Lays a block out with so many of its parts, and puts it in the place of its former image.
+   * @param {Resident} own
+   * @param {number} count
+   * @param {BlockLink | null} link
+   */
+  #show(own, count, link) {
+    const { block } = own;
+    const image = this.#image(own, count, link);
+    const pages = image.words.length / PAGE_WORDS;
+    const page = this.#takePages(pages, own, block.parts[count - 1].first);
+    if (page < 0) {
+      // The estimates were too low. The next plan wants less.
+      this.trust = Math.max(this.trust * 0.95, 0.2);
+      this.#forget(own, own.shown);
+      return;
+    }
+    const stored = block.parts.slice(own.shown, count).reduce((sum, part) => sum + part.size, 0);
+    if (block.codec === 2 && stored > 2000) this.ratio += 0.1 * (Math.min(Math.max(((pages - own.pages) * PAGE) / stored, 1), 20) - this.ratio);
+    const before = { page: own.page, pages: own.pages };
+    this.#put(own, count, image, page, link);
+    // Later batches may use the room: changes are made in their order.
+    if (before.pages) this.pool?.give(before.page, before.pages);
+  }
+
+  /**
+   * Lays a block out with fewer parts. Its room is free at once, as a batch is a single change.
+   * @param {Resident} own
+   * @param {number} count
+   */
+  #shrink(own, count) {
+    const link = this.#linkTo(own);
+    if (link === undefined || !this.pool) return;
+    const image = this.#image(own, count, link);
+    const left = new Set(image.links.map((other) => this.#childOf(own, other)));
+    for (const child of own.children) if (!left.has(child)) this.#hide(child);
+    this.pool.give(own.page, own.pages);
+    this.#put(own, count, image, this.pool.take(image.words.length / PAGE_WORDS), link);
+    this.#forget(own, count);
+  }
+
+  /**
+   * @param {Resident} own
+   * @param {number} count
+   * @param {BlockLink | null} link
+   */
+  #image(own, count, link) {
+    own.inner = link ? (link.low >> 8) & ~link.low & 255 : 0;
+    return /** @type {Served} */ (this.served).image(own.block.index, /** @type {Uint8Array[]} */ (own.stored.slice(0, count)), link ? own.inner : undefined);
+  }
+
+  /**
+   * The child that a link leads to, if it is known.
+   * @param {Resident} own
+   * @param {BlockLink} link
+   */
+  #childOf(own, link) {
+    if (link.child === undefined) return own.children.find(({ block: { position, scale } }) => scale === link.scale && position.every((x, axis) => x === link.position?.[axis]));
+    const child = this.residents.get(link.child);
+    if (child && child.block.parent !== own.block.index) throw new EsvoError('C008', own.block.parts[0].fileAt, `block ${own.block.index}: a link leads to block ${link.child}, which is no child of it`);
+    return child;
+  }
+
+  /**
+   * Sends an image, with the links to the children that are shown, and leads its parent there.
+   * @param {Resident} own
+   * @param {number} count
+   * @param {import('../reader/src/served.js').Image} image
+   * @param {number} page
+   * @param {BlockLink | null} link
+   */
+  #put(own, count, image, page, link) {
+    const { block } = own;
+    Object.assign(own, { page, pages: image.words.length / PAGE_WORDS, shown: count, links: image.links });
+    const base = page * 1024;
+    for (const below of image.links) {
+      const child = this.#childOf(own, below);
+      if (child?.shown) {
+        image.words[2 * below.slot] = below.low;
+        image.words[2 * below.far] = child.page * 1024 + 2 - (base + below.slot);
+      } else if (child?.stored[0]) {
+        this.ready.add(child);
+      }
+    }
+    const patches = [];
+    if (link) {
+      const above = /** @type {Resident} */ (this.residents.get(block.parent)).page * 1024;
+      patches.push(2 * (above + link.far), (base + 2 - (above + link.slot)) >>> 0, 2 * (above + link.slot), link.low);
+    } else {
+      this.roots = [...this.roots];
+      this.roots[block.object] = base + 2;
+      this.sawRoot(block.object, coarseBoxes(image.words));
+    }
+    this.send({ writes: [{ at: page * PAGE_WORDS, words: image.words }], patches, roots: this.roots });
+  }
+
+  /**
+   * Room for an image; what is worth less goes.
+   * @param {number} pages
+   * @param {Resident} own
+   * @param {number} level Of the part that needs it.
+   */
+  #takePages(pages, own, level) {
+    const { pool, eye } = this;
+    if (!pool) return -1;
+    let page = pool.take(pages);
+    const enough = () => page >= 0 && this.kept <= this.budget * KEPT;
+    if (enough()) return page;
+    const pixels = eye && own.block.parent !== NO_PARENT ? own.place.pixels(own, level, eye.pixel) : Infinity;
+    for (const { own: victim, pixels: worth } of this.#victims(own)) {
+      if (enough()) break;
+      if (victim.wanted > 0 && victim.wanted < victim.shown) this.#shrink(victim, victim.wanted);
+      else if (victim.wanted === 0 || worth * BETTER < pixels) this.#hide(victim);
+      if (page < 0) page = pool.take(pages);
+    }
+    return page;
+  }
+
+  /**
+   * Blocks that can go or shrink, the least needed first. A block comes after those below it.
+   * @param {Resident} keep
+   */
+  #victims(keep) {
+    const { eye } = this;
+    const above = new Set();
+    for (let at = /** @type {Resident | undefined} */ (keep); at; at = this.residents.get(at.block.parent)) above.add(at);
+    const found = [];
+    for (const own of this.residents.values()) {
+      if (!own.shown || above.has(own) || own.block.parent === NO_PARENT) continue;
+      found.push({ own, pixels: eye ? own.place.pixels(own, own.block.first, eye.pixel) : 0 });
+    }
+    const unwanted = (/** @type {Resident} */ { wanted, shown }) => (wanted === 0 ? 0 : wanted < shown ? 1 : 2);
+    return found.sort((a, b) => unwanted(a.own) - unwanted(b.own) || a.pixels - b.pixels || b.own.block.first - a.own.block.first);
+  }
+
+  /**
+   * Takes a block out of the picture and all below it: its parent shows its own voxels again.
+   * @param {Resident} own
+   */
+  #hide(own) {
+    if (!own.shown) return;
+    for (const child of own.children) this.#hide(child);
+    const link = this.#linkTo(own);
+    const above = this.residents.get(own.block.parent);
+    if (link && above) {
+      const base = above.page * 1024;
+      this.send({ writes: [], patches: [2 * (base + link.slot), link.leaf], roots: this.roots });
+    }
+    this.pool?.give(own.page, own.pages);
+    Object.assign(own, { page: -1, pages: 0, shown: 0, links: [] });
+    this.#forget(own, 0);
+  }
+
+  /**
+   * Lets go of the parts of a block from a number on.
+   * @param {Resident} own
+   * @param {number} from
+   */
+  #forget(own, from) {
+    for (let number = from; number < own.stored.length; number++) {
+      if (!own.stored[number]) continue;
+      this.kept -= own.block.parts[number].size;
+      own.stored[number] = undefined;
+    }
+    this.ready.delete(own);
+  }
+
+  #report() {
+    const { pool, source } = this;
+    if (!pool) return;
+    let [parts, known] = [0, 0];
+    for (const own of this.residents.values()) {
+      parts += own.shown;
+      known += own.block.parts.length;
+    }
+    this.report({
+      requests: source.count.requests, bytes: source.count.bytes, parts, known, missing: this.missing, used: (pool.total - pool.free) * PAGE, kept: this.kept,
+      limit: this.limit,
+    });
+  }
+}
