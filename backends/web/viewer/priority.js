@@ -78,19 +78,29 @@ export class Place {
   worth(eye) {
     const { velocity } = eye;
     const later = velocity.some((x) => x !== 0) ? eye.eye.map((x, k) => x + velocity[k] * AHEAD) : eye.eye;
-    const distance = Math.min(this.distance(eye.eye), this.distance(later));
+    const depth = later === eye.eye ? this.#depth(eye, eye.eye) : Math.min(this.#depth(eye, eye.eye), this.#depth(eye, later));
     const sight = this.inView(eye) || (later !== eye.eye && this.inView({ ...eye, eye: later })) ? 1 : OUTSIDE;
-    return { distance, sight: this.distance(eye.eye) === 0 ? 1 : sight };
+    return { depth, sight };
+  }
+
+  /**
+   * No point of the cube that can be seen has a smaller depth: what voxels look like depends on it, not on the distance.
+   * @param {Eye} eye
+   * @param {number[]} from
+   */
+  #depth({ forward, tangent }, from) {
+    const ahead = this.centre.reduce((sum, x, k) => sum + (x - from[k]) * forward[k], 0);
+    return Math.max(this.distance(from) / Math.hypot(1, ...tangent), ahead - this.radius);
   }
 
   /**
    * Pixels of a voxel of a level at this worth.
-   * @param {{ distance: number, sight: number }} worth
+   * @param {{ depth: number, sight: number }} worth
    * @param {number} level
    * @param {number} pixel
    */
-  pixels({ distance, sight }, level, pixel) {
+  pixels({ depth, sight }, level, pixel) {
     const edge = this.unit * 2 ** -level;
-    return (sight * edge) / (Math.max(distance, NEAREST * edge) * pixel);
+    return (sight * edge) / (Math.max(depth, NEAREST * edge) * pixel);
   }
 }

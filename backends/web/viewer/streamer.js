@@ -38,7 +38,7 @@ const FIRST_RATIO = 5;
  * @typedef {object} Resident
  * @property {ServedBlock} block
  * @property {Place} place
- * @property {number} distance
+ * @property {number} depth
  * @property {number} sight
  * @property {(Uint8Array | undefined)[]} stored Bytes of the parts that are there.
  * @property {boolean[]} loading
@@ -152,7 +152,7 @@ export class Streamer {
     for (const block of blocks) {
       const place = new Place(served.objects[block.object].octreeToMesh, block.position, block.scale);
       this.residents.set(block.index, {
-        block, place, distance: 0, sight: 1, stored: block.parts.map(() => undefined), loading: block.parts.map(() => false), shown: 0, wanted: 0,
+        block, place, depth: 0, sight: 1, stored: block.parts.map(() => undefined), loading: block.parts.map(() => false), shown: 0, wanted: 0,
         page: -1, pages: 0, links: [], inner: 0, children: [],
       });
     }
@@ -343,7 +343,7 @@ export class Streamer {
     /** @type {Resident | undefined} */
     let best;
     for (const own of this.ready) {
-      if (!best || own.block.first < best.block.first || (own.block.first === best.block.first && own.distance < best.distance)) best = own;
+      if (!best || own.block.first < best.block.first || (own.block.first === best.block.first && own.depth < best.depth)) best = own;
     }
     if (!best) return;
     this.ready.delete(best);

@@ -69,6 +69,7 @@ export class Viewer {
   async start() {
     const [{ adapter, device }, texts] = await Promise.all([openDevice(), loadTexts()]);
     this.renderer = new Renderer(adapter, device, texts, this.canvas);
+    if (this.renderer.software) this.adaptive = 0.3;
     device.lost.then(({ message, reason }) => {
       if (this.renderer?.device !== device || reason === 'destroyed' && this.closed) return;
       this.renderer = undefined;
@@ -134,6 +135,7 @@ export class Viewer {
       this.redraw();
     } else if (message.type === 'stats') {
       this.stats = message.stats;
+      if (message.settled && !this.settled) this.redraw();
       this.settled = message.settled;
       events.frame?.();
     } else if (message.type === 'meta') {
@@ -236,7 +238,8 @@ export class Viewer {
       bytes += batch.writes.reduce((sum, { words }) => sum + words.byteLength, 0);
       renderer.apply(batch);
     }
-    const moving = performance.now() - this.movedAt < REST;
+    // While the camera moves, or parts come, no frame may take long; a still picture may.
+    const moving = performance.now() - this.movedAt < REST || !this.settled || this.batches.length > 0;
     const most = Math.sqrt(renderer.maxPixels / Math.max(canvas.width * canvas.height, 1));
     const factor = Math.min(this.resolution * (moving ? this.adaptive : 1), most, 1);
     const [width, height] = [Math.max(1, Math.round(canvas.width * factor)), Math.max(1, Math.round(canvas.height * factor))];
@@ -249,7 +252,7 @@ export class Viewer {
       if (moving) this.adaptive = Math.min(1, Math.max(0.2, this.adaptive * Math.min(Math.max(Math.sqrt(FRAME_TIME / Math.max(waited, 1)), 0.6), 1.1)));
       if (renderer.drawn && this.firstPicture === undefined && this.openedAt !== undefined) this.firstPicture = performance.now() - this.openedAt;
       this.events.frame?.();
-      if (factor < this.resolution && moving) {
+      if (factor < this.resolution && moving && this.settled) {
         clearTimeout(this.restTimer);
         this.restTimer = setTimeout(() => this.redraw(), REST);
       }
