@@ -120,13 +120,15 @@ export class Controls {
     const key = event.key.toLowerCase();
     if (!['w', 'a', 's', 'd', 'q', 'e', 'arrowleft', 'arrowright', 'arrowup', 'arrowdown', '+', '=', '-', 'shift', 'pageup', 'pagedown'].includes(key)) return;
     event.preventDefault();
-    if (!this.keys.size) this.#run();
+    const first = !this.keys.size;
     this.keys.add(key);
+    if (first) this.#run();
   }
 
   /** Moves as long as keys are down. */
   #run() {
-    let before = performance.now();
+    // A key that is only touched moves by a step, too.
+    let before = performance.now() - 33;
     const step = (/** @type {number} */ time) => {
       if (!this.keys.size) {
         this.viewer.velocity = [0, 0, 0];
@@ -145,7 +147,7 @@ export class Controls {
       if (way.some((x) => x)) this.walk(way, this.extent * this.speed * fast, seconds);
       requestAnimationFrame(step);
     };
-    requestAnimationFrame(step);
+    step(performance.now());
   }
 
   /**

@@ -27,6 +27,20 @@ export class PageAllocator {
   }
 
   /**
+   * Takes certain pages, which are free.
+   * @param {number} start
+   * @param {number} count
+   */
+  takeAt(start, count) {
+    const at = this.ranges.findIndex((range) => range.start <= start && start + count <= range.start + range.count);
+    if (at < 0) throw new RangeError(`pages ${start} to ${start + count} are not free`);
+    const range = this.ranges[at];
+    const rest = [{ start: range.start, count: start - range.start }, { start: start + count, count: range.start + range.count - start - count }];
+    this.ranges.splice(at, 1, ...rest.filter((piece) => piece.count > 0));
+    this.free -= count;
+  }
+
+  /**
    * @param {number} start
    * @param {number} count
    */

@@ -29,9 +29,7 @@ const SLICE = 12;
 /** What of the budget is for parts that are kept, in case their blocks are laid out anew; the rest is for images. */
 const KEPT = 0.25;
 /** What of either is planned with: the rest is for what goes while something comes, and for gaps. */
-const ROOM = 0.88;
-/** Bytes of an image for a stored byte, before anything is known. */
-const FIRST_RATIO = 5;
+const ROOM = 0.92;
 
 /**
  * What is in memory of a block.
@@ -119,7 +117,6 @@ export class Streamer {
     this.eye = undefined;
     /** @type {number[]} */
     this.roots = [];
-    this.ratio = FIRST_RATIO;
     this.inFlight = 0;
     this.kept = 0;
     this.missing = 0;
@@ -212,12 +209,14 @@ export class Streamer {
       const parent = own.block.parent === NO_PARENT ? undefined : this.residents.get(own.block.parent);
       // In this order a part comes after all that it needs; where one of those had no room, it has none.
       if (own.wanted !== number || (parent && parent.wanted === 0)) continue;
-      images -= cost;
-      stored -= own.block.parts[number].size;
-      if (images < 0 || stored < 0) {
-        this.limit = pixels;
-        break;
+      const { size } = own.block.parts[number];
+      if (cost > images || size > stored) {
+        // Smaller ones may have room.
+        this.limit = Math.max(this.limit, Math.min(pixels, 1e6));
+        continue;
       }
+      images -= cost;
+      stored -= size;
       own.wanted = number + 1;
     }
     this.#request();
@@ -235,9 +234,9 @@ export class Streamer {
       const stored = block.parts.slice(0, own.shown).reduce((sum, part) => sum + part.size, 0);
       return (own.pages * PAGE * block.parts[number].size) / stored;
     }
-    const bytes = block.codec === 2 ? block.parts[number].size * this.ratio : block.size;
+    const stored = block.parts.reduce((sum, part) => sum + part.size, 0);
     // An image has whole pages: half of one is left over.
-    return number === 0 ? bytes + PAGE / 2 : bytes;
+    return (block.size * block.parts[number].size) / stored + (number === 0 ? PAGE / 2 : 0);
   }
 
   /** Asks for parts and pages that are wanted and missing, the most needed first. */
@@ -306,6 +305,7 @@ export class Streamer {
     try {
       await this.served?.readParts(parts, (part, bytes) => {
         const { own, number } = places[parts.indexOf(part)];
+        if (!this.#roomToKeep(own, number)) return;
         // A copy: the answer of the server has other parts too, which may go.
         own.stored[number] = bytes.slice();
         this.kept += part.size;
@@ -315,6 +315,27 @@ export class Streamer {
       for (const { own, number } of places) own.loading[number] = false;
     }
     await this.work();
+  }
+
+  /**
+   * Whether a part that has arrived can be kept. What is no longer wanted goes for it.
+   * @param {Resident} own
+   * @param {number} number
+   */
+  #roomToKeep(own, number) {
+    const most = this.budget * KEPT - own.block.parts[number].size;
+    if (this.kept <= most) return true;
+    if (own.wanted <= number) return false;
+    for (const other of this.residents.values()) if (other.shown < other.stored.length && other !== own) this.#forget(other, Math.max(other.shown, other.wanted));
+    if (this.kept <= most) return true;
+    for (const { own: victim } of this.#victims(own)) {
+      if (this.kept <= most || victim.wanted >= victim.shown) break;
+      if (victim.wanted > 0) this.#shrink(victim, victim.wanted);
+      else this.#hide(victim);
+    }
+    if (this.kept <= most) return true;
+    this.trust = Math.max(this.trust * 0.95, 0.2);
+    return false;
   }
 
   /** Makes images of the parts that are there, for a while at a time. */
@@ -376,22 +397,16 @@ export class Streamer {
    * @param {BlockLink | null} link
    */
   #show(own, count, link) {
-    const { block } = own;
     const image = this.#image(own, count, link);
     const pages = image.words.length / PAGE_WORDS;
-    const page = this.#takePages(pages, own, block.parts[count - 1].first);
+    const page = this.#takePages(pages, own, own.block.parts[count - 1].first);
     if (page < 0) {
       // The estimates were too low. The next plan wants less.
       this.trust = Math.max(this.trust * 0.95, 0.2);
       this.#forget(own, own.shown);
       return;
     }
-    const stored = block.parts.slice(own.shown, count).reduce((sum, part) => sum + part.size, 0);
-    if (block.codec === 2 && stored > 2000) this.ratio += 0.1 * (Math.min(Math.max(((pages - own.pages) * PAGE) / stored, 1), 20) - this.ratio);
-    const before = { page: own.page, pages: own.pages };
     this.#put(own, count, image, page, link);
-    // Later batches may use the room: changes are made in their order.
-    if (before.pages) this.pool?.give(before.page, before.pages);
   }
 
   /**
@@ -466,7 +481,8 @@ export class Streamer {
   }
 
   /**
-   * Room for an image; what is worth less goes.
+   * Room for an image; what is worth less goes. The room of the block's former image is free at once: a batch is a single change. Without
+   * room, that image stays.
    * @param {number} pages
    * @param {Resident} own
    * @param {number} level Of the part that needs it.
@@ -474,7 +490,13 @@ export class Streamer {
   #takePages(pages, own, level) {
     const { pool, eye } = this;
     if (!pool) return -1;
-    let page = pool.take(pages);
+    const take = () => {
+      if (own.pages) pool.give(own.page, own.pages);
+      const found = pool.take(pages);
+      if (found < 0 && own.pages) pool.takeAt(own.page, own.pages);
+      return found;
+    };
+    let page = take();
     const enough = () => page >= 0 && this.kept <= this.budget * KEPT;
     if (enough()) return page;
     const pixels = eye && own.block.parent !== NO_PARENT ? own.place.pixels(own, level, eye.pixel) : Infinity;
@@ -482,9 +504,51 @@ export class Streamer {
       if (enough()) break;
       if (victim.wanted > 0 && victim.wanted < victim.shown) this.#shrink(victim, victim.wanted);
       else if (victim.wanted === 0 || worth * BETTER < pixels) this.#hide(victim);
-      if (page < 0) page = pool.take(pages);
+      if (page < 0) page = take();
     }
+    if (page < 0 && pool.free + own.pages >= pages && this.#makeGap(pages)) page = take();
     return page;
+  }
+
+  /**
+   * Moves images aside until so many pages are free in one piece, where the fewest must move.
+   * @param {number} pages
+   */
+  #makeGap(pages) {
+    const pool = /** @type {PageAllocator} */ (this.pool);
+    if (pool.free < pages) return false;
+    const occupied = new Uint8Array(pool.total).fill(1);
+    for (const { start, count } of pool.ranges) occupied.fill(0, start, start + count);
+    let [sum, first, least] = [0, -1, Infinity];
+    for (let k = 0; k < pool.total; k++) {
+      sum += occupied[k] - (k >= pages ? occupied[k - pages] : 0);
+      if (k >= pages - 1 && sum < least) [least, first] = [sum, k - pages + 1];
+    }
+    if (first < 0) return false;
+    const end = first + pages;
+    /** @type {{ start: number, count: number }[]} Pieces of the gap that nothing may take. */
+    const held = [];
+    const hold = (/** @type {number} */ start, /** @type {number} */ count) => {
+      const [from, to] = [Math.max(start, first), Math.min(start + count, end)];
+      if (from >= to) return;
+      pool.takeAt(from, to - from);
+      held.push({ start: from, count: to - from });
+    };
+    for (const { start, count } of pool.ranges.slice()) hold(start, count);
+    const inside = [...this.residents.values()].filter(({ page, pages: own }) => own > 0 && page < end && page + own > first).sort((a, b) => b.pages - a.pages);
+    let done = true;
+    for (const own of inside) {
+      const link = this.#linkTo(own);
+      const before = { page: own.page, pages: own.pages };
+      const page = link === undefined ? -1 : pool.take(own.pages);
+      done = page >= 0 && link !== undefined;
+      if (page < 0 || link === undefined) break;
+      this.#put(own, own.shown, this.#image(own, own.shown, link), page, link);
+      pool.give(before.page, before.pages);
+      hold(before.page, before.pages);
+    }
+    for (const { start, count } of held) pool.give(start, count);
+    return done;
   }
 
   /**
@@ -533,7 +597,7 @@ export class Streamer {
       this.kept -= own.block.parts[number].size;
       own.stored[number] = undefined;
     }
-    this.ready.delete(own);
+    if (own.stored.findIndex((bytes) => !bytes) <= own.shown && !own.stored[own.shown]) this.ready.delete(own);
   }
 
   #report() {

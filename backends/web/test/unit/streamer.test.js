@@ -121,7 +121,7 @@ test('a flight keeps within the budget', { skip: real && existsSync(real) ? fals
   const { most, streamer, pool } = await stream(bytes, budget, eyes, false);
   pool.leaves(0);
   assert.ok(most <= budget * 1.02, `${most} bytes of ${budget}`);
-  console.log(`${most} bytes at most, ${streamer.source.count.requests} requests, ${streamer.source.count.bytes} bytes, trust ${streamer.trust}, limit ${streamer.limit}, ratio ${streamer.ratio}`);
+  console.log(`${most} bytes at most, ${streamer.source.count.requests} requests, ${streamer.source.count.bytes} bytes, trust ${streamer.trust}, limit ${streamer.limit}`);
 });
 
 test('pages are given and taken', () => {
