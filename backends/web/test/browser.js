@@ -44,7 +44,7 @@ export async function openPage(browser, address, { width = 1024, height = 768, s
 export async function rest(page, timeout = 60000) {
   await page.waitForFunction(() => {
     const { viewer } = /** @type {any} */ (globalThis).esvo ?? {};
-    return document.getElementById('message')?.hidden === false || (viewer?.atRest && viewer.frames > 2 && viewer.renderer?.drawn);
+    return document.getElementById('message')?.hidden === false || (viewer?.atRest && viewer.frames > 0 && viewer.renderer?.drawn);
   }, { timeout, polling: 50 });
 }
 
