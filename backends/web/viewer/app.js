@@ -101,7 +101,7 @@ function link() {
 function complain(message, again, word = 'Try again') {
   const box = find('message');
   const text = box.querySelector('p');
-  if (text) text.textContent = message;
+  if (text) text.textContent = /[.?!)]$/.test(message) ? message : `${message}.`;
   find('again').textContent = word;
   find('again').hidden = !again;
   box.hidden = false;

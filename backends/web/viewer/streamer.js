@@ -74,7 +74,7 @@ const ROOM = 0.92;
  * @param {Uint32Array} words
  * @param {number} [below]
  */
-function coarseBoxes(words, below = 4) {
+function coarseBoxes(words, below = 5) {
   /** @type {{ low: number[], high: number[] }[]} */
   const found = [];
   const visit = (/** @type {number} */ slot, /** @type {number} */ level, /** @type {number[]} */ low) => {

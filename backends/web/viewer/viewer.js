@@ -41,6 +41,8 @@ export class Viewer {
     /** @type {Camera} */
     this.camera = { eye: [0.5, 0.5, 3], forward: [0, 0, -1], up: [0, 1, 0], fov: 60, near: 1e-3, far: 10 };
     this.hasCamera = false;
+    /** Whether the camera is still the one that shows all of a file: it follows what becomes known. */
+    this.auto = false;
     this.budget = 256 * 2 ** 20;
     /** Pixels of the picture for a pixel of the canvas, along an axis: as set, and as it is while the camera moves. */
     this.resolution = 1;
@@ -129,7 +131,7 @@ export class Viewer {
       events.opened?.(message);
     } else if (message.type === 'root') {
       this.boxes.set(message.object, message.boxes);
-      if (!this.hasCamera && this.boxes.size === this.objects.length) this.showAll();
+      if ((!this.hasCamera || this.auto) && this.boxes.size === this.objects.length) this.showAll();
     } else if (message.type === 'batch') {
       this.batches.push(message.batch);
       this.redraw();
@@ -159,6 +161,7 @@ export class Viewer {
     if (!this.boxes.size) return;
     this.setCamera(overview(this.transforms, this.allBoxes, this.camera.up, this.camera.fov, this.canvas.width / Math.max(this.canvas.height, 1)));
     this.events.placed?.(this.camera);
+    this.auto = true;
   }
 
   /**
@@ -170,6 +173,7 @@ export class Viewer {
     this.camera = { ...this.camera, ...change };
     if (this.objects.length) Object.assign(this.camera, planes(this.transforms, this.camera.eye));
     this.hasCamera = true;
+    this.auto = false;
     this.velocity = velocity;
     this.movedAt = performance.now();
     this.redraw();
