@@ -40,6 +40,7 @@ const PAGES: [&str; 32] = [
     "esvo-rays",
     "esvo-render",
     "esvo-validate",
+    "esvo-view",
 ];
 
 /// Names of the commands that the help of a command lists.
