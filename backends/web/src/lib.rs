@@ -106,7 +106,8 @@ pub fn page() -> impl Iterator<Item = PageFile> {
 }
 
 /// What has another meaning in the query of an address.
-const IN_QUERY: &AsciiSet = &CONTROLS.add(b' ').add(b'"').add(b'#').add(b'<').add(b'>').add(b'&').add(b'+').add(b'%').add(b'\'');
+const IN_QUERY: &AsciiSet =
+    &CONTROLS.add(b' ').add(b'"').add(b'#').add(b'<').add(b'>').add(b'&').add(b'+').add(b'%').add(b'\'');
 /// What has another meaning in a segment of its path.
 const IN_PATH: &AsciiSet = &IN_QUERY.add(b'?').add(b'/').add(b'\\').add(b':');
 

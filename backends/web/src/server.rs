@@ -44,8 +44,9 @@ impl Server {
                 (Some(path), format!("?file=/file/{}", in_query(&in_path(&name))))
             }
         };
-        let http = tiny_http::Server::http(SocketAddr::from((Ipv4Addr::LOCALHOST, port)))
-            .map_err(|error| format!("port {port} of this machine cannot be used: {error}; choose another with --port"))?;
+        let http = tiny_http::Server::http(SocketAddr::from((Ipv4Addr::LOCALHOST, port))).map_err(|error| {
+            format!("port {port} of this machine cannot be used: {error}; choose another with --port")
+        })?;
         let port = http.server_addr().to_ip().map_or(port, |address| address.port());
         Ok(Self { http, port, file, query })
     }
@@ -86,7 +87,7 @@ impl Server {
     fn answer(&self, request: Request) -> std::io::Result<()> {
         // A page of another site can make a browser send requests here by a name of its own that leads to this machine.
         let hosts = [format!("127.0.0.1:{}", self.port), format!("localhost:{}", self.port)];
-        if !value(&request, "Host").is_some_and(|host| hosts.iter().any(|own| *own == host)) {
+        if !value(&request, "Host").is_some_and(|host| hosts.contains(&host)) {
             return say(request, 403, "this server answers to 127.0.0.1 and localhost only");
         }
         if !matches!(request.method(), Method::Get | Method::Head) {
@@ -123,13 +124,19 @@ enum Wanted {
 
 /// Reads the header `Range` (RFC 9110, section 14) for a file of this length. Several ranges are answered with the whole, as the text allows.
 fn wanted(range: Option<&str>, length: u64) -> Wanted {
-    let Some((first, last)) = range.and_then(|range| range.trim().strip_prefix("bytes=")).and_then(|spec| spec.split_once('-')) else {
+    let Some((first, last)) =
+        range.and_then(|range| range.trim().strip_prefix("bytes=")).and_then(|spec| spec.split_once('-'))
+    else {
         return Wanted::Whole;
     };
     match (first.trim().parse::<u64>(), last.trim().parse::<u64>()) {
-        (Ok(first), Ok(last)) if first <= last && first < length => Wanted::Range(first, last.saturating_add(1).min(length)),
+        (Ok(first), Ok(last)) if first <= last && first < length => {
+            Wanted::Range(first, last.saturating_add(1).min(length))
+        }
         (Ok(first), Err(_)) if last.trim().is_empty() && first < length => Wanted::Range(first, length),
-        (Err(_), Ok(last)) if first.trim().is_empty() && last > 0 && length > 0 => Wanted::Range(length.saturating_sub(last), length),
+        (Err(_), Ok(last)) if first.trim().is_empty() && last > 0 && length > 0 => {
+            Wanted::Range(length.saturating_sub(last), length)
+        }
         (Ok(first), Ok(last)) if first > last => Wanted::Whole,
         (Ok(_), Ok(_)) => Wanted::Nothing,
         (Ok(_), Err(_)) if last.trim().is_empty() => Wanted::Nothing,

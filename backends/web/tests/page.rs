@@ -82,13 +82,18 @@ fn the_kernels_preludes_are_those_of_the_engines() {
     ];
     for variant in variants {
         let source = variant.source();
-        let _ = writeln!(text, "// variant\n{}", source.strip_suffix(CAST_WGSL).expect("the kernel comes last").trim_end());
+        let _ =
+            writeln!(text, "// variant\n{}", source.strip_suffix(CAST_WGSL).expect("the kernel comes last").trim_end());
     }
     let path = Path::new(ROOT).join("tests/preludes.wgsl");
     if std::env::var_os("ESVO_BLESS").is_some() {
         std::fs::write(&path, &text).unwrap();
     }
-    assert_eq!(std::fs::read_to_string(&path).unwrap_or_default(), text, "ESVO_BLESS=1 writes tests/preludes.wgsl anew");
+    assert_eq!(
+        std::fs::read_to_string(&path).unwrap_or_default(),
+        text,
+        "ESVO_BLESS=1 writes tests/preludes.wgsl anew"
+    );
 }
 
 #[test]
@@ -144,7 +149,10 @@ fn the_server_shows_the_page_and_one_file_by_ranges() {
     });
 
     let (head, body) = ask(&server, "GET", "/?file=/file/x", "");
-    assert!(head.starts_with("HTTP/1.1 200") && head.contains("text/html") && head.contains("Content-Security-Policy"), "{head}");
+    assert!(
+        head.starts_with("HTTP/1.1 200") && head.contains("text/html") && head.contains("Content-Security-Policy"),
+        "{head}"
+    );
     assert!(body.starts_with(b"<!doctype html>"));
     let (head, body) = ask(&server, "GET", "/kernels/cast.wgsl", "");
     assert!(head.starts_with("HTTP/1.1 200") && body == CAST_WGSL.as_bytes(), "{head}");

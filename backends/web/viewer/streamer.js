@@ -13,6 +13,7 @@ import { Place } from './priority.js';
 /** @typedef {import('../reader/src/served.js').ServedBlock} ServedBlock */
 /** @typedef {import('../reader/src/served.js').BlockLink} BlockLink */
 /** @typedef {import('../reader/src/index-pages.js').PageLink} PageLink */
+/** @typedef {import('../reader/src/tables.js').PartEntry} PartEntry */
 /** @typedef {import('./priority.js').Eye} Eye */
 
 /** Bytes and words of a page. */
@@ -24,6 +25,10 @@ const REQUEST_BYTES = 1 << 18;
 const GAP = 1 << 13;
 /** How much better a part must be to drive out another. */
 const BETTER = 1.3;
+/** Milliseconds between two plans, where none is urgent. */
+const PLAN_EVERY = 80;
+/** Milliseconds between two reports, while there is more to come. */
+const REPORT_EVERY = 50;
 /** Milliseconds of work between two looks at the queue of messages. */
 const SLICE = 12;
 /** What of the budget is for parts that are kept, in case their blocks are laid out anew; the rest is for images. */
@@ -38,6 +43,8 @@ const ROOM = 0.92;
  * @property {Place} place
  * @property {number} depth
  * @property {number} sight
+ * @property {number} bytes Of all its parts.
+ * @property {number} shownBytes Of those in the image.
  * @property {(Uint8Array | undefined)[]} stored Bytes of the parts that are there.
  * @property {boolean[]} loading
  * @property {number} shown Number of parts in the image in the pool; 0 if it is in none.
@@ -120,6 +127,15 @@ export class Streamer {
     this.inFlight = 0;
     this.kept = 0;
     this.missing = 0;
+    this.known = 0;
+    this.partsShown = 0;
+    this.working = false;
+    this.plannedAt = -Infinity;
+    this.reportedAt = -Infinity;
+    /** @type {{ pixels: number, parts: PartEntry[], link: PageLink | undefined }[]} */
+    this.wishes = [];
+    /** @type {ReturnType<typeof setTimeout> | undefined} */
+    this.planTimer = undefined;
     this.limit = 0;
     this.failed = false;
     /** How far the budget is used: less where estimates were too low. */
@@ -149,9 +165,10 @@ export class Streamer {
     for (const block of blocks) {
       const place = new Place(served.objects[block.object].octreeToMesh, block.position, block.scale);
       this.residents.set(block.index, {
-        block, place, depth: 0, sight: 1, stored: block.parts.map(() => undefined), loading: block.parts.map(() => false), shown: 0, wanted: 0,
+        block, place, depth: 0, sight: 1, bytes: block.parts.reduce((sum, part) => sum + part.size, 0), shownBytes: 0, stored: block.parts.map(() => undefined), loading: block.parts.map(() => false), shown: 0, wanted: 0,
         page: -1, pages: 0, links: [], inner: 0, children: [],
       });
+      this.known += block.parts.length;
     }
     for (const { index, parent } of blocks) {
       const own = this.residents.get(index);
@@ -172,55 +189,79 @@ export class Streamer {
   look(eye) {
     if (this.eye && eye.eye.some((x, k) => x !== this.eye?.eye[k])) this.trust = Math.min(this.trust * 1.01, 1);
     this.eye = eye;
-    this.plan();
+    if (this.now() - this.plannedAt >= PLAN_EVERY) this.plan();
+    else this.#planSoon();
   }
 
   /** Ends everything. */
   close() {
     this.failed = true;
+    clearTimeout(this.planTimer);
     this.abort.abort();
   }
 
   /** Whether all that is wanted is there. */
   get settled() {
-    return this.inFlight === 0 && this.missing === 0 && this.ready.size === 0;
+    return this.inFlight === 0 && this.wishes.length === 0 && this.missing <= 0 && this.ready.size === 0 && !this.working && this.planTimer === undefined;
   }
 
   /** Decides what is wanted, and asks for what is missing. */
   plan() {
     const { eye, pool, served } = this;
+    clearTimeout(this.planTimer);
+    this.planTimer = undefined;
     if (!eye || !pool || !served || this.failed) return;
-    /** @type {{ pixels: number, own: Resident, number: number, cost: number }[]} */
+    this.plannedAt = this.now();
+    /** @type {{ pixels: number, own: Resident, number: number }[]} */
     const candidates = [];
     for (const own of this.residents.values()) {
-      Object.assign(own, own.place.worth(eye));
+      const { depth, sight } = own.place.worth(eye);
+      own.depth = depth;
+      own.sight = sight;
       own.wanted = 0;
-      own.block.parts.forEach((part, number) => {
-        const isRoot = number === 0 && own.block.parent === NO_PARENT;
-        const pixels = isRoot ? Infinity : own.place.pixels(own, part.first, eye.pixel);
-        if (pixels > eye.threshold) candidates.push({ pixels, own, number, cost: this.#cost(own, number) });
-      });
+      const isRoot = own.block.parent === NO_PARENT;
+      const { parts } = own.block;
+      for (let number = 0; number < parts.length; number++) {
+        const pixels = isRoot && number === 0 ? Infinity : own.place.pixels(own, parts[number].first, eye.pixel);
+        // Those after it are worth less.
+        if (pixels <= eye.threshold) break;
+        candidates.push({ pixels, own, number });
+      }
     }
     candidates.sort((a, b) => b.pixels - a.pixels || a.own.block.first - b.own.block.first || a.number - b.number);
     let images = pool.total * PAGE * ROOM * this.trust;
     let stored = this.budget * KEPT * ROOM;
     this.limit = eye.threshold;
-    for (const { pixels, own, number, cost } of candidates) {
+    this.missing = 0;
+    /** @type {Map<PartEntry, number>} */
+    const worth = new Map();
+    for (const { pixels, own, number } of candidates) {
       const parent = own.block.parent === NO_PARENT ? undefined : this.residents.get(own.block.parent);
       // In this order a part comes after all that it needs; where one of those had no room, it has none.
       if (own.wanted !== number || (parent && parent.wanted === 0)) continue;
-      const { size } = own.block.parts[number];
-      if (cost > images || size > stored) {
+      const part = own.block.parts[number];
+      const cost = this.#cost(own, number);
+      if (cost > images || part.size > stored) {
         // Smaller ones may have room.
         this.limit = Math.max(this.limit, Math.min(pixels, 1e6));
         continue;
       }
       images -= cost;
-      stored -= size;
+      stored -= part.size;
       own.wanted = number + 1;
+      if (own.stored[number]) continue;
+      this.missing++;
+      if (!own.loading[number]) worth.set(part, pixels);
     }
-    this.#request();
+    this.#wish(worth, eye);
+    this.#ask();
     this.#report();
+  }
+
+  /** Plans anew, soon. */
+  #planSoon() {
+    if (this.planTimer !== undefined) return;
+    this.planTimer = setTimeout(() => this.plan(), Math.max(PLAN_EVERY - (this.now() - this.plannedAt), 0));
   }
 
   /**
@@ -229,50 +270,40 @@ export class Streamer {
    * @param {number} number
    */
   #cost(own, number) {
-    const { block } = own;
-    if (number < own.shown) {
-      const stored = block.parts.slice(0, own.shown).reduce((sum, part) => sum + part.size, 0);
-      return (own.pages * PAGE * block.parts[number].size) / stored;
-    }
-    const stored = block.parts.reduce((sum, part) => sum + part.size, 0);
+    const { size } = own.block.parts[number];
+    if (number < own.shown) return (own.pages * PAGE * size) / own.shownBytes;
     // An image has whole pages: half of one is left over.
-    return (block.size * block.parts[number].size) / stored + (number === 0 ? PAGE / 2 : 0);
+    return (own.block.size * size) / own.bytes + (number === 0 ? PAGE / 2 : 0);
   }
 
-  /** Asks for parts and pages that are wanted and missing, the most needed first. */
-  #request() {
-    const { served, eye } = this;
-    if (!served || !eye) return;
-    /** @type {import('../reader/src/tables.js').PartEntry[]} */
-    const parts = [];
-    /** @type {Map<import('../reader/src/tables.js').PartEntry, number>} */
-    const worth = new Map();
-    this.missing = 0;
-    for (const own of this.residents.values()) {
-      for (let number = 0; number < own.wanted; number++) {
-        if (own.stored[number]) continue;
-        this.missing++;
-        if (own.loading[number]) continue;
-        const part = own.block.parts[number];
-        parts.push(part);
-        worth.set(part, number === 0 && own.block.parent === NO_PARENT ? Infinity : own.place.pixels(own, part.first, eye.pixel));
-      }
-    }
-    /** @type {{ pixels: number, start: () => Promise<void> }[]} */
-    const wishes = coalesce(parts, GAP, REQUEST_BYTES).map((run) => ({
-      pixels: run.parts.reduce((most, part) => Math.max(most, worth.get(part) ?? 0), 0),
-      start: () => this.#loadParts(run.parts),
+  /**
+   * What is to be asked for, the most needed last: parts that lie close together, and pages of the index.
+   * @param {Map<PartEntry, number>} worth
+   * @param {Eye} eye
+   */
+  #wish(worth, eye) {
+    const least = Math.max(eye.threshold, this.limit);
+    this.wishes = coalesce([...worth.keys()], GAP, REQUEST_BYTES).map(({ parts }) => ({
+      pixels: parts.reduce((most, part) => Math.max(most, worth.get(part) ?? 0), 0), parts, link: /** @type {PageLink | undefined} */ (undefined),
     }));
     for (const [link, place] of this.pageLinks) {
       const pixels = place.pixels(place.worth(eye), link.first, eye.pixel);
-      if (pixels > Math.max(eye.threshold, this.limit)) wishes.push({ pixels, start: () => this.#loadPage(link) });
+      if (pixels > least) this.wishes.push({ pixels, parts: [], link });
     }
-    wishes.sort((a, b) => b.pixels - a.pixels);
-    while (this.inFlight < REQUESTS && wishes.length) {
+    this.wishes.sort((a, b) => a.pixels - b.pixels);
+  }
+
+  /** Asks for the most needed, as much as may be on its way. */
+  #ask() {
+    while (this.inFlight < REQUESTS && !this.failed) {
+      const wish = this.wishes.pop();
+      if (!wish) return;
       this.inFlight++;
-      wishes.shift()?.start().catch((error) => this.#stop(error)).finally(() => {
+      (wish.link ? this.#loadPage(wish.link) : this.#loadParts(wish.parts)).catch((error) => this.#stop(error)).finally(() => {
         this.inFlight--;
-        this.plan();
+        this.#ask();
+        if (this.inFlight === 0 && this.wishes.length === 0) this.#planSoon();
+        this.#report();
       });
     }
   }
@@ -292,9 +323,10 @@ export class Streamer {
     const before = new Set(served?.links);
     const blocks = await served?.readPage(link, this.abort.signal) ?? [];
     this.#learn(blocks, served?.links.filter((other) => !before.has(other)) ?? []);
+    this.#planSoon();
   }
 
-  /** @param {import('../reader/src/tables.js').PartEntry[]} parts */
+  /** @param {PartEntry[]} parts */
   async #loadParts(parts) {
     const places = parts.map((part) => {
       const own = /** @type {Resident} */ (this.residents.get(part.block));
@@ -304,8 +336,10 @@ export class Streamer {
     });
     try {
       await this.served?.readParts(parts, (part, bytes) => {
-        const { own, number } = places[parts.indexOf(part)];
+        const own = /** @type {Resident} */ (this.residents.get(part.block));
+        const number = own.block.parts.indexOf(part);
         if (!this.#roomToKeep(own, number)) return;
+        if (number < own.wanted) this.missing--;
         // A copy: the answer of the server has other parts too, which may go.
         own.stored[number] = bytes.slice();
         this.kept += part.size;
@@ -335,6 +369,7 @@ export class Streamer {
     }
     if (this.kept <= most) return true;
     this.trust = Math.max(this.trust * 0.95, 0.2);
+    this.#planSoon();
     return false;
   }
 
@@ -345,10 +380,16 @@ export class Streamer {
     try {
       let start = this.now();
       while (this.ready.size && !this.failed) {
-        this.#makeOne();
-        if (this.now() - start > SLICE) {
-          await new Promise((resolve) => setTimeout(resolve));
-          start = this.now();
+        // Parents before children, the nearest first.
+        const all = [...this.ready].sort((a, b) => a.block.first - b.block.first || a.depth - b.depth);
+        this.ready.clear();
+        for (const own of all) {
+          if (this.failed) break;
+          this.#make(own);
+          if (this.now() - start > SLICE) {
+            await new Promise((resolve) => setTimeout(resolve));
+            start = this.now();
+          }
         }
       }
     } catch (error) {
@@ -359,22 +400,18 @@ export class Streamer {
     this.#report();
   }
 
-  /** The block that is most needed gets the image of the parts that are there; it is forgotten if it cannot. */
-  #makeOne() {
-    /** @type {Resident | undefined} */
-    let best;
-    for (const own of this.ready) {
-      if (!best || own.block.first < best.block.first || (own.block.first === best.block.first && own.depth < best.depth)) best = own;
-    }
-    if (!best) return;
-    this.ready.delete(best);
-    const there = best.stored.findIndex((bytes) => !bytes);
-    const count = there < 0 ? best.stored.length : there;
-    if (count <= best.shown) return;
-    const link = this.#linkTo(best);
+  /**
+   * A block gets the image of the parts that are there. It waits where its parent has none that leads to it.
+   * @param {Resident} own
+   */
+  #make(own) {
+    const there = own.stored.findIndex((bytes) => !bytes);
+    const count = there < 0 ? own.stored.length : there;
+    if (count <= own.shown) return;
+    const link = this.#linkTo(own);
     // Comes again once the parent's image has the descriptor that leads here.
     if (link === undefined) return;
-    this.#show(best, count, link);
+    this.#show(own, count, link);
   }
 
   /**
@@ -404,6 +441,7 @@ export class Streamer {
       // The estimates were too low. The next plan wants less.
       this.trust = Math.max(this.trust * 0.95, 0.2);
       this.#forget(own, own.shown);
+      this.#planSoon();
       return;
     }
     this.#put(own, count, image, page, link);
@@ -457,7 +495,9 @@ export class Streamer {
    */
   #put(own, count, image, page, link) {
     const { block } = own;
-    Object.assign(own, { page, pages: image.words.length / PAGE_WORDS, shown: count, links: image.links });
+    this.partsShown += count - own.shown;
+    const shownBytes = block.parts.slice(0, count).reduce((sum, part) => sum + part.size, 0);
+    Object.assign(own, { page, pages: image.words.length / PAGE_WORDS, shown: count, shownBytes, links: image.links });
     const base = page * 1024;
     for (const below of image.links) {
       const child = this.#childOf(own, below);
@@ -582,7 +622,8 @@ export class Streamer {
       this.send({ writes: [], patches: [2 * (base + link.slot), link.leaf], roots: this.roots });
     }
     this.pool?.give(own.page, own.pages);
-    Object.assign(own, { page: -1, pages: 0, shown: 0, links: [] });
+    this.partsShown -= own.shown;
+    Object.assign(own, { page: -1, pages: 0, shown: 0, shownBytes: 0, links: [] });
     this.#forget(own, 0);
   }
 
@@ -602,15 +643,11 @@ export class Streamer {
 
   #report() {
     const { pool, source } = this;
-    if (!pool) return;
-    let [parts, known] = [0, 0];
-    for (const own of this.residents.values()) {
-      parts += own.shown;
-      known += own.block.parts.length;
-    }
+    if (!pool || (!this.settled && this.now() - this.reportedAt < REPORT_EVERY)) return;
+    this.reportedAt = this.now();
     this.report({
-      requests: source.count.requests, bytes: source.count.bytes, parts, known, missing: this.missing, used: (pool.total - pool.free) * PAGE, kept: this.kept,
-      limit: this.limit,
+      requests: source.count.requests, bytes: source.count.bytes, parts: this.partsShown, known: this.known, missing: Math.max(this.missing, 0),
+      used: (pool.total - pool.free) * PAGE, kept: this.kept, limit: this.limit,
     });
   }
 }

@@ -74,7 +74,11 @@ fn export(folder: &Path, file: Option<&str>) -> Result<(), Failure> {
         copied.map_err(|error| name_file(&to, error))?;
     }
     let page = folder.join("index.html");
-    print(&format!("{}: the page, {} files; put the folder on any server that answers range requests\n", page.display(), written.len()))
+    print(&format!(
+        "{}: the page, {} files; put the folder on any server that answers range requests\n",
+        page.display(),
+        written.len()
+    ))
 }
 
 /// Asks the system to open an address. Whether a window appears is not known.
@@ -84,7 +88,8 @@ fn open_browser(address: &str) -> bool {
         "windows" => "explorer",
         _ => "xdg-open",
     };
-    let quiet = Command::new(program).arg(address).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn();
+    let quiet =
+        Command::new(program).arg(address).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn();
     match quiet {
         Ok(mut child) => {
             // The child is waited for, so that none is left behind.

@@ -2,7 +2,7 @@
 import assert from 'node:assert/strict';
 import { readdirSync, readFileSync } from 'node:fs';
 import { test } from 'node:test';
-import { bytesSource, openBytes, openSource, subset, voxels } from '../src/index.js';
+import { bytesSource, openBytes, openSource, subset, voxels, writeFile } from '../src/index.js';
 import { difference, facts } from './facts.js';
 
 const VECTORS = new URL('../../../../spec/v1/vectors/', import.meta.url);
@@ -89,6 +89,14 @@ for (const name of readdirSync(new URL('valid', VECTORS)).filter((name) => /^(pa
     while (served.links.length) await served.readPage(served.links[0]);
     const { image, objects } = await subset(served, octree.table.map((_, index) => index));
     assert.deepEqual(objects, sectionOf(octree, 'OBJT'));
+    // Parts down to each level are an octree that keeps every rule, with the voxels of the whole one down to there.
+    const { levels } = octree.objects[0];
+    for (let level = 1; level < levels; level++) {
+      const within = [...served.blocks.values()].filter(({ first, object }) => first < level || object > 0);
+      const part = await openBytes(writeFile(await subset(served, within.map(({ index }) => index), (index) => served.blocks.get(index)?.parts.filter(({ first }) => first < level).length || 1)));
+      const some = [...part.nodes(0, level)].map(({ path, valid, contourMask }) => [path, valid, contourMask]);
+      assert.deepEqual(some, [...octree.nodes(0, level)].map(({ path, valid, contourMask }) => [path, valid, contourMask]));
+    }
     octree.blocks.forEach((block, index) => assert.deepEqual(image.subarray(2 * octree.starts[index], 2 * octree.starts[index] + block.words.length), block.words));
     for (let level = 1; level <= octree.objects[0].levels; level++) {
       const some = await voxels(served, { level });
