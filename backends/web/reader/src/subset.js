@@ -15,7 +15,7 @@ import { BLOCK_ENTRY, NO_PARENT, OBJECT_ENTRY, PAGE } from './tables.js';
  */
 
 /**
- * Reads a set of blocks and nothing else, and makes an octree of them.
+ * Reads a set of blocks and nothing else, and makes an octree of them. Blocks to which nothing refers that is taken are left out.
  * @param {Served} served
  * @param {number[]} indices With the parent of each, and at least one root block.
  * @param {(index: number) => number} [count] How many parts of a block are taken, by level; all. The set must be closed.
@@ -38,9 +38,10 @@ export async function subset(served, indices, count = () => Infinity) {
   let start = 0;
   for (const index of sorted) {
     const block = served.blocks.get(index);
-    need(block && (block.parent === NO_PARENT || images.has(block.parent)), 'usage', 0, `block ${index} is not known, or its parent is not in the set`);
+    need(block && (block.parent === NO_PARENT || indices.includes(block.parent)), 'usage', 0, `block ${index} is not known, or its parent is not in the set`);
     const inner = block.parent === NO_PARENT ? undefined : leads.get(`${block.parent} ${index} ${block.position}`) ?? leads.get(`${block.parent} - ${block.position}`);
-    need(block.parent === NO_PARENT || inner !== undefined, 'B010', 0, `no pointer leads to block ${index}`);
+    // No part that is taken refers to it.
+    if (block.parent !== NO_PARENT && inner === undefined) continue;
     const image = served.image(index, stored.get(index) ?? [], inner);
     for (const link of image.links) {
       const key = link.child === undefined ? `${index} - ${link.position}` : `${index} ${link.child} ${served.blocks.get(link.child)?.position}`;
@@ -50,7 +51,7 @@ export async function subset(served, indices, count = () => Infinity) {
     images.set(index, image);
     start += image.words.length / 2;
   }
-  return assemble(served, sorted, starts, images, start);
+  return assemble(served, sorted.filter((index) => images.has(index)), starts, images, start);
 }
 
 /**
