@@ -209,7 +209,7 @@ test('a lost device: the page says so, and goes on with camera and settings', { 
   await rest(page);
   const former = await pixels(page);
   await page.evaluate(() => /** @type {any} */ (globalThis).esvo.viewer.renderer.device.destroy());
-  await rest(page);
+  await page.waitForFunction(() => document.getElementById('message')?.hidden === false);
   assert.match(await message(page), /device was lost/);
   await page.click('#again');
   await page.waitForFunction(() => /** @type {any} */ (globalThis).esvo.viewer.renderer?.drawn);
