@@ -135,7 +135,8 @@ function showNumbers() {
   const { stats, renderer, size, frameTime } = viewer;
   if (!stats || !renderer) return;
   const missing = stats.missing + viewer.batches.length;
-  const status = missing && !viewer.settled ? `loading, ${megabytes(stats.bytes)} so far` : '';
+  // Without numbers: screen readers say it once.
+  const status = missing && !viewer.settled ? 'loading' : '';
   if (loading.textContent !== status) loading.textContent = status;
   const time = `${frameTime < 10 ? frameTime.toFixed(1) : Math.round(frameTime)} ms`;
   line.innerHTML = '';
@@ -221,7 +222,7 @@ function openFile(what) {
   setName(path.replace(/\.esvo$/, ''));
   loading.textContent = 'opening';
   about.textContent = '';
-  viewer.budget = settings.budget * 2 ** 20;
+  viewer.budget = settings.budget * 1e6;
   const full = what.address === undefined ? what : { address: new URL(what.address, location.href).href };
   viewer.open(full);
   canvas.focus({ preventScroll: true });

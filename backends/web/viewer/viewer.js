@@ -43,7 +43,7 @@ export class Viewer {
     this.hasCamera = false;
     /** Whether the camera is still the one that shows all of a file: it follows what becomes known. */
     this.auto = false;
-    this.budget = 256 * 2 ** 20;
+    this.budget = 256e6;
     /** Pixels of the picture for a pixel of the canvas, along an axis: as set, and as it is while the camera moves. */
     this.resolution = 1;
     this.adaptive = 1;
