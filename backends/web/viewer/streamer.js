@@ -537,14 +537,14 @@ export class Streamer {
       return found;
     };
     let page = take();
-    const enough = () => page >= 0 && this.kept <= this.budget * KEPT;
-    if (enough()) return page;
+    if (page >= 0) return page;
     const pixels = eye && own.block.parent !== NO_PARENT ? own.place.pixels(own, level, eye.pixel) : Infinity;
     for (const { own: victim, pixels: worth } of this.#victims(own)) {
-      if (enough()) break;
+      // Nothing may take the room of the former image before this one is in its place.
+      if (page >= 0) break;
       if (victim.wanted > 0 && victim.wanted < victim.shown) this.#shrink(victim, victim.wanted);
       else if (victim.wanted === 0 || worth * BETTER < pixels) this.#hide(victim);
-      if (page < 0) page = take();
+      page = take();
     }
     if (page < 0 && pool.free + own.pages >= pages && this.#makeGap(pages)) page = take();
     return page;
