@@ -6,6 +6,7 @@
 import { EsvoError } from '../reader/src/errors.js';
 import { coalesce, openSource } from '../reader/src/served.js';
 import { NO_PARENT } from '../reader/src/tables.js';
+import { coarseBoxes } from './camera.js';
 import { PageAllocator } from './pages.js';
 import { Place } from './priority.js';
 
@@ -75,32 +76,6 @@ const ROOM = 0.92;
  * @property {number} kept Bytes of parts that are kept.
  * @property {number} limit Voxels of so many pixels are split as far as the budget lets it; the threshold if it does not matter.
  */
-
-/**
- * The cubes of the voxels of a root block's image, at the level or above it.
- * @param {Uint32Array} words
- * @param {number} [below]
- */
-function coarseBoxes(words, below = 5) {
-  /** @type {{ low: number[], high: number[] }[]} */
-  const found = [];
-  const visit = (/** @type {number} */ slot, /** @type {number} */ level, /** @type {number[]} */ low) => {
-    const word = words[2 * slot];
-    const [valid, leaf, edge] = [(word >> 8) & 255, word & 255, 2 ** -(level + 1)];
-    const pointer = slot + (word >>> 17);
-    let next = word & 0x10000 ? slot + words[2 * pointer] : pointer;
-    for (let child = 0; child < 8; child++) {
-      if (!((valid >> child) & 1)) continue;
-      const at = low.map((x, axis) => x + edge * ((child >> axis) & 1));
-      const inner = !((leaf >> child) & 1);
-      if (inner && level + 1 < below && 2 * next < words.length) visit(next, level + 1, at);
-      else found.push({ low: at, high: at.map((x) => x + edge) });
-      if (inner) next++;
-    }
-  };
-  visit(2, 0, [0, 0, 0]);
-  return found;
-}
 
 export class Streamer {
   /**

@@ -119,7 +119,7 @@ test('a flight keeps within the budget', { skip: real && existsSync(real) ? fals
   const bytes = new Uint8Array(readFileSync(String(real)));
   const budget = 24 << 20;
   const eyes = Array.from({ length: 12 }, (_, k) => ({ ...eye(1), eye: [-17 + 2.5 * k, -13.5, 0], forward: [1, 0, 0], right: [0, 0, 1], pixel: 0.0012 }));
-  const { most, streamer, pool } = await stream(bytes, budget, eyes, 40);
+  const { most, streamer, pool } = await stream(bytes, budget, eyes, 400);
   pool.leaves(0);
   assert.ok(most <= budget * 1.02, `${most} bytes of ${budget}`);
   console.log(`${most} bytes at most, ${streamer.source.count.requests} requests, ${streamer.source.count.bytes} bytes, trust ${streamer.trust}, limit ${streamer.limit}`);
