@@ -150,6 +150,18 @@ else
     echo "skipped: no python3 here"
 fi
 
+step "viewer and reader in JavaScript: types, every test vector, streaming, the page in Chromium"
+if ! command -v npm >/dev/null 2>&1 || ! node -e 'process.exit(Number(process.versions.node.split(".")[0]) < 20)' 2>/dev/null; then
+    echo "skipped: no node 20 with npm here (Debian: nodejs, npm)"
+elif ! (cd backends/web && npm ci --silent --no-audit --no-fund); then
+    echo "skipped: the packages for the checks cannot be fetched here"
+else
+    (cd backends/web && npm run --silent check)
+    program="${CARGO_TARGET_DIR:-target}/debug/esvo"
+    [ ! -x "$program" ] || program=$(realpath "$program")
+    (cd backends/web && ESVO_PROGRAM="$program" npm run --silent test:page)
+fi
+
 step "packages"
 # Checks every crate as it would be published: unpacked, with nothing around it but the other packages. The versions and profiles are
 # those of the workspace, so that what was compiled of the dependencies before serves again.

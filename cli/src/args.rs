@@ -20,6 +20,7 @@ use crate::commands::plan::PlanArguments;
 use crate::commands::rays::RaysArguments;
 use crate::commands::render::RenderArguments;
 use crate::commands::validate::ValidateArguments;
+use crate::commands::view::ViewArguments;
 use crate::version::long_version;
 
 /// Sparse voxel octrees: build, inspect, render and benchmark.
@@ -54,6 +55,7 @@ pub(crate) enum Command {
     Join(JoinArguments),
     Ambient(AmbientArguments),
     Render(RenderArguments),
+    View(ViewArguments),
     Rays(RaysArguments),
     Hits(HitsArguments),
     Kernel(KernelArguments),

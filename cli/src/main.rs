@@ -55,6 +55,7 @@ fn main() -> ExitCode {
         Command::Join(arguments) => commands::join::run_join(&arguments),
         Command::Ambient(arguments) => commands::ambient::run_ambient(&arguments),
         Command::Render(arguments) => commands::render::run_render(&arguments),
+        Command::View(arguments) => commands::view::run_view(&arguments),
         Command::Rays(arguments) => commands::rays::run_rays(&arguments),
         Command::Hits(arguments) => commands::hits::run_hits(&arguments),
         Command::Bench(arguments) => commands::bench::run_bench(&arguments),

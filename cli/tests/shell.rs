@@ -41,6 +41,7 @@ const PAGES: [&str; 33] = [
     "esvo-rays",
     "esvo-render",
     "esvo-validate",
+    "esvo-view",
 ];
 
 /// Names of the commands that the help of a command lists.

@@ -19,3 +19,4 @@ pub(crate) mod plan;
 pub(crate) mod rays;
 pub(crate) mod render;
 pub(crate) mod validate;
+pub(crate) mod view;

@@ -114,8 +114,11 @@ export class Served {
     return bytes;
   }
 
-  /** Reads directory, objects, and the root page of the index or the tables. */
-  async open() {
+  /**
+   * Reads directory, objects, and the root page of the index or the tables.
+   * @param {boolean} tables
+   */
+  async open(tables) {
     const { header } = this;
     if (header.head > this.#start.bytes.length && header.head <= MAX_TABLE) {
       const rest = await this.read(this.#start.bytes.length, header.head - this.#start.bytes.length);
@@ -129,7 +132,7 @@ export class Served {
     this.by = by;
     checkSections(by, header.required);
     this.objects = readObjects(await this.#section(by.objects), by.objects.offset);
-    if (by.root) {
+    if (by.root && !tables) {
       this.#add(await this.#section(by.root), by.root.offset);
     } else {
       await this.#readTables(by);
@@ -276,24 +279,61 @@ export class Served {
    * @returns {number[]}
    */
   blocksFor(low, high, level, object) {
-    const meets = (/** @type {ServedBlock} */ { position, scale }) =>
-      position.every((x, axis) => low[axis] <= (x + 2 ** scale) * 2 ** -23 && x * 2 ** -23 <= high[axis]);
+    const meets = meetsBox(low, high);
     const wanted = [...this.blocks.values()].filter((block) => block.object === object && (block.parent === NO_PARENT || (25 - block.scale <= level && meets(block))));
     return wanted.map(({ index }) => index).sort((a, b) => a - b);
   }
+
+  /**
+   * The parts for the same, in the order of their places.
+   * @param {number[]} low
+   * @param {number[]} high
+   * @param {number} level
+   * @param {number} object
+   * @returns {PartEntry[]}
+   */
+  partsFor(low, high, level, object) {
+    const all = this.blocksFor(low, high, level, object).flatMap((index) => this.blocks.get(index)?.parts ?? []);
+    return all.filter((part) => part.first < level).sort((a, b) => a.fileAt - b.fileAt);
+  }
+
+  /**
+   * The pages of the index that were not read and may have blocks for the same.
+   * @param {number[]} low
+   * @param {number[]} high
+   * @param {number} level
+   * @param {number} object
+   * @returns {PageLink[]}
+   */
+  pagesFor(low, high, level, object) {
+    const meets = meetsBox(low, high);
+    return this.links.filter((link) => link.first < level && (link.object ?? object) === object && meets(link));
+  }
+}
+
+/**
+ * Whether a cube meets a box of octree space: faces belong to both.
+ * @param {number[]} low
+ * @param {number[]} high
+ * @returns {(cube: { position: number[], scale: number }) => boolean}
+ */
+function meetsBox(low, high) {
+  return ({ position, scale }) => position.every((x, axis) => low[axis] <= (x + 2 ** scale) * 2 ** -23 && x * 2 ** -23 <= high[axis]);
 }
 
 /**
  * Ranges that have all parts, those that lie close together in one.
  * @param {PartEntry[]} parts
+ * @param {number} [maxGap] Bytes between two that are read along.
+ * @param {number} [maxRequest] Bytes of a range of several.
  */
-export function coalesce(parts) {
+export function coalesce(parts, maxGap = MAX_GAP, maxRequest = MAX_REQUEST) {
   /** @type {{ start: number, end: number, parts: PartEntry[] }[]} */
   const runs = [];
   for (const part of [...parts].sort((a, b) => a.fileAt - b.fileAt)) {
     const run = runs.at(-1);
     const end = part.fileAt + part.size;
-    if (run && part.fileAt - run.end <= MAX_GAP && end - run.start <= MAX_REQUEST) {
+    if (run && part.fileAt - run.end <= maxGap && end - run.start <= maxRequest) {
       run.end = end;
       run.parts.push(part);
     } else {
@@ -306,10 +346,11 @@ export function coalesce(parts) {
 /**
  * Opens a file to be read piece by piece: the header, the directory, the objects, and the root page of the index or the tables.
  * @param {Source} source
+ * @param {{ tables?: boolean }} [options] `tables`: reads the tables although there is an index.
  */
-export async function openSource(source) {
+export async function openSource(source, { tables = false } = {}) {
   await ready();
   const start = await source.read(0, FIRST);
   const header = readHeader(start, source.length);
-  return new Served(source, start, header).open();
+  return new Served(source, start, header).open(tables);
 }

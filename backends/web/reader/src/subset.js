@@ -1,7 +1,9 @@
 // A part of an octree as an octree of its own (section 11.3).
-import { BITS, viewOf } from './bytes.js';
+import { BITS, u64, viewOf } from './bytes.js';
+import { crc32 } from './crc32.js';
 import { need } from './errors.js';
-import { BLOCK_ENTRY, NO_PARENT, OBJECT_ENTRY } from './tables.js';
+import { HEADER, IDENTIFIER } from './header.js';
+import { BLOCK_ENTRY, NO_PARENT, OBJECT_ENTRY, PAGE } from './tables.js';
 
 /** @typedef {import('./served.js').Served} Served */
 
@@ -13,14 +15,15 @@ import { BLOCK_ENTRY, NO_PARENT, OBJECT_ENTRY } from './tables.js';
  */
 
 /**
- * Reads a set of blocks and nothing else, and makes an octree of them.
+ * Reads a set of blocks and nothing else, and makes an octree of them. Blocks to which nothing refers that is taken are left out.
  * @param {Served} served
  * @param {number[]} indices With the parent of each, and at least one root block.
+ * @param {(index: number) => number} [count] How many parts of a block are taken, by level; all. The set must be closed.
  * @returns {Promise<Subset>}
  */
-export async function subset(served, indices) {
+export async function subset(served, indices, count = () => Infinity) {
   const sorted = [...new Set(indices)].sort((a, b) => a - b);
-  const parts = sorted.flatMap((index) => served.blocks.get(index)?.parts ?? []);
+  const parts = sorted.flatMap((index) => served.blocks.get(index)?.parts.slice(0, count(index)) ?? []);
   /** @type {Map<number, Uint8Array[]>} */
   const stored = new Map(sorted.map((index) => [index, []]));
   /** @type {Map<import('./tables.js').PartEntry, Uint8Array>} */
@@ -35,9 +38,10 @@ export async function subset(served, indices) {
   let start = 0;
   for (const index of sorted) {
     const block = served.blocks.get(index);
-    need(block && (block.parent === NO_PARENT || images.has(block.parent)), 'usage', 0, `block ${index} is not known, or its parent is not in the set`);
+    need(block && (block.parent === NO_PARENT || indices.includes(block.parent)), 'usage', 0, `block ${index} is not known, or its parent is not in the set`);
     const inner = block.parent === NO_PARENT ? undefined : leads.get(`${block.parent} ${index} ${block.position}`) ?? leads.get(`${block.parent} - ${block.position}`);
-    need(block.parent === NO_PARENT || inner !== undefined, 'B010', 0, `no pointer leads to block ${index}`);
+    // No part that is taken refers to it.
+    if (block.parent !== NO_PARENT && inner === undefined) continue;
     const image = served.image(index, stored.get(index) ?? [], inner);
     for (const link of image.links) {
       const key = link.child === undefined ? `${index} - ${link.position}` : `${index} ${link.child} ${served.blocks.get(link.child)?.position}`;
@@ -47,7 +51,7 @@ export async function subset(served, indices) {
     images.set(index, image);
     start += image.words.length / 2;
   }
-  return assemble(served, sorted, starts, images, start);
+  return assemble(served, sorted.filter((index) => images.has(index)), starts, images, start);
 }
 
 /**
@@ -90,7 +94,7 @@ function assemble(served, sorted, starts, images, slots) {
     [object, block.parent === NO_PARENT ? NO_PARENT : numbers.get(block.parent) ?? 0, ...block.position, block.scale].forEach((x, field) => blockView.setUint32(at + 4 * field, x, true));
     blockView.setBigUint64(at + 24, BigInt(8 * start), true);
     blockView.setBigUint64(at + 32, BigInt(4 * own.words.length), true);
-    count(own, block, counts[object]);
+    addCounts(own, block, counts[object]);
   });
   objectNumbers.forEach((number, k) => {
     const object = served.objects[number];
@@ -110,7 +114,7 @@ function assemble(served, sorted, starts, images, slots) {
  * @param {import('./served.js').ServedBlock} entry
  * @param {{ levels: number, descriptors: number, leaves: number, contours: number, fars: number }} counts
  */
-function count({ words, links, firstCount }, entry, counts) {
+function addCounts({ words, links, firstCount }, entry, counts) {
   const other = new Set(links.map(({ slot }) => slot));
   /** @type {{ slot: number, level: number }[]} */
   const stack = [];
@@ -132,4 +136,46 @@ function count({ words, links, firstCount }, entry, counts) {
     }
     for (let k = 0; k < BITS[inner]; k++) stack.push({ slot: target + k, level: level + 1 });
   }
+}
+
+/**
+ * A file with the octrees of a subset, uncompressed.
+ * @param {Subset} from
+ * @returns {Uint8Array}
+ */
+export function writeFile({ objects, blocks, image }) {
+  const data = new Uint8Array(image.buffer, image.byteOffset, image.byteLength);
+  const places = [160, 160 + objects.length];
+  const start = Math.ceil((places[1] + blocks.length) / PAGE) * PAGE;
+  const file = new Uint8Array(start + data.length);
+  const view = viewOf(file);
+  const table = blocks.slice();
+  const tableView = viewOf(table);
+  for (let at = 0; at < table.length; at += BLOCK_ENTRY) {
+    const [from, size] = [u64(tableView, at + 24), u64(tableView, at + 32)];
+    tableView.setBigUint64(at + 40, BigInt(start + from), true);
+    tableView.setBigUint64(at + 48, BigInt(size), true);
+    tableView.setUint32(at + 56, 0, true);
+    tableView.setUint32(at + 60, crc32(data.subarray(from, from + size)), true);
+  }
+  file.set(objects, places[0]);
+  file.set(table, places[1]);
+  file.set(data, start);
+  const sections = /** @type {[string, number, number, number, number][]} */ ([['OBJT', 1, places[0], objects.length, crc32(objects)], ['BLKT', 1, places[1], table.length, crc32(table)], ['BLKS', 3, start, data.length, 0]]);
+  sections.forEach(([tag, flags, offset, length, crc], k) => {
+    const at = HEADER + 32 * k;
+    for (let c = 0; c < 4; c++) file[at + c] = tag.charCodeAt(c);
+    view.setUint32(at + 4, flags, true);
+    view.setBigUint64(at + 8, BigInt(offset), true);
+    view.setBigUint64(at + 16, BigInt(length), true);
+    view.setUint32(at + 24, crc, true);
+  });
+  file.set(IDENTIFIER);
+  view.setUint16(12, 1, true);
+  view.setBigUint64(32, BigInt(file.length), true);
+  view.setBigUint64(40, BigInt(HEADER), true);
+  view.setUint32(48, sections.length, true);
+  view.setUint32(52, crc32(file.subarray(HEADER, HEADER + 32 * sections.length)), true);
+  view.setUint32(60, crc32(file.subarray(0, 60)), true);
+  return file;
 }
