@@ -2,6 +2,7 @@
 
 pub(crate) mod ambient;
 pub(crate) mod color;
+pub(crate) mod components;
 pub(crate) mod contour;
 mod lanes;
 pub(crate) mod normal;
