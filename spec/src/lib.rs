@@ -67,7 +67,7 @@ mod tests {
 
     fn is_id(s: &str) -> bool {
         s.len() == 4
-            && s.starts_with(['H', 'D', 'M', 'O', 'B', 'S', 'I', 'P', 'C', 'K', 'A'])
+            && s.starts_with(['H', 'D', 'M', 'F', 'O', 'N', 'B', 'S', 'I', 'P', 'C', 'K', 'A'])
             && s[1..].bytes().all(|b| b.is_ascii_digit())
     }
 }
