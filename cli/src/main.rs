@@ -6,6 +6,7 @@ mod fail;
 mod files;
 mod memory;
 mod signals;
+mod space;
 mod stage;
 mod values;
 mod version;

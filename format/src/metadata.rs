@@ -169,9 +169,9 @@ impl Metadata {
             unit: take(from, "unit", |value| value.as_f64().filter(|unit| *unit > 0.0)),
             up: take(from, "up", UpAxis::of),
             handedness: take(from, "handedness", Handedness::of),
-            triangles: take(from, "triangles", Value::as_u64),
-            cells: take(from, "cells", Value::as_u64),
-            model_voxels: take(from, "model_voxels", Value::as_u64),
+            triangles: take(from, "triangles", whole),
+            cells: take(from, "cells", whole),
+            model_voxels: take(from, "model_voxels", whole),
             settings: take(from, "settings", map),
             displacement: take(from, "displacement", map),
             objects: take(from, "objects", |list| ObjectMetadata::list(list, true)).unwrap_or_default(),
@@ -259,6 +259,12 @@ fn take<T>(members: &mut Map<String, Value>, name: &str, read: impl Fn(&Value) -
     let found = read(members.get(name)?)?;
     members.remove(name);
     Some(found)
+}
+
+/// A whole number that binary64 tells from its neighbours: at most 2^53 - 1.
+pub(crate) fn whole(value: &Value) -> Option<u64> {
+    let number = value.as_f64()?;
+    (number.fract() == 0.0 && (0.0..9_007_199_254_740_992.0).contains(&number)).then_some(number as u64)
 }
 
 fn string(value: &Value) -> Option<String> {

@@ -6,10 +6,10 @@ use glam::{DMat4, Vec3};
 use memmap2::Mmap;
 
 use crate::block::BlockParts;
-use crate::file::{BlockEntry, CODEC_RAW, InstanceEntry, ObjectEntry, PAGE_SLOTS, attachment};
+use crate::file::{BlockEntry, CODEC_RAW, FileHash, InstanceEntry, ObjectEntry, PAGE_SLOTS, attachment};
 use crate::values::plain::{plain_entry, plain_rank};
 use crate::{
-    AmbientBlock, Broken, ChildDescriptor, ColorBlock, Contour, CornerCell, CornerValue, FormatError, Needs,
+    AmbientBlock, Broken, ChildDescriptor, ColorBlock, Contour, CornerCell, CornerValue, FormatError, Metadata, Needs,
     NodeCorners, NormalBlock, RawNormal,
 };
 
@@ -101,7 +101,7 @@ pub struct Octree {
     pub(crate) parts: Vec<BlockParts>,
     pub(crate) meta: String,
     pub(crate) instances: Vec<InstanceEntry>,
-    pub(crate) file_id: Option<[u8; 16]>,
+    pub(crate) hash: Option<FileHash>,
     pub(crate) unknown: Vec<UnknownSection>,
     pub(crate) image: Image,
     /// Offsets in the file that the octree was read from.
@@ -157,14 +157,14 @@ impl Octree {
             })
             .collect::<Result<_, Broken>>()?;
         let (sound, compared, verified) = Default::default();
-        let (part_order, file_id, instances) = Default::default();
+        let (part_order, hash, instances) = Default::default();
         Ok(Self {
             objects,
             blocks,
             parts,
             meta,
             instances,
-            file_id,
+            hash,
             unknown,
             image,
             origin,
@@ -213,6 +213,20 @@ impl Octree {
         self.verified = OnceLock::new();
     }
 
+    /// Replaces the metadata, e.g. what [`Metadata::parse`] of [`meta`](Self::meta) has, changed.
+    ///
+    /// # Errors
+    /// Metadata that break a rule: arrays and objects nested more than 64 deep (M001).
+    pub fn set_metadata(&mut self, metadata: &Metadata) -> Result<(), Broken> {
+        let text = if metadata.is_empty() { String::new() } else { metadata.to_string() };
+        if !text.is_empty() {
+            let broken = |(at, what)| Broken::new(crate::ids::META_JSON, at as u64, format!("the metadata: {what}"));
+            crate::check::metadata::parse(text.as_bytes()).map_err(broken)?;
+        }
+        self.meta = text;
+        Ok(())
+    }
+
     /// The scene: objects at their places. Empty if the file does not say; then each object is there once, where its own
     /// transform puts it. Otherwise the scene has these instances and nothing else (spec 3.1).
     pub fn instances(&self) -> &[InstanceEntry] {
@@ -239,9 +253,15 @@ impl Octree {
     }
 
     /// The id of the octrees in the file, if it has one (spec 2.5): files with the same id hold the same octrees, however they are
-    /// stored. Where an octree with an id is written, the file gets it and a new SHA-256.
+    /// stored. Where an octree of a file with a SHA-256 is written, the file gets the id and a new SHA-256.
     pub fn file_id(&self) -> Option<[u8; 16]> {
-        self.file_id
+        self.hash.map(|hash| hash.id).filter(|id| *id != [0; 16])
+    }
+
+    /// SHA-256 and id of the file that the octree was read from, if it has them. Only [`validate_file`](crate::validate_file()) and
+    /// its like compare the SHA-256.
+    pub fn file_hash(&self) -> Option<FileHash> {
+        self.hash
     }
 
     /// The sections of the file that this library does not know.

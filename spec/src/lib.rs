@@ -10,6 +10,9 @@ pub const TEXT_V1: &str = include_str!("../v1/README.md");
 /// The layout of version 1 as a Kaitai Struct description.
 pub const KSY_V1: &str = include_str!("../v1/esvo.ksy");
 
+/// The registered metadata of version 1 as a JSON schema, draft 2020-12 (section 2.3 of the text).
+pub const METADATA_SCHEMA_V1: &str = include_str!("../v1/metadata.schema.json");
+
 /// The folder with the test vectors of version 1, on the machine that compiled this crate: `valid`, `invalid` and
 /// `streaming`, described in its `README.md`.
 pub const VECTORS_V1: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/v1/vectors");

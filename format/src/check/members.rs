@@ -4,7 +4,7 @@ use serde_json::{Map, Value};
 
 use crate::check::metadata::Parsed;
 use crate::ids;
-use crate::metadata::{COUNTS, FREE, Handedness, STRINGS, UpAxis, bounds_of};
+use crate::metadata::{COUNTS, FREE, Handedness, STRINGS, UpAxis, bounds_of, whole};
 
 /// The rules that the members break, with the offsets of their names and what is wrong. `counts`: objects and instances of the file.
 pub(crate) fn check(parsed: &Parsed<'_>, counts: (usize, usize)) -> Vec<(&'static str, usize, String)> {
@@ -19,7 +19,8 @@ pub(crate) fn check(parsed: &Parsed<'_>, counts: (usize, usize)) -> Vec<(&'stati
             }
             "objects" => entries(value, counts.0, "object", object).map(|what| (ids::META_ENTRIES, what)),
             "instances" => entries(value, counts.1, "instance", named).map(|what| (ids::META_ENTRIES, what)),
-            _ => other(name, value).map(|expected| (ids::META_VALUES, format!("{name:?} is {value}, expected {expected}"))),
+            _ => other(name, value)
+                .map(|expected| (ids::META_VALUES, format!("{name:?} is {value}, expected {expected}"))),
         };
         faults.extend(fault.map(|(rule, what)| (rule, place(name), shortened(what))));
     }
@@ -33,7 +34,7 @@ fn other(name: &str, value: &Value) -> Option<&'static str> {
         "unit" => (value.as_f64().is_some_and(|unit| unit > 0.0), "a number above 0: metres"),
         "up" => (UpAxis::of(value).is_some(), "\"+x\", \"-x\", \"+y\", \"-y\", \"+z\" or \"-z\""),
         "handedness" => (Handedness::of(value).is_some(), "\"right\" or \"left\""),
-        name if COUNTS.contains(&name) => (value.is_u64(), "a whole number, not negative, below 2^64"),
+        name if COUNTS.contains(&name) => (whole(value).is_some(), "a whole number, not negative, below 2^53"),
         name if FREE.contains(&name) => (value.is_object(), "an object"),
         _ => (true, ""),
     };

@@ -115,11 +115,7 @@ impl Json<'_> {
     }
 
     /// Reads a name, the colon and the space around it. `outermost` is there for members of the outermost object.
-    fn name(
-        &mut self,
-        names: &mut HashSet<String>,
-        outermost: Option<&mut Vec<(usize, String)>>,
-    ) -> Result<(), Fault> {
+    fn name(&mut self, names: &mut HashSet<String>, outermost: Option<&mut Vec<(usize, String)>>) -> Result<(), Fault> {
         let at = self.at;
         let mut name = String::new();
         self.string(&mut name)?;

@@ -4,11 +4,11 @@ use std::ops::ControlFlow;
 use std::path::Path;
 
 use crate::block::BlockParts;
-use crate::check::{members, metadata};
 use crate::check::report::Report;
 use crate::check::stored::{gaps, wrong_checksums};
 use crate::check::topology::{Bits, Step, Visitor, Walked, ones, walk};
 use crate::check::validate_values::check_values;
+use crate::check::{members, metadata};
 use crate::file::hash;
 use crate::file::open::{Contents, map};
 use crate::file::*;

@@ -79,8 +79,11 @@ pub(crate) fn read(section: &SectionEntry, bytes: &[u8]) -> std::result::Result<
     match from_bytes(bytes).filter(|_| whole) {
         Some(found) => Ok(found),
         None => {
-            let what =
-                format!("section HASH has {} bytes and flags {}, expected 48 and flag bit 1", bytes.len(), section.flags);
+            let what = format!(
+                "section HASH has {} bytes and flags {}, expected 48 and flag bit 1",
+                bytes.len(),
+                section.flags
+            );
             Err(Broken::new(ids::HASH_SIZE, section.offset, what))
         }
     }
@@ -98,4 +101,3 @@ pub(crate) fn check(file: &[u8], at: u64) -> std::result::Result<(), Broken> {
     let what = "the SHA-256 of the file differs from that in section HASH".to_owned();
     Err(Broken::new(ids::HASH_DIGEST, at as u64, what))
 }
-

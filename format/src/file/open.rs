@@ -6,11 +6,11 @@ use std::path::Path;
 use memmap2::Mmap;
 use rayon::prelude::*;
 
-use crate::check::{instances, metadata};
 use crate::check::stored::gaps;
 use crate::check::tables::{check_blocks, check_codecs, check_objects, check_stored, compressed, stored_ranges};
-use crate::file::{compression, hash};
+use crate::check::{instances, metadata};
 use crate::file::*;
+use crate::file::{compression, hash};
 use crate::index::check::check_index;
 use crate::octree::{Gaps, Image, Origin, Stored, UnknownSection};
 use crate::parts::block::decode_parts;
@@ -193,7 +193,7 @@ impl Contents {
             Octree::new(self.objects, self.blocks, self.meta, self.unknown, image, Some(self.origin), stored)?;
         octree.part_order = part_order;
         octree.instances = self.instances;
-        octree.file_id = self.hash.map(|(hash, _)| hash.id).filter(|id| *id != [0; 16]);
+        octree.hash = self.hash.map(|(hash, _)| hash);
         Ok(octree)
     }
 

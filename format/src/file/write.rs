@@ -29,8 +29,8 @@ pub struct WriteOptions {
     /// `None`. Default: false.
     pub parts: bool,
     /// Whether the file gets a SHA-256 of all its bytes and an id of its octrees (spec 2.5), by which copies are compared and
-    /// damage outside of all other checksums is found. An octree that has an [id](Octree::file_id) keeps it, and gets both
-    /// whatever this says. Default: false.
+    /// damage outside of all other checksums is found. An octree of a file that [has both](Octree::file_hash) gets them whatever this
+    /// says, and keeps its id. Default: false.
     pub hash: bool,
 }
 
@@ -86,14 +86,14 @@ impl Octree {
             let what = format!("the metadata breaks rule {}: {what}, at byte {at}", ids::META_JSON);
             return Err(Error::new(ErrorKind::InvalidInput, what));
         }
-        let hash = options.hash || self.file_id.is_some();
+        let hash = options.hash || self.hash.is_some();
         let mut out = Hashing::new(out, hash);
         if options.parts {
             self.write_parts(&mut out, options.part_level(), hash)?;
         } else {
             self.write_blocks(&mut out, options.compress, hash)?;
         }
-        out.finish(self.file_id)
+        out.finish(self.file_id())
     }
 
     fn write_blocks(&self, out: &mut dyn Write, compress: Option<i32>, hash: bool) -> std::io::Result<()> {
@@ -136,8 +136,7 @@ impl Octree {
             stored.iter().flat_map(|(codec, parts)| parts.iter().map(|part| (*codec, part))).collect();
         let waiting = |&(codec, part): &(u32, &StoredPart)| Waiting { entry: part.entry, codec, crc: part.crc() };
         let waiting: Vec<Waiting> = parts.iter().map(waiting).collect();
-        let file =
-            PartsFile { objects: &self.objects, blocks: self.blocks.clone(), extras: Extras::of(self, hash) };
+        let file = PartsFile { objects: &self.objects, blocks: self.blocks.clone(), extras: Extras::of(self, hash) };
         let laid = file.lay_out(&waiting)?;
         out.write_all(&laid.head)?;
         for part in laid.order {

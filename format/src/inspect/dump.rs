@@ -244,7 +244,8 @@ pub fn tables(octree: &Octree) -> TablesDump {
         contours: o.contours,
         far_pointers: o.far_pointers,
     });
-    let instances = octree.instances().iter().map(|i| InstanceDump { object: i.object, mesh_to_scene: i.mesh_to_scene });
+    let instances =
+        octree.instances().iter().map(|i| InstanceDump { object: i.object, mesh_to_scene: i.mesh_to_scene });
     TablesDump {
         objects: objects.collect(),
         blocks: (0..octree.blocks().len()).map(|i| head(octree, i)).collect(),

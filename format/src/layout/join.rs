@@ -195,7 +195,10 @@ mod tests {
     fn metadata_and_instances_stay_with_their_objects() {
         let (mut a, mut b, c) = (chain(3, true), chain(2, false), chain(1, false));
         a.set_meta(r#"{"unit":1,"up":"+y","license":"MIT","title":"A","x":[1]}"#.into());
-        b.set_meta(r#"{"unit":1,"up":"+z","license":"MIT","objects":[{"name":"b","metadata":{"title":"own"}}],"title":"B"}"#.into());
+        b.set_meta(
+            r#"{"unit":1,"up":"+z","license":"MIT","objects":[{"name":"b","metadata":{"title":"own"}}],"title":"B"}"#
+                .into(),
+        );
         let text = |octrees: &[&Octree]| join(octrees).expect("small octrees").meta().to_owned();
         assert_eq!(
             text(&[&a, &b]),

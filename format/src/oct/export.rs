@@ -51,7 +51,7 @@ pub(super) fn export(octree: &Octree) -> Result<Exported, FormatError> {
     if !octree.instances().is_empty() {
         exporter.lost.push("the instances".into());
     }
-    if octree.file_id().is_some() {
+    if octree.file_hash().is_some() {
         exporter.lost.push("the id and the SHA-256 of the file".into());
     }
     for section in octree.unknown_sections() {

@@ -60,7 +60,7 @@ const METADATA: &[(&str, &str)] = &[
     ("M003", r#"{"handedness":"Right"}"#),
     ("M003", r#"{"triangles":-1}"#),
     ("M003", r#"{"cells":1.5}"#),
-    ("M003", r#"{"model_voxels":18446744073709551616}"#),
+    ("M003", r#"{"model_voxels":9007199254740992}"#),
     ("M003", r#"{"settings":[]}"#),
     ("M003", r#"{"displacement":null}"#),
     ("M004", r#"{"objects":{}}"#),

@@ -11,8 +11,8 @@ use glam::{DMat4, DVec3};
 use sha2::{Digest, Sha256};
 
 use super::common::break_scene;
-use super::common::samples::samples;
 use super::common::patch::File;
+use super::common::samples::samples;
 use super::common::{Colors, Shape, bytes_of};
 use super::writer::{Block, Codec, Order, Plan};
 pub(crate) use container::{ENTROPY_LEVELS, entropy_coded, extra};
@@ -78,7 +78,11 @@ pub(crate) fn vectors() -> Vec<Vector> {
     let hash = esvo_format::WriteOptions { hash: true, ..esvo_format::WriteOptions::default() };
     break_scene::scene().write_to_with(&mut scene, &hash).expect("memory");
     let scene = esvo_format::Octree::from_bytes(&scene).expect("what the library has written");
-    list.push(written("written_scene".into(), "written by the library: two objects, instances, metadata, SHA-256", &scene));
+    list.push(written(
+        "written_scene".into(),
+        "written by the library: two objects, instances, metadata, SHA-256",
+        &scene,
+    ));
     for seed in 0..6 {
         list.push(random(seed));
     }

@@ -3,7 +3,7 @@ import { crc32 } from './crc32.js';
 import { need } from './errors.js';
 
 const IDENTIFIER = [0xab, 0x45, 0x53, 0x56, 0x4f, 0x20, 0x31, 0xbb, 0x0d, 0x0a, 0x1a, 0x0a];
-const KNOWN = new Set(['OBJT', 'BLKT', 'BLKS', 'PART', 'INDX', 'PAGE', 'META']);
+const KNOWN = new Set(['OBJT', 'BLKT', 'BLKS', 'PART', 'INDX', 'PAGE', 'META', 'INST', 'HASH']);
 
 /** Bytes of the header. */
 export const HEADER = 64;

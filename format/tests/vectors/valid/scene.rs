@@ -8,7 +8,7 @@ use super::{Add, extra, one};
 const NAMES: &str = r#"{"unit":0.01,"up":"+z","handedness":"right","objects":[{"name":"a voxel","bounds":{"low":[0.5,0,0.5],"high":[1,0.5,1]}},{"name":"a branch","metadata":{"author":"of the branch","own":[1,2]}}],"instances":[{},{"name":"mirrored","metadata":{"season":"winter"}}]}"#;
 
 pub(super) fn all(add: &mut Add<'_>) {
-    let text = r#"{"title":"All that is registered","author":"the esvo contributors","license":"CC0-1.0","source":"nowhere","generator":"a test 1.0","created":"2026-11-28T12:00:00Z","unit":1,"up":"-y","handedness":"left","triangles":12,"cells":0,"model_voxels":18446744073709551615,"settings":{"levels":1,"own":{"deep":[true]}},"displacement":{},"objects":[{"name":"a voxel","bounds":{"low":[-1,0,0.5],"high":[-1,1e300,0.5],"own":0},"metadata":{"title":"its own"},"own":null}],"instances":[],"own":"not registered"}"#;
+    let text = r#"{"title":"All that is registered","author":"the esvo contributors","license":"CC0-1.0","source":"nowhere","generator":"a test 1.0","created":"2026-11-28T12:00:00Z","unit":1,"up":"-y","handedness":"left","triangles":12,"cells":0,"model_voxels":9007199254740991,"settings":{"levels":1,"own":{"deep":[true]}},"displacement":{},"objects":[{"name":"a voxel","bounds":{"low":[-1,0,0.5],"high":[-1,1e300,0.5],"own":0},"metadata":{"title":"its own"},"own":null}],"instances":[],"own":"not registered"}"#;
     let plan = Plan { extra: vec![extra(b"META", 0, text.as_bytes())], ..one(1, smallest(4)) };
     add("meta_registered", "every registered member of the metadata, and others", plan);
     let two = |extras: Vec<Extra>| {
@@ -24,7 +24,11 @@ pub(super) fn all(add: &mut Add<'_>) {
     let names = extra(b"META", 0, NAMES.as_bytes());
     add("instances", "both objects placed twice, with names", two(vec![names, extra(b"INST", 0, &table)]));
     let table = instances(&[(1, mirrored)]);
-    add("instances_of_one", "one object is placed, the other is not in the scene", two(vec![extra(b"INST", 0, &table)]));
+    add(
+        "instances_of_one",
+        "one object is placed, the other is not in the scene",
+        two(vec![extra(b"INST", 0, &table)]),
+    );
     let sheared = [1., 0., 0., 0.5, 1., 0., 0., -0.5, 1e-9, 0., 0., 0.];
     let table = instances(&[(0, sheared)]);
     add(
