@@ -7,6 +7,7 @@ mod files;
 mod memory;
 mod remote;
 mod signals;
+mod space;
 mod stage;
 mod values;
 mod version;

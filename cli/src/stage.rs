@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use esvo_core::Object;
+use esvo_format::file::InstanceEntry;
 use esvo_format::{Octree, join};
 use esvo_scenes::SceneList;
 use glam::DMat4;
@@ -29,21 +30,64 @@ impl Stage {
         if extension(path) == LIST {
             return Self::of_list(path, verify);
         }
-        Ok(Self::of(open(path, verify)?))
+        Self::of(open(path, verify)?).checked(path)
     }
 
-    /// All objects of an octree, where it says.
+    /// All objects of an octree, where it says, or its instances.
     pub(crate) fn of(octree: Octree) -> Self {
-        let placed = (0..octree.objects().len()).map(|object| (object, None)).collect();
+        let placed = match octree.instances() {
+            [] => (0..octree.objects().len()).map(|object| (object, None)).collect(),
+            instances => instances.iter().map(|one| (one.object as usize, Some(one.matrix()))).collect(),
+        };
         Self { octree: Arc::new(octree), placed }
     }
 
     fn of_list(path: &Path, verify: bool) -> Result<Self, Failure> {
+        let Listed { octree, instances, .. } = Listed::load(path, verify)?;
+        let placed = instances.iter().map(|one| (one.object as usize, Some(one.matrix()))).collect();
+        Self { octree: Arc::new(octree), placed }.checked(path)
+    }
+
+    /// Refuses places that leave an object without an inverse.
+    fn checked(self, path: &Path) -> Result<Self, Failure> {
+        for (number, (object, place)) in self.placed.iter().enumerate() {
+            let Some(place) = place else { continue };
+            let matrix = *place * self.octree.octree_to_mesh(*object);
+            if !matrix.is_finite() || !matrix.inverse().is_finite() {
+                let what = "together, its matrix and that of its object are too large or too small";
+                return Err(format!("{}: instance {number}, of object {object}: {what}", path.display()).into());
+            }
+        }
+        Ok(self)
+    }
+
+    /// The objects.
+    pub(crate) fn objects(&self) -> Vec<Object<'_>> {
+        let all = Object::all(&self.octree);
+        let object =
+            |(number, place): &(usize, Option<DMat4>)| place.map_or(all[*number], |place| all[*number].placed(place));
+        self.placed.iter().map(object).collect()
+    }
+}
+
+/// The octrees of a scene list in one, and what it places.
+pub(crate) struct Listed {
+    pub(crate) octree: Octree,
+    pub(crate) instances: Vec<InstanceEntry>,
+    /// Name of the place that an instance comes from.
+    pub(crate) names: Vec<Option<String>>,
+    /// The file that an object comes from.
+    pub(crate) files: Vec<PathBuf>,
+}
+
+impl Listed {
+    /// Opens the octrees of a list, each file once.
+    pub(crate) fn load(path: &Path, verify: bool) -> Result<Self, Failure> {
         let list = SceneList::load(path)?;
         let mut octrees: Vec<Octree> = Vec::new();
         let mut numbers: HashMap<PathBuf, usize> = HashMap::new();
         // Number of the octree and of its object, and the place.
-        let mut wanted = Vec::new();
+        let (mut wanted, mut names, mut files) = (Vec::new(), Vec::new(), Vec::new());
         for place in &list.places {
             let of_place = |what: &dyn std::fmt::Display| {
                 Failure::Message(format!("{}: place {} (line {}): {what}", path.display(), place.number, place.line))
@@ -57,31 +101,37 @@ impl Stage {
                         Failure::Message(what) => of_place(&what),
                         Failure::Pipe => Failure::Pipe,
                     })?;
+                    files.extend(octree.objects().iter().map(|_| place.file.clone()));
                     octrees.push(octree);
                     numbers.insert(name, octrees.len() - 1);
                     octrees.len() - 1
                 }
             };
             let count = octrees[number].objects().len();
-            let objects = match place.object {
-                None => 0..count,
-                Some(object) if object < count => object..object + 1,
+            // All of a file is its scene.
+            let placed = match place.object {
+                None => octrees[number].placed(),
+                Some(object) if object < count => vec![InstanceEntry::new(object as u32, DMat4::IDENTITY)],
                 Some(object) => {
                     let what = format!("`object` is {}; {} has {count}", object + 1, place.file.display());
                     return Err(of_place(&what));
                 }
             };
-            wanted.extend(objects.map(|object| (number, object, place.mesh_to_scene)));
+            names.extend(placed.iter().map(|_| place.name.clone()));
+            wanted.extend(placed.iter().map(|one| (number, one.object, place.mesh_to_scene * one.matrix())));
         }
-        let first: Vec<usize> = octrees
+        let first: Vec<u32> = octrees
             .iter()
             .scan(0, |next, octree| {
                 let first = *next;
-                *next += octree.objects().len();
+                *next += octree.objects().len() as u32;
                 Some(first)
             })
             .collect();
-        let placed = wanted.into_iter().map(|(number, object, place)| (first[number] + object, Some(place))).collect();
+        let instances = wanted
+            .into_iter()
+            .map(|(number, object, place)| InstanceEntry::new(first[number] + object, place))
+            .collect();
         let octree = if octrees.len() == 1 {
             octrees.remove(0)
         } else {
@@ -89,14 +139,6 @@ impl Stage {
             check_memory(bytes, &format!("{}: {} octrees", path.display(), octrees.len()))?;
             join(&octrees.iter().collect::<Vec<_>>()).map_err(|error| name_file(path, error))?
         };
-        Ok(Self { octree: Arc::new(octree), placed })
-    }
-
-    /// The objects.
-    pub(crate) fn objects(&self) -> Vec<Object<'_>> {
-        let all = Object::all(&self.octree);
-        let object =
-            |(number, place): &(usize, Option<DMat4>)| place.map_or(all[*number], |place| all[*number].placed(place));
-        self.placed.iter().map(object).collect()
+        Ok(Self { octree, instances, names, files })
     }
 }

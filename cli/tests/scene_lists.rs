@@ -110,12 +110,32 @@ fn joined_octrees_are_valid_and_look_the_same() {
         std::fs::read(folder.path(name)).unwrap()
     };
     assert_eq!(draw("both.toml", "list.png"), draw("both.esvo", "joined.png"));
+    // What a list places in a file: the same picture, from each engine, and from a list that places the file.
+    let text = folder.ok(&["join", "list.toml", "-o", "scene.esvo", "--hash", "--parts"]);
+    assert!(text.contains(", 2 objects, 3 instances\n"), "{text}");
+    folder.ok(&["validate", "scene.esvo"]);
+    folder.put("scene.toml", "version = 1\n[[place]]\nfile = \"scene.esvo\"\n");
+    let picture = draw("list.toml", "list.png");
+    assert_eq!(draw("scene.esvo", "scene.png"), picture);
+    assert_eq!(draw("scene.toml", "scene.png"), picture);
+    assert_ne!(draw("both.esvo", "scene.png"), picture, "the objects without the instances");
+    for engine in ["reference", "wgpu", "ash"] {
+        let on = |file: &str| {
+            let drawn = folder.run(&["render", file, "-o", "engine.png", "--size", "64x48", "--backend", engine]);
+            drawn.status.success().then(|| std::fs::read(folder.path("engine.png")).unwrap())
+        };
+        assert_eq!(on("scene.esvo"), on("list.toml"), "{engine}");
+    }
+    // A list that says no more than the octree gives no instances.
+    let text = folder.ok(&["join", "both.toml", "-o", "plain.esvo"]);
+    assert!(text.ends_with(", 2 objects\n"), "{text}");
+    folder.fails(&["join", "list.toml", "-o", "box.esvo"], 1, "is the input");
     // An object of a joined file, placed; and compressed.
     folder.put("second.toml", "version = 1\n[[place]]\nfile = \"small.esvo\"\nobject = 2\n");
     folder.ok(&["join", "box.esvo", "other/ball.esvo", "-o", "small.esvo", "--compress"]);
     assert_eq!(draw("second.toml", "second.png"), draw("other/ball.esvo", "ball.png"));
 
-    folder.fails(&["join", "box.esvo", "-o", "one.esvo"], 2, "2 values required");
+    folder.fails(&["join", "box.esvo", "-o", "one.esvo"], 1, "one octree is nothing to join");
     folder.fails(&["join", "box.esvo", "box.obj", "-o", "new.esvo"], 1, "box.obj: is a mesh");
     folder.fails(&["join", "box.esvo", "both.esvo", "-o", "both.esvo"], 1, "is the input");
     folder.fails(&["join", "box.esvo", "both.esvo", "-o", "new.png"], 1, "ends in .esvo");

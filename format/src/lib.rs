@@ -83,6 +83,9 @@
 //! | make an octree | [`Tree`], [`assemble`]; block by block, with little memory: [`pack`](pack()), [`BlockStore`] |
 //! | encode and decode values | [`Contour`], [`ColorBlock`], [`NormalBlock`], [`RawNormal`], [`AmbientBlock`], [`ComponentFormat`] |
 //! | join several octrees into one | [`join`] |
+//! | read and change metadata | [`Metadata`], [`Octree::meta`], [`Octree::set_meta`] |
+//! | place objects several times | [`Octree::instances`], [`Octree::set_instances`] |
+//! | know how a file is stored | [`Storage`] |
 //! | number the cubes of a level | [`morton`](morton()), [`morton_place`] |
 //! | convert between sRGB and linear light | [`srgb`] |
 //! | read the fields of a descriptor | [`ChildDescriptor`] |
@@ -98,6 +101,7 @@
 //! | `values/` | encodings of the values of voxels: contours, colours, normals, ambient occlusion, plain values, components, sRGB |
 //! | `file/` | records of headers and tables; opening, writing, compression |
 //! | `octree.rs`, `components.rs`, `block.rs`, `descriptor.rs`, `needs.rs` | an octree in memory, and access to its voxels |
+//! | `metadata.rs` | what is known about a file: units, names, bounds |
 //! | `morton.rs` | cubes of one level as numbers |
 //! | `check/` | the rules of the specification: tables, topology (the walk along all pointers), validation and its report |
 //! | `parts/` | blocks stored in parts by level, as streams of fields |
@@ -135,6 +139,7 @@ pub mod file;
 mod index;
 mod inspect;
 mod layout;
+mod metadata;
 mod morton;
 mod needs;
 pub mod oct;
@@ -154,6 +159,7 @@ pub use file::compression::COMPRESSION_LEVELS;
 pub use file::open::{DEFAULT_MEMORY_LIMIT, OpenOptions};
 pub use file::write::{WriteOptions, remove_temporaries, write_atomically};
 pub use inspect::stats::{Bytes, ComponentStats, Stats, component_stats, stats};
+pub use inspect::storage::{Storage, StoredSection};
 pub use inspect::stream_stats::stream_stats;
 pub use inspect::{diff, dump};
 pub use layout::assemble::assemble;
@@ -162,6 +168,7 @@ pub use layout::join::join;
 pub use layout::pack::{BlockStore, BlockSummary, PackedBlock, StoredBlocks, pack};
 pub use layout::plan::AssembleOptions;
 pub use layout::tree::{Tree, TreeNode, Voxel};
+pub use metadata::{Bounds, Handedness, Metadata, ObjectMetadata, UpAxis};
 pub use morton::{morton, morton_place};
 pub use needs::Needs;
 pub use octree::{Octree, UnknownSection};

@@ -6,10 +6,10 @@ use glam::{DMat4, Vec3};
 use memmap2::Mmap;
 
 use crate::block::BlockParts;
-use crate::file::{BlockEntry, CODEC_RAW, ObjectEntry, PAGE_SLOTS, attachment};
+use crate::file::{BlockEntry, CODEC_RAW, FileHash, InstanceEntry, ObjectEntry, PAGE_SLOTS, attachment};
 use crate::values::plain::{plain_entry, plain_rank};
 use crate::{
-    AmbientBlock, Broken, ChildDescriptor, ColorBlock, Contour, CornerCell, CornerValue, FormatError, Needs,
+    AmbientBlock, Broken, ChildDescriptor, ColorBlock, Contour, CornerCell, CornerValue, FormatError, Metadata, Needs,
     NodeCorners, NormalBlock, RawNormal,
 };
 
@@ -34,6 +34,7 @@ pub(crate) struct Origin {
     pub(crate) image: u64,
     pub(crate) objects: u64,
     pub(crate) meta: u64,
+    pub(crate) instances: u64,
     /// Whether any block is compressed. The block data is not the image then, and all checksums were checked on
     /// reading.
     pub(crate) compressed: bool,
@@ -99,6 +100,8 @@ pub struct Octree {
     pub(crate) blocks: Vec<BlockEntry>,
     pub(crate) parts: Vec<BlockParts>,
     pub(crate) meta: String,
+    pub(crate) instances: Vec<InstanceEntry>,
+    pub(crate) hash: Option<FileHash>,
     pub(crate) unknown: Vec<UnknownSection>,
     pub(crate) image: Image,
     /// Offsets in the file that the octree was read from.
@@ -154,8 +157,23 @@ impl Octree {
             })
             .collect::<Result<_, Broken>>()?;
         let (sound, compared, verified) = Default::default();
-        let part_order = None;
-        Ok(Self { objects, blocks, parts, meta, unknown, image, origin, sound, stored, part_order, compared, verified })
+        let (part_order, hash, instances) = Default::default();
+        Ok(Self {
+            objects,
+            blocks,
+            parts,
+            meta,
+            instances,
+            hash,
+            unknown,
+            image,
+            origin,
+            sound,
+            stored,
+            part_order,
+            compared,
+            verified,
+        })
     }
 
     /// Offset of byte `at` of the image in the file that the octree was read from. `at` itself if there is no file, or
@@ -193,6 +211,57 @@ impl Octree {
     pub fn set_meta(&mut self, meta: String) {
         self.meta = meta;
         self.verified = OnceLock::new();
+    }
+
+    /// Replaces the metadata, e.g. what [`Metadata::parse`] of [`meta`](Self::meta) has, changed.
+    ///
+    /// # Errors
+    /// Metadata that break a rule: arrays and objects nested more than 64 deep (M001).
+    pub fn set_metadata(&mut self, metadata: &Metadata) -> Result<(), Broken> {
+        let text = if metadata.is_empty() { String::new() } else { metadata.to_string() };
+        if !text.is_empty() {
+            let broken = |(at, what)| Broken::new(crate::ids::META_JSON, at as u64, format!("the metadata: {what}"));
+            crate::check::metadata::parse(text.as_bytes()).map_err(broken)?;
+        }
+        self.meta = text;
+        Ok(())
+    }
+
+    /// The scene: objects at their places. Empty if the file does not say; then each object is there once, where its own
+    /// transform puts it. Otherwise the scene has these instances and nothing else (spec 3.1).
+    pub fn instances(&self) -> &[InstanceEntry] {
+        &self.instances
+    }
+
+    /// The scene, spelt out: the [instances](Self::instances), or one for each object at its own place.
+    pub fn placed(&self) -> Vec<InstanceEntry> {
+        match &self.instances[..] {
+            [] => (0..self.objects.len() as u32).map(|object| InstanceEntry::new(object, DMat4::IDENTITY)).collect(),
+            some => some.to_vec(),
+        }
+    }
+
+    /// Replaces the instances; none: each object is there once.
+    ///
+    /// # Errors
+    /// An object that does not exist (N002), a matrix without an inverse (N003), a reserved field that is not zero (N004), or more
+    /// than [`MAX_INSTANCES`](crate::file::MAX_INSTANCES) (N001). Offsets count from the first instance.
+    pub fn set_instances(&mut self, instances: Vec<InstanceEntry>) -> Result<(), Broken> {
+        crate::check::instances::check(&instances, self.objects.len(), 0)?;
+        self.instances = instances;
+        Ok(())
+    }
+
+    /// The id of the octrees in the file, if it has one (spec 2.5): files with the same id hold the same octrees, however they are
+    /// stored. Where an octree of a file with a SHA-256 is written, the file gets the id and a new SHA-256.
+    pub fn file_id(&self) -> Option<[u8; 16]> {
+        self.hash.map(|hash| hash.id).filter(|id| *id != [0; 16])
+    }
+
+    /// SHA-256 and id of the file that the octree was read from, if it has them. Only [`validate_file`](crate::validate_file()) and
+    /// its like compare the SHA-256.
+    pub fn file_hash(&self) -> Option<FileHash> {
+        self.hash
     }
 
     /// The sections of the file that this library does not know.

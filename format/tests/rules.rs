@@ -5,6 +5,7 @@ mod common;
 use std::collections::BTreeSet;
 
 use common::break_parts::broken_parts;
+use common::break_scene::broken_scenes;
 use common::breaks::{Broken, broken_files, change_low, sample, set_slot};
 use common::samples::samples;
 use common::{Colors, Shape, bytes_of};
@@ -27,7 +28,7 @@ fn every_rule_is_reported_when_it_is_broken_and_no_other() {
     }
     // Builds without Zstandard cannot say what is wrong with files in parts.
     let parts = if cfg!(feature = "zstd") { broken_parts() } else { Vec::new() };
-    for (number, broken) in broken_files().into_iter().chain(parts).enumerate() {
+    for (number, broken) in broken_files().into_iter().chain(broken_scenes()).chain(parts).enumerate() {
         let Broken { rule, sample, bytes } = broken;
         assert_eq!(reported(&bytes), BTreeSet::from([rule]), "case {number} for {rule}, made from {sample}");
         tested.insert(rule);

@@ -23,6 +23,8 @@ pub struct Place {
     pub file: PathBuf,
     /// The object of the file, counted from 0; `None`: all of them.
     pub object: Option<usize>,
+    /// A name for what is there.
+    pub name: Option<String>,
     /// From the space of the octree's mesh to that of the scene: affine, with an inverse.
     pub mesh_to_scene: DMat4,
     /// Number in the list, counted from 1.
@@ -73,6 +75,7 @@ struct RawList {
 struct RawPlace {
     file: String,
     object: Option<usize>,
+    name: Option<String>,
     translation: Option<[f64; 3]>,
     rotation: Option<Rotation>,
     quaternion: Option<[f64; 4]>,
@@ -134,7 +137,8 @@ impl SceneList {
                 object => object.map(|object| object - 1),
             };
             let mesh_to_scene = raw.transform().map_err(of_place)?;
-            Ok(Place { file: folder.join(&raw.file), object, mesh_to_scene, number, line })
+            let name = raw.name.clone();
+            Ok(Place { file: folder.join(&raw.file), object, name, mesh_to_scene, number, line })
         };
         Ok(Self { places: (1..).zip(&list.places).map(place).collect::<Result<_, _>>()? })
     }
@@ -214,14 +218,15 @@ mod tests {
         let list = parse(
             "version = 1\n\n[[place]]\nfile = \"a.esvo\"\n\n[[place]]\nfile = \"../b.esvo\"\nobject = 2\n\
              translation = [1, 2.5, 3]\nrotation = { axis = [0, 2, 0], degrees = 90 }\nscale = 2\n\n\
-             [[place]]\nfile = \"/c.esvo\"\nquaternion = [0, 0, 3, 0]\nscale = [1, -2, 3]\n\n\
+             [[place]]\nfile = \"/c.esvo\"\nname = \"C\"\nquaternion = [0, 0, 3, 0]\nscale = [1, -2, 3]\n\n\
              [[place]]\nfile = \"a.esvo\"\nmatrix = [[0, 2, 0, 7], [1, 0, 0, 8], [0, 0, 1, 9], [0, 0, 0, 1]]\n",
         )
         .unwrap();
         let files: Vec<_> = list.places.iter().map(|place| place.file.to_str().unwrap()).collect();
         assert_eq!(files, ["lists/a.esvo", "lists/../b.esvo", "/c.esvo", "lists/a.esvo"]);
         let lines: Vec<_> = list.places.iter().map(|place| (place.number, place.line, place.object)).collect();
-        assert_eq!(lines, [(1, 3, None), (2, 6, Some(1)), (3, 13, None), (4, 18, None)]);
+        assert_eq!(lines, [(1, 3, None), (2, 6, Some(1)), (3, 13, None), (4, 19, None)]);
+        assert_eq!((&list.places[1].name, list.places[2].name.as_deref()), (&None, Some("C")));
         let at = |number: usize, point: [f64; 3]| list.places[number].mesh_to_scene.transform_point3(point.into());
         assert_eq!(at(0, [1.0, 2.0, 3.0]), DVec3::new(1.0, 2.0, 3.0));
         // Twice as large, x to -z, then moved.

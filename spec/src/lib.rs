@@ -10,6 +10,9 @@ pub const TEXT_V1: &str = include_str!("../v1/README.md");
 /// The layout of version 1 as a Kaitai Struct description.
 pub const KSY_V1: &str = include_str!("../v1/esvo.ksy");
 
+/// The registered metadata of version 1 as a JSON schema, draft 2020-12 (section 2.3 of the text).
+pub const METADATA_SCHEMA_V1: &str = include_str!("../v1/metadata.schema.json");
+
 /// The folder with the test vectors of version 1, on the machine that compiled this crate: `valid`, `invalid` and
 /// `streaming`, described in its `README.md`.
 pub const VECTORS_V1: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/v1/vectors");
@@ -67,7 +70,7 @@ mod tests {
 
     fn is_id(s: &str) -> bool {
         s.len() == 4
-            && s.starts_with(['H', 'D', 'M', 'O', 'B', 'S', 'I', 'P', 'C', 'K', 'A'])
+            && s.starts_with(['H', 'D', 'M', 'F', 'O', 'N', 'B', 'S', 'I', 'P', 'C', 'K', 'A'])
             && s[1..].bytes().all(|b| b.is_ascii_digit())
     }
 }

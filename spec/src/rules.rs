@@ -1,4 +1,4 @@
-//! The rules of version 1. Letter: H header, D directory, M metadata, O object table, B block table, S parts, I index, P pages and info
+//! The rules of version 1. Letter: H header, D directory, M metadata, F hash of the file, O object table, N instances, B block table, S parts, I index, P pages and info
 //! sections, C child descriptors, K contours, A attachments.
 
 /// How strict a rule is (in the sense of BCP 14).
@@ -67,7 +67,12 @@ rules! {
     FILE_GAPS = "D009" Must: "Bytes of the file outside the header, the directory and all sections are zero, and so are bytes of BLKS that belong to no stored block.";
 
     META_JSON = "M001" Must: "The section META, where present, is a JSON object in UTF-8, as section 2.3 lays down.";
-    META_MEMBERS = "M002" Should: "The values of registered members of META are strings.";
+    META_MEMBERS = "M002" Should: "The values of the members of META that are registered as strings are strings.";
+    META_VALUES = "M003" Should: "The values of the other registered members of META are as section 2.3 lays down.";
+    META_ENTRIES = "M004" Should: "The members objects and instances of META are as section 2.3 lays down, and have at most as many entries as the file has objects and instances.";
+
+    HASH_SIZE = "F001" Must: "The section HASH has 48 bytes and flag bit 1.";
+    HASH_DIGEST = "F002" Must: "The SHA-256 in HASH is that of the file with 32 zero bytes in its place.";
 
     OBJECT_SIZE = "O001" Must: "The object table holds a whole number of entries, at least one.";
     OBJECT_ROOT = "O002" Must: "The root block of an object belongs to the object and has no parent, and the root slot is slot 2 of that block.";
@@ -75,6 +80,11 @@ rules! {
     OBJECT_TRANSFORM = "O004" Must: "The transform is finite and affine, and its determinant is a normal number.";
     OBJECT_COUNTS = "O005" Must: "The counts of descriptors, leaf voxels, contours and far pointers are those found in the blocks of the object.";
     OBJECT_RESERVED = "O006" Must: "The reserved fields of the object table are zero.";
+
+    INSTANCE_TABLE = "N001" Must: "The section INST holds a whole number of entries, at least one and at most 2^23.";
+    INSTANCE_OBJECT = "N002" Must: "The object of an instance exists.";
+    INSTANCE_MATRIX = "N003" Must: "The matrix of an instance is finite, and its determinant is a normal number.";
+    INSTANCE_RESERVED = "N004" Must: "The reserved field of an instance is zero.";
 
     BLOCK_SIZE = "B001" Must: "The block table holds a whole number of entries, at least one.";
     BLOCK_ALIGNMENT = "B002" Must: "The image offset and the image size of a block are multiples of 8192, and the size is not zero.";

@@ -96,6 +96,44 @@ types:
         type: str
         encoding: UTF-8
         if: tag == [0x4d, 0x45, 0x54, 0x41]
+      instances_of_objects:
+        io: _root._io
+        pos: offset
+        size: length
+        type: instance_table
+        if: tag == [0x49, 0x4e, 0x53, 0x54]
+      hash:
+        io: _root._io
+        pos: offset
+        size: length
+        type: file_hash
+        if: tag == [0x48, 0x41, 0x53, 0x48]
+  file_hash:
+    doc: Section 2.5, 48 bytes.
+    seq:
+      - id: sha256
+        size: 32
+        doc: Of the file with zeros in place of this field.
+      - id: id
+        size: 16
+  instance_table:
+    doc: Section 3.1.
+    seq:
+      - id: entries
+        type: instance_entry
+        repeat: eos
+  instance_entry:
+    doc: 104 bytes.
+    seq:
+      - id: object
+        type: u4
+      - id: reserved
+        type: u4
+      - id: mesh_to_scene
+        type: f8
+        repeat: expr
+        repeat-expr: 12
+        doc: The upper three rows of a 4 x 4 matrix, by columns, for column vectors.
   object_table:
     doc: Section 3.
     seq:

@@ -94,7 +94,9 @@ fn storage(options: &FormatBenchOptions, source: &Source, progress: &Progress) -
         });
         let (write, file) = time(options, || {
             let mut file = Vec::new();
-            let written = source.octree.write_to_with(&mut file, &WriteOptions { compress: zstd, parts });
+            let written = source
+                .octree
+                .write_to_with(&mut file, &WriteOptions { compress: zstd, parts, ..WriteOptions::default() });
             written.map(|()| file).map_err(|source| FormatError::Io { path: "memory".into(), source })
         })?;
         let reader = StreamReader::open(&file).map_err(BenchError::Format)?;

@@ -51,6 +51,20 @@ impl VoxelModel {
         Ok(self.place()?.levels)
     }
 
+    /// Lower and upper corner of all voxels in mesh space, whose unit is the edge of a voxel. `None` without voxels.
+    #[must_use]
+    pub fn bounds(&self) -> Option<([f64; 3], [f64; 3])> {
+        let first = self.voxels.first()?.at.map(f64::from);
+        let (mut low, mut high) = (first, first);
+        for voxel in &self.voxels {
+            for (axis, at) in voxel.at.into_iter().map(f64::from).enumerate() {
+                low[axis] = low[axis].min(at);
+                high[axis] = high[axis].max(at);
+            }
+        }
+        Some((low, high.map(|at| at + 1.0)))
+    }
+
     fn place(&self) -> Result<Place, BuildError> {
         let Some(first) = self.voxels.first() else {
             return Err(BuildError::Mesh("the model has no voxels".into()));

@@ -8,6 +8,7 @@ use clap::Args;
 use esvo_bench::Progress;
 use esvo_core::ambient::{Ambient as Values, AmbientSettings};
 use esvo_engines::{EngineId, OpenOptions};
+use esvo_format::WriteOptions;
 
 use crate::fail::{Failure, print};
 use crate::files::{check_extension, check_not_input, check_output, name_file, open_verified};
@@ -77,7 +78,8 @@ pub(crate) fn run_ambient(arguments: &AmbientArguments) -> Result<(), Failure> {
     let with = octree
         .with_ambient_occlusion(|slot, child| values.value(slot, child))
         .map_err(|e| name_file(&arguments.input, e))?;
-    with.write(&arguments.output).map_err(|e| name_file(&arguments.output, e))?;
+    let options = WriteOptions { hash: octree.file_hash().is_some(), ..WriteOptions::default() };
+    with.write_with(&arguments.output, &options).map_err(|e| name_file(&arguments.output, e))?;
     progress.finish();
     print(&format!(
         "{}: {}, {} each, {seconds:.1} s, {:.1} million rays a second, cast by {} on {}\n",

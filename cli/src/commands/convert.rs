@@ -3,11 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use esvo_format::{Octree, WriteOptions, oct};
+use esvo_format::{Metadata, Octree, WriteOptions, oct};
 
 use crate::fail::{Failure, print};
 use crate::files::{check_output, extension, name_file, open_verified};
 use crate::remote::{Local, RemoteArguments, bare};
+use crate::space::SpaceArguments;
 use crate::words::size;
 
 /// A kind of file, given by the extension.
@@ -22,7 +23,8 @@ enum Kind {
 #[command(after_help = "\
 The extension tells the kind of a file. Contours, block-compressed colours and normals are copied
 bit for bit. Data that the other kind of file cannot store is listed. An .esvo is checked against
-every rule first; if it is damaged, nothing is written.
+every rule first; if it is damaged, nothing is written. Metadata and instances of an .esvo stay;
+--unit, --up and --handedness change what it says of its space.
 
 The input may be on a web server or in an object store (http://, https://, s3://, gs://, az://), if the
 program was built with --features remote: all of it is read, to a temporary file.
@@ -31,7 +33,8 @@ Examples:
   esvo convert sibenik.oct -o sibenik.esvo
   esvo convert sibenik.esvo -o sibenik.oct
   esvo convert sibenik.esvo -o small.esvo --compress
-  esvo convert sibenik.esvo -o served.esvo --parts
+  esvo convert sibenik.esvo -o served.esvo --parts --hash
+  esvo convert scan.esvo -o scan-cm.esvo --unit 0.01 --up +z
   esvo convert https://example.org/sibenik.esvo -o sibenik.esvo")]
 pub(crate) struct ConvertArguments {
     /// The file to read: .esvo or .oct, or its address
@@ -46,6 +49,11 @@ pub(crate) struct ConvertArguments {
     /// ranges. --compress says how hard their streams are compressed
     #[arg(long)]
     pub(crate) parts: bool,
+    /// Write a SHA-256 of the file and an id of its octrees, which `esvo validate` compares. Files that have both get both again
+    #[arg(long)]
+    pub(crate) hash: bool,
+    #[command(flatten)]
+    pub(crate) space: SpaceArguments,
     #[command(flatten)]
     pub(crate) remote: RemoteArguments,
 }
@@ -56,13 +64,22 @@ pub(crate) fn run_convert(arguments: &ConvertArguments) -> Result<(), Failure> {
     if (arguments.compress.is_some() || arguments.parts) && to == Kind::Oct {
         return Err(format!("{}: .oct files are not compressed; leave out {option}", arguments.output.display()).into());
     }
+    if (arguments.hash || arguments.space.is_given()) && to == Kind::Oct {
+        let what = "an .oct file holds neither a hash nor metadata; leave out --hash, --unit, --up and --handedness";
+        return Err(format!("{}: {what}", arguments.output.display()).into());
+    }
     check_output(&arguments.output)?;
     let local = Local::of(&arguments.input, &arguments.remote)?;
     let opened = read(from, local.path());
-    let (octree, mut lost) = opened.map_err(|failure| local.rename(failure, &arguments.input))?;
+    let (mut octree, mut lost) = opened.map_err(|failure| local.rename(failure, &arguments.input))?;
+    if arguments.space.is_given() {
+        let mut metadata = Metadata::parse(octree.meta())?;
+        arguments.space.apply(&mut metadata);
+        octree.set_metadata(&metadata).map_err(|e| name_file(&arguments.output, e))?;
+    }
     match to {
         Kind::Esvo => {
-            let options = WriteOptions { compress: arguments.compress, parts: arguments.parts };
+            let options = WriteOptions { compress: arguments.compress, parts: arguments.parts, hash: arguments.hash };
             octree.write_with(&arguments.output, &options)
         }
         Kind::Oct => oct::write(&octree, &arguments.output).map(|more| lost.extend(more)),

@@ -1,25 +1,27 @@
 //! `esvo info`.
 
+mod stored;
+
 use std::fmt::Write;
 use std::path::PathBuf;
 
 use clap::Args;
 use esvo_bench::text::TextTable;
 use esvo_format::file::{CODEC_FIELDS, attachment};
-use esvo_format::{ComponentStats, Octree, Stats, component_stats};
+use esvo_format::{ComponentStats, Metadata, Octree, Stats, Storage, component_stats};
 use serde_json::{Value, json};
 
 use super::info_served::run_info_served;
 use crate::fail::{Failure, print};
-use crate::files::{open, open_verified};
+use crate::files::{name_file, open, open_verified};
 use crate::remote::{Local, RemoteArguments, is_address, shown};
 use crate::words::{count, size};
 
-/// Show the contents of a file: levels, voxels, bytes by kind.
+/// Show the contents of a file: levels, voxels, bytes by kind, metadata, and how it is stored.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 The checksums of all blocks are compared first, as all blocks are counted. A damaged file is
-refused with exit code 1.
+refused with exit code 1. A SHA-256 is shown, not compared: esvo validate does that.
 
 The file may be on a web server or in an object store (http://, https://, s3://, gs://, az://), if the
 program was built with --features remote: then only its head is read, or its tables if it has no index,
@@ -52,10 +54,15 @@ pub(crate) fn run_info(arguments: &InfoArguments) -> Result<(), Failure> {
     let opened = if arguments.verify { open_verified(local.path()) } else { open(local.path(), !arguments.no_verify) };
     let octree = opened.map_err(|failure| local.rename(failure, &arguments.file))?;
     let stats = esvo_format::stats(&octree);
+    let storage = (std::fs::File::open(local.path()).map_err(|error| error.to_string()))
+        .and_then(|file| Storage::read(&file, octree.objects(), octree.blocks()).map_err(|error| error.to_string()))
+        .map_err(|error| name_file(&arguments.file, error))?;
+    let metadata = Metadata::parse(octree.meta()).unwrap_or_default();
     if arguments.json {
-        return print(&(serde_json::to_string_pretty(&as_json(&octree, &stats))? + "\n"));
+        return print(&(serde_json::to_string_pretty(&as_json(&octree, &stats, &metadata, &storage))? + "\n"));
     }
     let mut text = format!("{}\n", shown(&arguments.file));
+    text += &stored::space(&metadata);
     for (index, object) in octree.objects().iter().enumerate() {
         let to_mesh = octree.octree_to_mesh(index);
         let corner = to_mesh.transform_point3(glam::DVec3::ZERO);
@@ -66,7 +73,9 @@ pub(crate) fn run_info(arguments: &InfoArguments) -> Result<(), Failure> {
             count(object.levels, "level"),
             edge * (-f64::from(object.levels)).exp2()
         );
+        text += &stored::object(&metadata, index);
     }
+    text += &stored::instances(&octree, &metadata);
     let needs = octree.needs();
     let has = [
         (needs.contours, "contours"),
@@ -99,17 +108,8 @@ pub(crate) fn run_info(arguments: &InfoArguments) -> Result<(), Failure> {
         count(stats.blocks, "block")
     );
     let _ = writeln!(text, "{} in memory, {:.2} bytes per voxel", size(stats.image_bytes), stats.bytes_per_voxel);
-    let in_fields = octree.blocks().iter().filter(|block| block.codec == CODEC_FIELDS);
-    if in_fields.clone().next().is_some() {
-        let stored: u64 = octree.blocks().iter().map(|block| block.stored_size).sum();
-        let _ = writeln!(
-            text,
-            "stored in parts by level: {} as streams of fields, {}, {:.2} bytes per voxel",
-            count(in_fields.count() as u64, "block"),
-            size(stored),
-            stored as f64 / stats.voxels.max(1) as f64
-        );
-    }
+    text += &stored::file(&storage);
+    text += &stored::hash(&octree);
     if !octree.meta().is_empty() {
         let _ = writeln!(text, "metadata {}", octree.meta());
     }
@@ -120,19 +120,34 @@ pub(crate) fn run_info(arguments: &InfoArguments) -> Result<(), Failure> {
         kinds.rows.push(vec![kind.into(), bytes.to_string(), format!("{per:.3}"), format!("{share:.1}%")]);
     }
     text += &kinds.to_text();
+    text += &stored::sections(&storage).to_text();
     let mut levels = TextTable::new("\nVoxels by level", 1, &["level", "voxels"]);
     levels.rows.extend(stats.voxels_per_level.iter().enumerate().map(|(l, n)| vec![l.to_string(), n.to_string()]));
     text += &levels.to_text();
     print(&text)
 }
 
-fn as_json(octree: &Octree, stats: &Stats) -> Value {
+fn as_json(octree: &Octree, stats: &Stats, metadata: &Metadata, storage: &Storage) -> Value {
     let objects: Vec<_> = (octree.objects().iter())
         .map(|o| json!({ "levels": o.levels, "octree_to_mesh": o.octree_to_mesh.to_vec() }))
         .collect();
+    let instances: Vec<_> = (octree.instances().iter().enumerate())
+        .map(|(index, one)| {
+            let name = metadata.instances.get(index).and_then(|known| known.name.as_deref());
+            json!({ "object": one.object, "mesh_to_scene": one.mesh_to_scene, "name": name })
+        })
+        .collect();
     // Metadata that is not valid JSON is shown as text.
     let meta = serde_json::from_str(octree.meta()).unwrap_or_else(|_| Value::from(octree.meta()));
-    let mut value = json!({ "objects": objects, "needs": octree.needs(), "stats": stats, "meta": meta });
+    let mut value = json!({
+        "objects": objects,
+        "instances": instances,
+        "needs": octree.needs(),
+        "stats": stats,
+        "stored": storage,
+        "hash": stored::hash_json(octree),
+        "meta": meta,
+    });
     let components = component_stats(octree);
     if !components.is_empty() {
         value["components"] = json!(components);
@@ -149,12 +164,12 @@ fn name_of(octree: &Octree, found: &ComponentStats) -> String {
     let entry = &meta["attachments"][found.kind.to_string()];
     let unit = entry["unit"].as_str().map_or(String::new(), |unit| format!(", {unit}"));
     match entry["name"].as_str() {
-        Some(name) => format!("components {} ({}{})", found.kind, shown(name), shown(&unit)),
+        Some(name) => format!("components {} ({}{})", found.kind, printable(name), printable(&unit)),
         None => format!("components {} (without a name)", found.kind),
     }
 }
 
 /// A text from a file as it can be shown: at most 80 characters, none of which moves the cursor.
-fn shown(text: &str) -> String {
+fn printable(text: &str) -> String {
     text.chars().filter(|c| !c.is_control()).take(80).collect()
 }

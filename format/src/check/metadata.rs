@@ -1,29 +1,26 @@
-//! Metadata: checks the JSON in section META (spec section 2.3, rules M001 and M002).
+//! Metadata: checks the JSON in section META (spec section 2.3, rule M001).
 
 use std::collections::HashSet;
 
 /// Largest depth of nested arrays and objects. The outermost object has depth 1.
 const MAX_DEPTH: usize = 64;
 
-/// Members whose values should be strings (M002).
-const REGISTERED: [&str; 6] = ["title", "author", "license", "source", "generator", "created"];
-
 /// A fault: offset in bytes from the start of the metadata, description.
 pub(crate) type Fault = (usize, String);
 
 /// Metadata that keeps M001.
-pub(crate) struct Metadata<'a> {
+pub(crate) struct Parsed<'a> {
     /// The whole text.
     pub(crate) text: &'a str,
-    /// Registered members whose values are not strings (M002), with the offsets of their names in bytes.
-    pub(crate) not_strings: Vec<(usize, &'static str)>,
+    /// Names of the members of the outermost object, with their offsets in bytes.
+    pub(crate) names: Vec<(usize, String)>,
 }
 
 /// Checks that `bytes` are one JSON object as the specification requires. Linear time, no recursion.
 ///
 /// # Errors
 /// The first fault.
-pub(crate) fn parse(bytes: &[u8]) -> Result<Metadata<'_>, Fault> {
+pub(crate) fn parse(bytes: &[u8]) -> Result<Parsed<'_>, Fault> {
     let text = std::str::from_utf8(bytes).map_err(|e| (e.valid_up_to(), "it is not UTF-8".to_owned()))?;
     let mut json = Json { text, at: 0 };
     if text.starts_with('\u{feff}') {
@@ -33,11 +30,11 @@ pub(crate) fn parse(bytes: &[u8]) -> Result<Metadata<'_>, Fault> {
     if json.peek() != Some(b'{') {
         return json.fail("expected an object: {");
     }
-    let not_strings = json.values()?;
+    let names = json.values()?;
     if json.at != text.len() {
         return json.fail("there is text after the object");
     }
-    Ok(Metadata { text, not_strings })
+    Ok(Parsed { text, names })
 }
 
 /// A JSON text, and the offset up to which it has been read.
@@ -68,12 +65,12 @@ impl Json<'_> {
         }
     }
 
-    /// Reads one value, including nested values and the space after it. Returns the registered members that are not
-    /// strings.
-    fn values(&mut self) -> Result<Vec<(usize, &'static str)>, Fault> {
+    /// Reads one value, including nested values and the space after it. Returns the names of the members of the outermost
+    /// object, if it is one.
+    fn values(&mut self) -> Result<Vec<(usize, String)>, Fault> {
         // The open arrays and objects; for objects, the names so far.
         let mut open: Vec<Option<HashSet<String>>> = Vec::new();
-        let mut not_strings = Vec::new();
+        let mut outermost = Vec::new();
         let mut text = String::new();
         loop {
             let mut ended = true;
@@ -88,7 +85,7 @@ impl Json<'_> {
                     if !self.take(if is_object { b'}' } else { b']' }) {
                         let mut names = is_object.then(HashSet::new);
                         if let Some(names) = &mut names {
-                            self.name(names, open.is_empty().then_some(&mut not_strings))?;
+                            self.name(names, open.is_empty().then_some(&mut outermost))?;
                         }
                         open.push(names);
                         ended = false;
@@ -101,11 +98,11 @@ impl Json<'_> {
             while ended {
                 self.space();
                 let depth = open.len();
-                let Some(names) = open.last_mut() else { return Ok(not_strings) };
+                let Some(names) = open.last_mut() else { return Ok(outermost) };
                 if self.take(b',') {
                     self.space();
                     if let Some(names) = names {
-                        self.name(names, (depth == 1).then_some(&mut not_strings))?;
+                        self.name(names, (depth == 1).then_some(&mut outermost))?;
                     }
                     ended = false;
                 } else if self.take(if names.is_some() { b'}' } else { b']' }) {
@@ -117,12 +114,8 @@ impl Json<'_> {
         }
     }
 
-    /// Reads a name, the colon and the space around it. `not_strings` is there for members of the outermost object.
-    fn name(
-        &mut self,
-        names: &mut HashSet<String>,
-        not_strings: Option<&mut Vec<(usize, &'static str)>>,
-    ) -> Result<(), Fault> {
+    /// Reads a name, the colon and the space around it. `outermost` is there for members of the outermost object.
+    fn name(&mut self, names: &mut HashSet<String>, outermost: Option<&mut Vec<(usize, String)>>) -> Result<(), Fault> {
         let at = self.at;
         let mut name = String::new();
         self.string(&mut name)?;
@@ -131,14 +124,11 @@ impl Json<'_> {
             return self.fail("expected a colon");
         }
         self.space();
-        let registered = REGISTERED.iter().find(|registered| **registered == name);
-        if let (Some(found), Some(registered)) = (not_strings, registered)
-            && self.peek() != Some(b'"')
-        {
-            found.push((at, registered));
-        }
         if names.contains(&name) {
             return Err((at, format!("the name {name:?} occurs twice in one object")));
+        }
+        if let Some(outermost) = outermost {
+            outermost.push((at, name.clone()));
         }
         names.insert(name);
         Ok(())
@@ -269,7 +259,7 @@ mod tests {
         for text in taken {
             assert!(by_serde(text), "{text}");
             let parsed = parse(text.as_bytes()).map_err(|fault| format!("{text}: {fault:?}")).unwrap();
-            assert_eq!((parsed.text, parsed.not_strings.len()), (text, 0));
+            assert_eq!(parsed.text, text);
         }
         let refused = [
             "",
@@ -359,10 +349,11 @@ mod tests {
     }
 
     #[test]
-    fn registered_members_are_strings() {
-        let text = br#"{"title":1,"x":{"author":2},"license":"MIT","created":null}"#;
-        let found = parse(text).ok().unwrap().not_strings;
-        assert_eq!(found, [(1, "title"), (44, "created")]);
+    fn names_of_the_outermost_object_are_found() {
+        let text = br#"{"title":1,"x":{"author":2},"\u006cicense":"MIT","created":null}"#;
+        let found = parse(text).ok().unwrap().names;
+        let named = |at, name: &str| (at, name.to_owned());
+        assert_eq!(found, [named(1, "title"), named(11, "x"), named(28, "license"), named(49, "created")]);
     }
 
     #[test]

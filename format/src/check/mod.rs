@@ -1,5 +1,7 @@
 //! Checks of the rules of the specification.
 
+pub(crate) mod instances;
+pub(crate) mod members;
 pub(crate) mod metadata;
 pub(crate) mod report;
 pub(crate) mod stored;

@@ -4,12 +4,13 @@ use std::ops::ControlFlow;
 use std::path::Path;
 
 use crate::block::BlockParts;
-use crate::check::metadata;
 use crate::check::report::Report;
 use crate::check::stored::{gaps, wrong_checksums};
 use crate::check::topology::{Bits, Step, Visitor, Walked, ones, walk};
 use crate::check::validate_components::check_components;
 use crate::check::validate_values::check_values;
+use crate::check::{members, metadata};
+use crate::file::hash;
 use crate::file::open::{Contents, map};
 use crate::file::*;
 use crate::octree::Stored;
@@ -32,6 +33,7 @@ pub fn validate_file_with(path: &Path, options: &OpenOptions) -> Result<Report, 
     let result = map(path).and_then(|map| {
         let contents = Contents::read(&map)?;
         gaps(&map, &contents.ranges).for_each(|finding| report.add(finding));
+        check_hash(&map, &contents, &mut report);
         contents.into_mapped(map, options)
     });
     finish(report, result)
@@ -53,9 +55,17 @@ pub fn validate_bytes_with(bytes: &[u8], options: &OpenOptions) -> Result<Report
     let mut report = Report::default();
     let result = Contents::read(bytes).and_then(|contents| {
         gaps(bytes, &contents.ranges).for_each(|finding| report.add(finding));
+        check_hash(bytes, &contents, &mut report);
         contents.into_owned(bytes, options)
     });
     finish(report, result)
+}
+
+/// Compares the SHA-256 of the file, if it has one.
+fn check_hash(bytes: &[u8], contents: &Contents, report: &mut Report) {
+    if let Some(Err(broken)) = contents.hash.map(|(_, at)| hash::check(bytes, at)) {
+        report.add(broken);
+    }
 }
 
 fn finish(mut report: Report, opened: Result<Octree, FormatError>) -> Result<Report, FormatError> {
@@ -159,9 +169,9 @@ fn check_meta(octree: &Octree, report: &mut Report) {
     let start = octree.origin.map_or(0, |origin| origin.meta);
     match metadata::parse(octree.meta().as_bytes()) {
         Ok(found) => {
-            for (at, name) in found.not_strings {
-                let what = format!("the metadata: the value of {name:?} is not a string");
-                report.add(Broken::new(ids::META_MEMBERS, start + at as u64, what));
+            let counts = (octree.objects().len(), octree.instances().len());
+            for (rule, at, what) in members::check(&found, counts) {
+                report.add(Broken::new(rule, start + at as u64, format!("the metadata: {what}")));
             }
         }
         // Only of an octree in memory: one that was read has been refused.

@@ -6,11 +6,11 @@ use std::path::Path;
 use memmap2::Mmap;
 use rayon::prelude::*;
 
-use crate::check::metadata;
 use crate::check::stored::gaps;
 use crate::check::tables::{check_blocks, check_codecs, check_objects, check_stored, compressed, stored_ranges};
-use crate::file::compression;
+use crate::check::{instances, metadata};
 use crate::file::*;
+use crate::file::{compression, hash};
 use crate::index::check::check_index;
 use crate::octree::{Gaps, Image, Origin, Stored, UnknownSection};
 use crate::parts::block::decode_parts;
@@ -116,6 +116,9 @@ pub(crate) struct Contents {
     objects: Vec<ObjectEntry>,
     blocks: Vec<BlockEntry>,
     meta: String,
+    instances: Vec<InstanceEntry>,
+    /// Contents and offset of HASH.
+    pub(crate) hash: Option<(FileHash, u64)>,
     unknown: Vec<UnknownSection>,
     /// Offset and length of the block data in the file.
     data: (usize, usize),
@@ -189,6 +192,8 @@ impl Contents {
         let mut octree =
             Octree::new(self.objects, self.blocks, self.meta, self.unknown, image, Some(self.origin), stored)?;
         octree.part_order = part_order;
+        octree.instances = self.instances;
+        octree.hash = self.hash.map(|(hash, _)| hash);
         Ok(octree)
     }
 
@@ -208,8 +213,8 @@ impl Contents {
         let find = |tag| sections.iter().find(|section| section.tag == tag);
         check_pages(find(TAG_INDEX), find(TAG_PAGES), slice, &blocks, parts.as_ref())?;
         let compressed = compressed(&blocks) || parts.is_some();
-        let mut origin = Origin { image: data.offset, objects: object_at, meta: 0, compressed };
-        let mut meta = String::new();
+        let mut origin = Origin { image: data.offset, objects: object_at, meta: 0, instances: 0, compressed };
+        let (mut meta, mut placed, mut hash) = (String::new(), Vec::new(), None);
         let mut unknown = Vec::new();
         check_tags(&sections)?;
         for section in &sections {
@@ -222,6 +227,11 @@ impl Contents {
                     meta = found.text.to_owned();
                     origin.meta = section.offset;
                 }
+                TAG_INSTANCES => {
+                    placed = instances::read(slice(section), objects.len(), section.offset)?;
+                    origin.instances = section.offset;
+                }
+                TAG_HASH => hash = Some((hash::read(section, slice(section))?, section.offset)),
                 tag => unknown.push(UnknownSection { tag, flags: section.flags, bytes: slice(section).to_vec() }),
             }
         }
@@ -234,7 +244,7 @@ impl Contents {
             ranges.sort_unstable();
         }
         let data = (data.offset as usize, data.length as usize);
-        Ok(Self { objects, blocks, meta, unknown, data, origin, parts, ranges })
+        Ok(Self { objects, blocks, meta, instances: placed, hash, unknown, data, origin, parts, ranges })
     }
 }
 
@@ -352,7 +362,7 @@ pub(crate) fn check_tags(sections: &[SectionEntry]) -> Result<(), FormatError> {
                 let what = format!("section {} occurs twice", name(tag));
                 return Err(broken(ids::SECTION_MISSING, section.offset, what));
             }
-            TAG_META | TAG_PARTS | TAG_INDEX | TAG_PAGES => {}
+            TAG_META | TAG_PARTS | TAG_INDEX | TAG_PAGES | TAG_INSTANCES | TAG_HASH => {}
             tag if section.flags & SECTION_REQUIRED != 0 => {
                 let what = format!("section {} is required, but this reader does not know it", name(tag));
                 return Err(broken(ids::SECTION_REQUIRED, section.offset, what));

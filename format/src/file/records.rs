@@ -101,6 +101,10 @@ pub const TAG_INDEX: [u8; 4] = *b"INDX";
 pub const TAG_PAGES: [u8; 4] = *b"PAGE";
 /// Tag of the metadata: a JSON object in UTF-8 (M001).
 pub const TAG_META: [u8; 4] = *b"META";
+/// Tag of the instances of objects (spec 3.1).
+pub const TAG_INSTANCES: [u8; 4] = *b"INST";
+/// Tag of the SHA-256 of the file and its id (spec 2.5).
+pub const TAG_HASH: [u8; 4] = *b"HASH";
 
 /// Object table entry, 192 bytes: one octree and its place in the mesh's space (spec 3). The fields follow each other
 /// without gaps, in this order.
@@ -138,6 +142,53 @@ impl ObjectEntry {
         (self.descriptors + self.leaf_voxels).saturating_sub(1)
     }
 }
+
+/// Entry of the table of instances, 104 bytes: an object at a place of the scene (spec 3.1). The fields follow each other without
+/// gaps, in this order.
+#[derive(BinRead, BinWrite, Clone, Copy, PartialEq, Debug)]
+#[brw(little)]
+pub struct InstanceEntry {
+    /// Index of the object (N002).
+    pub object: u32,
+    /// Zero (N004).
+    pub reserved: u32,
+    /// Mesh space of the object to scene space: the upper three rows of a 4 x 4 matrix for column vectors, by columns (N003).
+    pub mesh_to_scene: [f64; 12],
+}
+
+/// Size of an [`InstanceEntry`] in bytes.
+pub const INSTANCE_BYTES: u64 = 104;
+/// Largest number of instances (N001).
+pub const MAX_INSTANCES: u64 = 1 << 23;
+
+impl InstanceEntry {
+    /// An object at a place. Of the matrix, which must be affine, the last row is not stored.
+    pub fn new(object: u32, mesh_to_scene: glam::DMat4) -> Self {
+        let m = mesh_to_scene.to_cols_array();
+        Self { object, reserved: 0, mesh_to_scene: std::array::from_fn(|k| m[4 * (k / 3) + k % 3]) }
+    }
+
+    /// The matrix from mesh space to scene space.
+    pub fn matrix(&self) -> glam::DMat4 {
+        let row = |k: usize| if k == 15 { 1.0 } else { 0.0 };
+        let m = &self.mesh_to_scene;
+        let all = std::array::from_fn(|k| if k % 4 == 3 { row(k) } else { m[3 * (k / 4) + k % 4] });
+        glam::DMat4::from_cols_array(&all)
+    }
+}
+
+/// The section [`TAG_HASH`], 48 bytes (spec 2.5). The fields follow each other without gaps, in this order.
+#[derive(BinRead, BinWrite, Clone, Copy, PartialEq, Eq, Debug, Default)]
+#[brw(little)]
+pub struct FileHash {
+    /// SHA-256 of the file with this field as zeros (F002).
+    pub sha256: [u8; 32],
+    /// Name of the octrees in the file; zeros: none.
+    pub id: [u8; 16],
+}
+
+/// Size of a [`FileHash`] in bytes.
+pub const HASH_BYTES: u64 = 48;
 
 /// Block table entry, 72 bytes (spec 4.1). The fields follow each other without gaps, in this order.
 #[derive(BinRead, BinWrite, Clone, Copy, PartialEq, Eq, Debug)]

@@ -10,10 +10,12 @@ use rayon::prelude::*;
 
 use crate::check::metadata;
 use crate::file::compression;
+use crate::file::extras::Extras;
+use crate::file::hash::Hashing;
 use crate::file::write_parts::{PartsFile, Waiting};
 use crate::file::*;
 use crate::parts::block::{StoredPart, encode_block};
-use crate::{FormatError, Octree, UnknownSection, ids};
+use crate::{FormatError, Octree, ids};
 
 /// How a file is written.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -26,6 +28,10 @@ pub struct WriteOptions {
     /// which a coarse version is read by few ranges. [`compress`](Self::compress) is the level of the streams then, 3 if
     /// `None`. Default: false.
     pub parts: bool,
+    /// Whether the file gets a SHA-256 of all its bytes and an id of its octrees (spec 2.5), by which copies are compared and
+    /// damage outside of all other checksums is found. An octree of a file that [has both](Octree::file_hash) gets them whatever this
+    /// says, and keeps its id. Default: false.
+    pub hash: bool,
 }
 
 impl WriteOptions {
@@ -80,18 +86,26 @@ impl Octree {
             let what = format!("the metadata breaks rule {}: {what}, at byte {at}", ids::META_JSON);
             return Err(Error::new(ErrorKind::InvalidInput, what));
         }
+        let hash = options.hash || self.hash.is_some();
+        let mut out = Hashing::new(out, hash);
         if options.parts {
-            return self.write_parts(out, options.part_level());
+            self.write_parts(&mut out, options.part_level(), hash)?;
+        } else {
+            self.write_blocks(&mut out, options.compress, hash)?;
         }
+        out.finish(self.file_id())
+    }
+
+    fn write_blocks(&self, out: &mut dyn Write, compress: Option<i32>, hash: bool) -> std::io::Result<()> {
         let image: &[u8] = bytemuck::cast_slice(self.slots());
         let stored = self.blocks.par_iter().map(|block| {
             let image = &image[block.image_offset as usize..(block.image_offset + block.image_size) as usize];
-            let (codec, bytes) = compression::encode(image, options.compress)?;
+            let (codec, bytes) = compression::encode(image, compress)?;
             let crc = crc32fast::hash(&bytes);
             Ok((codec, crc, bytes))
         });
         let stored: Vec<(u32, u32, Cow<[u8]>)> = stored.collect::<std::io::Result<_>>()?;
-        let front = Front { objects: &self.objects, meta: &self.meta, unknown: &self.unknown };
+        let front = Front { objects: &self.objects, extras: Extras::of(self, hash) };
         let mut file_offset = front.length(self.blocks.len());
         let blocks: Vec<BlockEntry> = (self.blocks.iter().zip(&stored))
             .map(|(block, (codec, crc, bytes))| {
@@ -111,7 +125,7 @@ impl Octree {
 }
 
 impl Octree {
-    fn write_parts(&self, out: &mut dyn Write, level: i32) -> std::io::Result<()> {
+    fn write_parts(&self, out: &mut dyn Write, level: i32, hash: bool) -> std::io::Result<()> {
         let stored = (0..self.blocks.len()).into_par_iter().map(|index| {
             let block = &self.blocks[index];
             let image = &self.slots()[(block.image_offset / 8) as usize..][..(block.image_size / 8) as usize];
@@ -122,8 +136,7 @@ impl Octree {
             stored.iter().flat_map(|(codec, parts)| parts.iter().map(|part| (*codec, part))).collect();
         let waiting = |&(codec, part): &(u32, &StoredPart)| Waiting { entry: part.entry, codec, crc: part.crc() };
         let waiting: Vec<Waiting> = parts.iter().map(waiting).collect();
-        let file =
-            PartsFile { objects: &self.objects, blocks: self.blocks.clone(), meta: &self.meta, unknown: &self.unknown };
+        let file = PartsFile { objects: &self.objects, blocks: self.blocks.clone(), extras: Extras::of(self, hash) };
         let laid = file.lay_out(&waiting)?;
         out.write_all(&laid.head)?;
         for part in laid.order {
@@ -141,16 +154,15 @@ pub(crate) fn padding(length: usize) -> &'static [u8] {
     &ZEROS[..length.next_multiple_of(PAGE_BYTES as usize) - length]
 }
 
-/// The part of a file before the blocks: header, directory, tables, metadata, unknown sections.
+/// The part of a file before the blocks: header, directory, tables, metadata, instances, unknown sections.
 pub(crate) struct Front<'a> {
     pub(crate) objects: &'a [ObjectEntry],
-    pub(crate) meta: &'a str,
-    pub(crate) unknown: &'a [UnknownSection],
+    pub(crate) extras: Extras<'a>,
 }
 
 impl Front<'_> {
     /// The sections in file order with their bytes (none yet for the tables), and the offset of the first block.
-    fn sections(&self, blocks: usize) -> (Vec<(SectionEntry, &[u8])>, u64) {
+    fn sections(&self, blocks: usize) -> (Vec<(SectionEntry, Cow<'_, [u8]>)>, u64) {
         let entry = |tag, flags, length: usize| SectionEntry {
             tag,
             flags,
@@ -159,17 +171,17 @@ impl Front<'_> {
             crc: 0,
             reserved: 0,
         };
-        let mut sections: Vec<(SectionEntry, &[u8])> = vec![
-            (entry(TAG_OBJECTS, SECTION_REQUIRED, self.objects.len() * OBJECT_BYTES as usize), &[]),
-            (entry(TAG_BLOCKS, SECTION_REQUIRED, blocks * BLOCK_BYTES as usize), &[]),
+        let none = || Cow::Borrowed(&[][..]);
+        let mut sections: Vec<(SectionEntry, Cow<[u8]>)> = vec![
+            (entry(TAG_OBJECTS, SECTION_REQUIRED, self.objects.len() * OBJECT_BYTES as usize), none()),
+            (entry(TAG_BLOCKS, SECTION_REQUIRED, blocks * BLOCK_BYTES as usize), none()),
         ];
-        if !self.meta.is_empty() {
-            sections.push((entry(TAG_META, 0, self.meta.len()), self.meta.as_bytes()));
+        for (tag, flags, bytes) in self.extras.sections() {
+            sections.push((entry(tag, flags, bytes.len()), bytes));
         }
-        for unknown in self.unknown {
-            sections.push((entry(unknown.tag, unknown.flags, unknown.bytes.len()), &unknown.bytes));
-        }
-        let mut offset = HEADER_BYTES + (sections.len() as u64 + 1) * SECTION_BYTES;
+        // BLKS and HASH have entries too.
+        let count = sections.len() as u64 + 1 + u64::from(self.extras.hash);
+        let mut offset = HEADER_BYTES + count * SECTION_BYTES;
         for (section, _) in &mut sections {
             section.offset = offset;
             offset = (offset + section.length).next_multiple_of(8);
@@ -187,13 +199,13 @@ impl Front<'_> {
         let (mut sections, data_offset) = self.sections(blocks.len());
         let objects: Vec<u8> = self.objects.iter().flat_map(to_bytes).collect();
         let compressed = blocks.iter().any(|b| b.codec != CODEC_RAW);
-        let file_length = blocks
+        let data_end = blocks
             .iter()
             .map(|b| b.file_offset + b.stored_size.next_multiple_of(PAGE_BYTES))
             .fold(data_offset, u64::max);
         let blocks: Vec<u8> = blocks.iter().flat_map(to_bytes).collect();
-        sections[0].1 = &objects;
-        sections[1].1 = &blocks;
+        sections[0].1 = Cow::Owned(objects);
+        sections[1].1 = Cow::Owned(blocks);
         let mut directory = Vec::new();
         for (section, bytes) in &mut sections {
             section.crc = if section.flags & SECTION_OWN_CHECKSUMS != 0 { 0 } else { crc32fast::hash(bytes) };
@@ -203,12 +215,15 @@ impl Front<'_> {
             tag: TAG_DATA,
             flags: SECTION_REQUIRED | SECTION_OWN_CHECKSUMS,
             offset: data_offset,
-            length: file_length - data_offset,
+            length: data_end - data_offset,
             crc: 0,
             reserved: 0,
         }));
+        let (hash, file_length) = self.extras.hash_at(data_end);
+        directory.extend(hash.iter().flat_map(to_bytes));
         let features = if compressed { FEATURE_COMPRESSED } else { 0 };
-        let header = header(features, file_length, sections.len() as u32 + 1, &directory, 0);
+        let count = directory.len() as u64 / SECTION_BYTES;
+        let header = header(features, file_length, count as u32, &directory, 0);
         let mut front = vec![0; data_offset as usize];
         let mut put = |at: u64, bytes: &[u8]| front[at as usize..at as usize + bytes.len()].copy_from_slice(bytes);
         put(0, &header);

@@ -1,6 +1,6 @@
 //! The frame of a file whose blocks are stored in parts: what is before and after the block data (spec section 2).
 
-use crate::UnknownSection;
+use crate::file::extras::Extras;
 use crate::file::write::header;
 use crate::file::*;
 use crate::index::build::Builder;
@@ -11,8 +11,7 @@ pub(crate) struct PartsFile<'a> {
     pub(crate) objects: &'a [ObjectEntry],
     /// The block table. File offsets, stored sizes, codecs and checksums are set by [`new`](Self::new).
     pub(crate) blocks: Vec<BlockEntry>,
-    pub(crate) meta: &'a str,
-    pub(crate) unknown: &'a [UnknownSection],
+    pub(crate) extras: Extras<'a>,
 }
 
 /// A part that waits to be written.
@@ -30,7 +29,7 @@ pub(crate) struct Laid {
     pub(crate) head: Vec<u8>,
     /// The order of the parts: indices into what was given.
     pub(crate) order: Vec<u32>,
-    /// The bytes after the parts.
+    /// The bytes after the parts, but for HASH.
     pub(crate) tail: Vec<u8>,
 }
 
@@ -56,8 +55,9 @@ impl PartsFile<'_> {
         let entries: Vec<PartEntry> = order.iter().map(|part| parts[*part as usize].entry).collect();
         let ordered: Vec<u64> = order.iter().map(|part| offsets[*part as usize]).collect();
         let (root, pages) = Builder::new(&self.blocks, &entries, &ordered).build()?;
-        // OBJT, INDX, BLKS; PAGE, META, unknown sections, PART, BLKT.
-        let count = 5 + usize::from(!pages.is_empty()) + usize::from(!self.meta.is_empty()) + self.unknown.len();
+        // OBJT, INDX, BLKS; PAGE, META, INST, unknown sections, PART, BLKT; HASH.
+        let extras = self.extras.sections();
+        let count = 5 + usize::from(!pages.is_empty()) + extras.len() + usize::from(self.extras.hash);
         let objects_at = HEADER_BYTES + count as u64 * SECTION_BYTES;
         let index_at = (objects_at + object_bytes.len() as u64).next_multiple_of(8);
         let head_length = index_at + root.len() as u64;
@@ -84,11 +84,8 @@ impl PartsFile<'_> {
         if !pages.is_empty() {
             put(TAG_PAGES, SECTION_OWN_CHECKSUMS, &pages);
         }
-        if !self.meta.is_empty() {
-            put(TAG_META, 0, self.meta.as_bytes());
-        }
-        for unknown in self.unknown {
-            put(unknown.tag, unknown.flags, &unknown.bytes);
+        for (tag, flags, bytes) in &extras {
+            put(*tag, *flags, bytes);
         }
         let part_bytes: Vec<u8> = entries.iter().flat_map(to_bytes).collect();
         put(TAG_PARTS, SECTION_REQUIRED, &part_bytes);
@@ -97,9 +94,11 @@ impl PartsFile<'_> {
         let flags = SECTION_REQUIRED | SECTION_OWN_CHECKSUMS;
         let data = SectionEntry { tag: TAG_DATA, flags, offset: data_at, length: end - data_at, crc: 0, reserved: 0 };
         directory.insert(2, data);
+        let (hash, file_length) = self.extras.hash_at(end + tail.len() as u64);
+        directory.extend(hash);
         let directory: Vec<u8> = directory.iter().flat_map(to_bytes).collect();
         let features = FEATURE_PARTS | if compressed { FEATURE_COMPRESSED } else { 0 };
-        let mut head = header(features, end + tail.len() as u64, count as u32, &directory, head_length as u32);
+        let mut head = header(features, file_length, count as u32, &directory, head_length as u32);
         head.extend_from_slice(&directory);
         head.extend_from_slice(&object_bytes);
         head.resize(index_at as usize, 0);

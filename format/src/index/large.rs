@@ -7,6 +7,7 @@ use std::io::{Seek, SeekFrom, Write};
 
 use glam::{DMat4, DVec3};
 
+use crate::file::extras::Extras;
 use crate::file::write_parts::{PartsFile, Waiting};
 use crate::file::*;
 use crate::parts::block::{StoredPart, encode_block, first_level};
@@ -82,7 +83,7 @@ fn sparse(count: u32, mut file: &File) -> Octree {
         }));
         blocks.push(block);
     }
-    let frame = PartsFile { objects: octree.objects(), blocks, meta: "", unknown: &[] };
+    let frame = PartsFile { objects: octree.objects(), blocks, extras: Extras::default() };
     let laid = frame.lay_out(&waiting).expect("memory");
     file.write_all(&laid.head).expect("room on the disk");
     let mut at = laid.head.len() as u64;

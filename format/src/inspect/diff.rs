@@ -50,8 +50,8 @@ impl Differences {
 }
 
 /// Compares the contents of two octrees: number of objects, and for each pair of objects transform, levels, topology,
-/// the bits of contours, and the decoded colours, normals, values at corners, ambient light and components. Ignores blocks,
-/// pointers, the order within a file, attachments of vendors, unknown sections and metadata. Lists at most `limit`
+/// the bits of contours, and the decoded colours, normals, values at corners, ambient light and components; number of instances,
+/// their objects and places. Ignores blocks, pointers, the order within a file, attachments of vendors, unknown sections and metadata. Lists at most `limit`
 /// differences. Time is linear in the size of the octrees.
 ///
 /// # Errors
@@ -89,6 +89,19 @@ fn compare(a: &Octree, b: &Octree, limit: usize, topology: bool) -> Result<Diffe
         }
         compare.equal(&[], "levels", first.levels, second.levels);
         compare.nodes(first.root_slot as u32, second.root_slot as u32);
+    }
+    // An octree without instances has each object once.
+    let (first, second) = (a.placed(), b.placed());
+    if !a.instances().is_empty() || !b.instances().is_empty() {
+        compare.object = 0;
+        compare.equal(&[], "number of instances", first.len(), second.len());
+        for (first, second) in first.iter().zip(&second) {
+            compare.object = first.object as usize;
+            compare.equal(&[], "object of an instance", first.object, second.object);
+            if first.mesh_to_scene != second.mesh_to_scene {
+                compare.add(&[], "place of an instance", first.mesh_to_scene.text(), second.mesh_to_scene.text());
+            }
+        }
     }
     Ok(compare.found)
 }

@@ -17,6 +17,18 @@ pub struct TablesDump {
     pub objects: Vec<ObjectDump>,
     /// The blocks.
     pub blocks: Vec<BlockHead>,
+    /// The instances.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub instances: Vec<InstanceDump>,
+}
+
+/// An entry of the table of instances.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct InstanceDump {
+    /// Index of the object.
+    pub object: u32,
+    /// Upper three rows of the transform from mesh space to scene space, column by column.
+    pub mesh_to_scene: [f64; 12],
 }
 
 /// An entry of the object table.
@@ -236,7 +248,13 @@ pub fn tables(octree: &Octree) -> TablesDump {
         contours: o.contours,
         far_pointers: o.far_pointers,
     });
-    TablesDump { objects: objects.collect(), blocks: (0..octree.blocks().len()).map(|i| head(octree, i)).collect() }
+    let instances =
+        octree.instances().iter().map(|i| InstanceDump { object: i.object, mesh_to_scene: i.mesh_to_scene });
+    TablesDump {
+        objects: objects.collect(),
+        blocks: (0..octree.blocks().len()).map(|i| head(octree, i)).collect(),
+        instances: instances.collect(),
+    }
 }
 
 fn head(octree: &Octree, index: usize) -> BlockHead {
@@ -455,7 +473,11 @@ impl fmt::Display for TablesDump {
             )?;
             writeln!(f, "  octree to mesh, by columns: {:?}", o.octree_to_mesh)?;
         }
-        self.blocks.iter().try_for_each(|block| write!(f, "{block}"))
+        self.blocks.iter().try_for_each(|block| write!(f, "{block}"))?;
+        for (index, InstanceDump { object, mesh_to_scene }) in self.instances.iter().enumerate() {
+            writeln!(f, "instance {index} of object {object}: mesh to scene, by columns: {mesh_to_scene:?}")?;
+        }
+        Ok(())
     }
 }
 

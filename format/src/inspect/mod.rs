@@ -3,4 +3,5 @@
 pub mod diff;
 pub mod dump;
 pub(crate) mod stats;
+pub(crate) mod storage;
 pub(crate) mod stream_stats;

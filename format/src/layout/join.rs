@@ -1,12 +1,17 @@
 //! Joins several octrees into one.
 
-use crate::file::{MAX_IMAGE_SLOTS, NO_PARENT};
+use crate::file::{InstanceEntry, MAX_IMAGE_SLOTS, NO_PARENT};
+use crate::metadata::ObjectMetadata;
 use crate::octree::{Image, Stored};
-use crate::{FormatError, Octree};
+use crate::{FormatError, Metadata, Octree};
 
 /// An octree with the objects of all these octrees, in order, at their places. Blocks are copied with all their attachments.
-/// Pointers are distances within an object, so only the tables and the block numbers in the info sections change. Metadata and
-/// unknown sections are left out: they say something about a file.
+/// Pointers are distances within an object, so only the tables and the block numbers in the info sections change.
+///
+/// Members of the [metadata](Metadata) that all octrees have alike stay what they are. All others go to the objects of their octree
+/// ([`ObjectMetadata::metadata`]); unit, up axis and handedness are then left out, as they are those of the whole space. Instances
+/// stay; if only some octrees have any, the objects of the others get one each. Unknown sections and ids are left out: they
+/// say something about a file.
 ///
 /// The checksums of files are compared first, whatever [`OpenOptions::verify`](crate::OpenOptions::verify) says.
 ///
@@ -55,7 +60,71 @@ pub fn join(octrees: &[&Octree]) -> Result<Octree, FormatError> {
     crate::check::tables::check_objects(&objects, 0)?;
     crate::check::tables::check_blocks(&blocks, 0, &objects, Some(image.len() as u64 * 8))?;
     let stored = if made { Stored::Made } else { Stored::Taken };
-    Octree::new(objects, blocks, String::new(), Vec::new(), Image::Owned(image), None, stored)
+    let mut joined = Octree::new(objects, blocks, String::new(), Vec::new(), Image::Owned(image), None, stored)?;
+    let metadata = join_metadata(octrees);
+    if !metadata.is_empty() {
+        joined.meta = metadata.to_string();
+    }
+    joined.set_instances(join_instances(octrees))?;
+    Ok(joined)
+}
+
+/// The instances of all octrees; none if no octree has any.
+fn join_instances(octrees: &[&Octree]) -> Vec<InstanceEntry> {
+    if octrees.iter().all(|octree| octree.instances.is_empty()) {
+        return Vec::new();
+    }
+    let mut first = 0;
+    let mut joined = Vec::new();
+    for octree in octrees {
+        joined.extend(octree.placed().into_iter().map(|one| InstanceEntry { object: one.object + first, ..one }));
+        first += octree.objects.len() as u32;
+    }
+    joined
+}
+
+/// Members of a file that hold for all of its space. They are not those of an object.
+const OF_SPACE: [&str; 3] = ["unit", "up", "handedness"];
+
+fn join_metadata(octrees: &[&Octree]) -> Metadata {
+    // Text that is no JSON object cannot have been read from a file.
+    let mut all: Vec<Metadata> =
+        octrees.iter().map(|octree| Metadata::parse(&octree.meta).unwrap_or_default()).collect();
+    let some_placed = octrees.iter().any(|octree| !octree.instances.is_empty());
+    let (mut objects, mut instances) = (Vec::new(), Vec::new());
+    for (metadata, octree) in all.iter_mut().zip(octrees) {
+        let resized = |list: &mut Vec<ObjectMetadata>, length| {
+            let mut list = std::mem::take(list);
+            list.resize(length, ObjectMetadata::default());
+            list
+        };
+        objects.push(resized(&mut metadata.objects, octree.objects.len()));
+        instances.push(resized(&mut metadata.instances, if some_placed { octree.placed().len() } else { 0 }));
+    }
+    let members: Vec<_> = all.iter().map(Metadata::members).collect();
+    let mut common = members.first().cloned().unwrap_or_default();
+    common.retain(|name, value| members.iter().all(|other| other.get(name) == Some(value)));
+    for (members, objects) in members.into_iter().zip(&mut objects) {
+        let own = members.into_iter().filter(|(name, _)| !common.contains_key(name) && !OF_SPACE.contains(&&name[..]));
+        let own: serde_json::Map<_, _> = own.collect();
+        for object in objects {
+            // What is known about the object itself is more exact.
+            let known = std::mem::replace(&mut object.metadata, own.clone());
+            object.metadata.extend(known);
+        }
+    }
+    let mut joined = Metadata::parse(&serde_json::Value::from(common).to_string()).unwrap_or_default();
+    joined.objects = without_empty_end(objects.concat());
+    joined.instances = without_empty_end(instances.concat());
+    joined
+}
+
+/// The list up to the last entry that says anything.
+fn without_empty_end(mut list: Vec<ObjectMetadata>) -> Vec<ObjectMetadata> {
+    while list.last().is_some_and(|last| *last == ObjectMetadata::default()) {
+        list.pop();
+    }
+    list
 }
 
 #[cfg(test)]
@@ -120,6 +189,29 @@ mod tests {
             assert_eq!(contents(&joined, index), contents(octree, 0), "joined object {index}");
             assert_eq!(contents(&back.octree, index), contents(octree, 0), "object {index}, there and back");
         }
+    }
+
+    #[test]
+    fn metadata_and_instances_stay_with_their_objects() {
+        let (mut a, mut b, c) = (chain(3, true), chain(2, false), chain(1, false));
+        a.set_meta(r#"{"unit":1,"up":"+y","license":"MIT","title":"A","x":[1]}"#.into());
+        b.set_meta(
+            r#"{"unit":1,"up":"+z","license":"MIT","objects":[{"name":"b","metadata":{"title":"own"}}],"title":"B"}"#
+                .into(),
+        );
+        let text = |octrees: &[&Octree]| join(octrees).expect("small octrees").meta().to_owned();
+        assert_eq!(
+            text(&[&a, &b]),
+            r#"{"license":"MIT","objects":[{"metadata":{"title":"A","x":[1]}},{"metadata":{"title":"own"},"name":"b"}],"unit":1.0}"#
+        );
+        assert_eq!(text(&[&c, &c]), "", "nothing is known");
+        assert_eq!(text(&[&a]), r#"{"license":"MIT","title":"A","unit":1.0,"up":"+y","x":[1]}"#);
+        let at = |x: f64| DMat4::from_translation(DVec3::new(x, 0.0, 0.0));
+        b.set_instances(vec![InstanceEntry::new(0, at(1.0)), InstanceEntry::new(0, at(2.0))]).expect("object 0");
+        let joined = join(&[&a, &b, &c]).expect("small octrees");
+        let places: Vec<_> = joined.instances().iter().map(|one| (one.object, one.matrix())).collect();
+        assert_eq!(places, [(0, at(0.0)), (1, at(1.0)), (1, at(2.0)), (2, at(0.0))]);
+        assert!(b.set_instances(vec![InstanceEntry::new(1, at(0.0))]).is_err_and(|broken| broken.rule == "N002"));
     }
 
     #[test]

@@ -16,6 +16,8 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::file::compression;
+use crate::file::extras::Extras;
+use crate::file::hash::{self, Hashing};
 use crate::file::write::{Front, padding, replace_file, write_atomically};
 use crate::file::write_parts::{PartsFile, Waiting};
 use crate::file::{BlockEntry, FIRST_SLOT, NO_PARENT, ObjectEntry, PAGE_BYTES};
@@ -294,12 +296,13 @@ impl BlockStore {
         options: &WriteOptions,
     ) -> Result<ObjectEntry, FormatError> {
         let mut ordered = self.order(root, octree_to_mesh)?;
+        let extras = Extras { meta, hash: options.hash, ..Extras::default() };
         if options.parts {
-            return self.write_parts(&ordered, meta, path, options.part_level());
+            return self.write_parts(&ordered, extras, path, options.part_level());
         }
         crate::check::tables::check_objects(std::slice::from_ref(&ordered.object), 0)?;
         let object = ordered.object;
-        let front = Front { objects: &[object], meta, unknown: &[] };
+        let front = Front { objects: &[object], extras };
         let mut failed = None;
         let written = replace_file(path, |mut out| {
             let mut at = front.length(ordered.table.len());
@@ -326,7 +329,8 @@ impl BlockStore {
                 }
             }
             out.seek(SeekFrom::Start(0))?;
-            out.write_all(&front.bytes(&ordered.table))
+            out.write_all(&front.bytes(&ordered.table))?;
+            if options.hash { hash::append(out) } else { Ok(()) }
         });
         if let Some(error) = failed {
             return Err(error);
@@ -337,7 +341,13 @@ impl BlockStore {
 
     /// Like [`write`](Self::write), in parts. They are written to another temporary file first, as those of all blocks are
     /// needed before the first can have its place.
-    fn write_parts(&self, ordered: &Ordered, meta: &str, path: &Path, level: i32) -> Result<ObjectEntry, FormatError> {
+    fn write_parts(
+        &self,
+        ordered: &Ordered,
+        extras: Extras<'_>,
+        path: &Path,
+        level: i32,
+    ) -> Result<ObjectEntry, FormatError> {
         let io = |e| FormatError::io(path, e);
         crate::check::tables::check_objects(std::slice::from_ref(&ordered.object), 0)?;
         let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
@@ -361,9 +371,9 @@ impl BlockStore {
             }
         }
         let objects = &[ordered.object];
-        let laid =
-            PartsFile { objects, blocks: ordered.table.clone(), meta, unknown: &[] }.lay_out(&waiting).map_err(io)?;
+        let laid = PartsFile { objects, blocks: ordered.table.clone(), extras }.lay_out(&waiting).map_err(io)?;
         write_atomically(path, |out| {
+            let mut out = Hashing::new(out, extras.hash);
             out.write_all(&laid.head)?;
             let mut bytes = Vec::new();
             for part in &laid.order {
@@ -374,7 +384,8 @@ impl BlockStore {
                 spool.read_exact(&mut bytes[..size])?;
                 out.write_all(&bytes)?;
             }
-            out.write_all(&laid.tail)
+            out.write_all(&laid.tail)?;
+            out.finish(None)
         })
         .map_err(io)?;
         Ok(ordered.object)

@@ -18,7 +18,7 @@ impl Octree {
     /// descriptor in the image of *this* octree. Existing ambient occlusion is replaced.
     ///
     /// Descriptors keep their slots within their block. Contours and other attachments keep their bits and their order;
-    /// metadata, unknown sections and blocks stay. Blocks may grow, which moves the blocks after them. Values are
+    /// metadata, instances, unknown sections and blocks stay; an [id](Self::file_id) does not, as it names octrees. Blocks may grow, which moves the blocks after them. Values are
     /// stored in [`AmbientBlock`]s, 8 bytes for every pair of slots.
     ///
     /// # Errors
@@ -65,7 +65,9 @@ impl Octree {
             object.root_slot = blocks[object.root_block as usize].image_offset / 8 + u64::from(FIRST_SLOT);
         }
         let (meta, unknown) = (self.meta.clone(), self.unknown.clone());
-        Self::new(objects, blocks, meta, unknown, Image::Owned(image), None, Stored::Made)
+        let mut made = Self::new(objects, blocks, meta, unknown, Image::Owned(image), None, Stored::Made)?;
+        made.instances.clone_from(&self.instances);
+        Ok(made)
     }
 }
 

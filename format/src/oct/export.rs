@@ -48,6 +48,12 @@ pub(super) fn export(octree: &Octree) -> Result<Exported, FormatError> {
     if !octree.meta().is_empty() {
         exporter.lost.push("the metadata".into());
     }
+    if !octree.instances().is_empty() {
+        exporter.lost.push("the instances".into());
+    }
+    if octree.file_hash().is_some() {
+        exporter.lost.push("the id and the SHA-256 of the file".into());
+    }
     for section in octree.unknown_sections() {
         exporter.lost.push(format!("the section {}", section.tag.escape_ascii()));
     }

@@ -355,7 +355,7 @@ fn set_entry(f: &mut File, field: usize, value: u64) {
 }
 
 /// Puts other bytes in the place of the metadata, which is the last section before the block data.
-fn set_meta(f: &mut File, text: &[u8]) {
+pub(crate) fn set_meta(f: &mut File, text: &[u8]) {
     let (at, length) = f.section(b"META");
     f.0[at..at + length].fill(0);
     f.0[at..at + text.len()].copy_from_slice(text);

@@ -2,6 +2,7 @@
 #![allow(dead_code, reason = "every test binary takes a part of this")]
 
 pub(crate) mod break_parts;
+pub(crate) mod break_scene;
 pub(crate) mod breaks;
 pub(crate) mod oct;
 pub(crate) mod patch;

@@ -35,12 +35,15 @@ struct Block {
 
 impl File<'_> {
     fn section(&self, tag: &[u8; 4]) -> &[u8] {
+        self.find(tag).expect("the section")
+    }
+
+    fn find(&self, tag: &[u8; 4]) -> Option<&[u8]> {
         let directory = u64_at(self.bytes, 40) as usize;
         let count = u32_at(self.bytes, 48) as usize;
-        let entry = (0..count).map(|i| directory + 32 * i).find(|at| &self.bytes[*at..at + 4] == tag);
-        let at = entry.expect("the section");
+        let at = (0..count).map(|i| directory + 32 * i).find(|at| &self.bytes[*at..at + 4] == tag)?;
         let (offset, length) = (u64_at(self.bytes, at + 8) as usize, u64_at(self.bytes, at + 16) as usize);
-        &self.bytes[offset..offset + length]
+        Some(&self.bytes[offset..offset + length])
     }
 
     fn block(&self, index: usize) -> Block {
@@ -375,6 +378,17 @@ pub(crate) fn describe(name: &str, about: &str, bytes: &[u8], image: &[u8]) -> S
         })
     });
     list(&mut text, "blocks", blocks.collect());
+    if let Some(instances) = file.find(b"INST") {
+        let instances = instances.chunks_exact(104).map(|entry| {
+            let matrix: Vec<f64> = (0..12).map(|k| f64::from_bits(u64_at(entry, 8 + 8 * k))).collect();
+            json!({ "object": u32_at(entry, 0), "mesh_to_scene": matrix })
+        });
+        list(&mut text, "instances", instances.collect());
+    }
+    if let Some(hash) = file.find(b"HASH") {
+        let hex = |bytes: &[u8]| bytes.iter().map(|byte| format!("{byte:02x}")).collect::<String>();
+        line(&mut text, "hash", json!({ "sha256": hex(&hash[..32]), "id": hex(&hash[32..]) }));
+    }
     text += "\"objects\": [\n";
     let objects = file.section(b"OBJT");
     for (index, entry) in objects.chunks_exact(192).enumerate() {

@@ -2,6 +2,7 @@
 //! blocks, sections of 0 bytes. `common/breaks.rs` has the other invalid vectors.
 
 use super::common::break_parts::broken_parts;
+use super::common::break_scene::broken_scenes;
 use super::common::breaks::{Broken, broken_files, change_low};
 use super::common::patch::File;
 use super::valid::components::{F16, F32, RGB9E5, U16, UNORM8, constant, entries};
@@ -17,6 +18,7 @@ pub(crate) fn broken_vectors() -> Vec<Broken> {
     pages(&mut add);
     frames(&mut add);
     list.extend(broken_parts());
+    list.extend(broken_scenes());
     let mut add = |rule: &'static str, bytes: Vec<u8>| list.push(Broken { rule, sample: "the generator", bytes });
     components(&mut add);
     list

@@ -66,7 +66,8 @@ fn same_files(kind: &str, generated: &BTreeMap<String, Vec<u8>>) {
 fn make_parts() {
     for (name, octree) in valid::in_parts() {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/vectors/parts").join(name).with_extension("esvo");
-        let options = esvo_format::WriteOptions { parts: true, ..esvo_format::WriteOptions::default() };
+        let hash = name == "parts_scene";
+        let options = esvo_format::WriteOptions { parts: true, hash, ..esvo_format::WriteOptions::default() };
         octree.write_with(&path, &options).unwrap();
     }
 }
@@ -97,7 +98,7 @@ fn valid_vectors_are_as_generated() {
         assert!(files.insert(format!("{}.json", vector.name), json.into_bytes()).is_none(), "{} twice", vector.name);
         files.insert(format!("{}.esvo", vector.name), vector.bytes);
     }
-    assert!(total < 5 << 19, "{total} bytes");
+    assert!(total < 3 << 20, "{total} bytes");
     same_files("valid", &files);
 }
 
@@ -138,6 +139,14 @@ fn valid_vectors_break_no_rule_and_decode_as_expected() {
         assert!(image == vector.image, "{name}: the image");
         let json = expected::describe(name, vector.about, &vector.bytes, &vector.image);
         let json: Value = serde_json::from_str(&json).unwrap();
+        let instances: Vec<Value> = (octree.instances().iter())
+            .map(|i| json!({ "object": i.object, "mesh_to_scene": i.mesh_to_scene }))
+            .collect();
+        let expected = json.get("instances").and_then(Value::as_array).cloned().unwrap_or_default();
+        assert_eq!(instances, expected, "{name}: instances");
+        let id = octree.file_id().map(|id| id.iter().map(|byte| format!("{byte:02x}")).collect::<String>());
+        let expected = json["hash"]["id"].as_str().filter(|id| id.bytes().any(|byte| byte != b'0'));
+        assert_eq!(id.as_deref(), expected, "{name}: id");
         for (object, expected) in octree.objects().iter().zip(json["objects"].as_array().unwrap()) {
             let mut nodes = expected["nodes"].as_array().unwrap().iter();
             let transform = DMat4::from_cols_array(&object.octree_to_mesh);

@@ -3,12 +3,16 @@
 pub(crate) mod attributes;
 pub(crate) mod components;
 mod container;
+mod scene;
 mod spaces;
 pub(crate) mod topology;
 
 use esvo_format::{AssembleOptions, assemble};
 use glam::{DMat4, DVec3};
+use sha2::{Digest, Sha256};
 
+use super::common::break_scene;
+use super::common::patch::File;
 use super::common::samples::samples;
 use super::common::{Colors, Shape, bytes_of};
 use super::writer::{Block, Codec, Order, Plan};
@@ -28,13 +32,15 @@ pub(crate) struct Vector {
 pub(crate) fn vectors() -> Vec<Vector> {
     let mut list = Vec::new();
     let mut add = |name: &str, about: &'static str, plan: Plan| {
-        let (bytes, image) = plan.write();
+        let (mut bytes, image) = plan.write();
+        seal_hash(&mut bytes, &plan);
         let canonical = plan.order == Order::Usual
             && plan.minor == 0
             && plan.optional_features == 0
             && plan.flags == 1
             && plan.blocks.iter().all(|b| b.codec == Codec::Raw)
-            && plan.extra.iter().all(|e| e.tag != *b"META" || e.flags == 0);
+            // The library writes HASH last, and what it knows unflagged.
+            && plan.extra.iter().all(|e| e.tag != *b"HASH" && (e.flags == 0 || ![*b"META", *b"INST"].contains(&e.tag)));
         list.push(Vector { name: name.into(), about, bytes, image, canonical });
     };
     topology::topology(&mut add);
@@ -49,6 +55,7 @@ pub(crate) fn vectors() -> Vec<Vector> {
     container::objects(&mut add);
     container::container(&mut add);
     container::metadata(&mut add);
+    scene::all(&mut add);
     container::compressed(&mut add);
     container::frames(&mut add);
     // What the library writes.
@@ -70,6 +77,15 @@ pub(crate) fn vectors() -> Vec<Vector> {
         };
         list.push(written(format!("written_{name}"), about, &octree));
     }
+    let mut scene = Vec::new();
+    let hash = esvo_format::WriteOptions { hash: true, ..esvo_format::WriteOptions::default() };
+    break_scene::scene().write_to_with(&mut scene, &hash).expect("memory");
+    let scene = esvo_format::Octree::from_bytes(&scene).expect("what the library has written");
+    list.push(written(
+        "written_scene".into(),
+        "written by the library: two objects, instances, metadata, SHA-256",
+        &scene,
+    ));
     for seed in 0..6 {
         list.push(random(seed));
     }
@@ -80,6 +96,7 @@ pub(crate) fn vectors() -> Vec<Vector> {
                 "written by the library in parts: several levels of several blocks in parts of their own, frames"
             }
             "parts_pages" => "written by the library in parts: one block of three pages, far pointers",
+            "parts_scene" => "written by the library in parts: two objects, instances, metadata, SHA-256",
             "parts_whole" => "written by the library in parts: a block of codec 0, as codec 2 cannot give it again",
             _ => "written by the library in parts: the octree of the vector with the rest of the name",
         };
@@ -88,6 +105,15 @@ pub(crate) fn vectors() -> Vec<Vector> {
         list.push(Vector { name: name.into(), about, bytes, image: image.to_vec(), canonical: false });
     }
     list
+}
+
+/// Puts the SHA-256 into the section HASH, if there is one.
+fn seal_hash(bytes: &mut [u8], plan: &Plan) {
+    if plan.extra.iter().any(|extra| extra.tag == *b"HASH") {
+        let at = File(bytes.to_vec()).section(b"HASH").0;
+        let digest = Sha256::digest(&*bytes);
+        bytes[at..at + 32].copy_from_slice(&digest);
+    }
 }
 
 /// The octrees of vectors in parts. The files are kept in `parts/`.
@@ -122,6 +148,7 @@ pub(crate) fn in_parts() -> Vec<(&'static str, esvo_format::Octree)> {
     let pages = assemble(&noise(3, 9, 1400, false).tree(), DMat4::IDENTITY, &options).expect("a small tree");
     list.push(("parts_pages", pages));
     let (bytes, _) = one(1, topology::smallest(5)).write();
+    list.push(("parts_scene", break_scene::scene()));
     list.push(("parts_whole", esvo_format::Octree::from_bytes(&bytes).expect("a valid vector")));
     list
 }

@@ -3,8 +3,8 @@ import { AMBIENT, COLORS, NORMALS } from './block.js';
 import { BITS } from './bytes.js';
 import { checkComponents } from './components.js';
 import { need } from './errors.js';
-import { REGISTERED } from './json.js';
 import { PAIR_BYTES, VALUE_WORDS, valuesOf } from './layout.js';
+import { checkMembers } from './scene.js';
 import { BLOCK_ENTRY, NO_PARENT } from './tables.js';
 
 /** @typedef {import('./octree.js').Octree} Octree */
@@ -220,12 +220,8 @@ function checkEntries(block, use, { type, at: first, bytes }) {
 /** @param {Octree} octree */
 function warnings(octree) {
   const { table, blocks, parts, meta, sections } = octree;
-  /** @type {{ rule: string, offset: number, message: string }[]} */
-  const found = [];
   const offset = (/** @type {string} */ tag) => sections.find((section) => section.tag === tag)?.offset ?? 0;
-  for (const name of REGISTERED) {
-    if (meta && Object.hasOwn(meta, name) && typeof meta[name] !== 'string') found.push({ rule: 'M002', offset: offset('META'), message: `the value of "${name}" is not a string` });
-  }
+  const found = meta ? checkMembers(meta, offset('META'), octree.objects.length, octree.instances?.length ?? 0) : [];
   /** @type {Map<number, number>} */
   const before = new Map();
   table.forEach(({ object, parent }, index) => {

@@ -4,7 +4,7 @@ import { need } from './errors.js';
 
 /** What a file starts with. */
 export const IDENTIFIER = [0xab, 0x45, 0x53, 0x56, 0x4f, 0x20, 0x31, 0xbb, 0x0d, 0x0a, 0x1a, 0x0a];
-const KNOWN = new Set(['OBJT', 'BLKT', 'BLKS', 'PART', 'INDX', 'PAGE', 'META']);
+const KNOWN = new Set(['OBJT', 'BLKT', 'BLKS', 'PART', 'INDX', 'PAGE', 'META', 'INST', 'HASH']);
 
 /** Bytes of the header. */
 export const HEADER = 64;

@@ -2,9 +2,6 @@ import { EsvoError } from './errors.js';
 
 const MAX_DEPTH = 64;
 
-/** Members of META that have a meaning (section 2.3). */
-export const REGISTERED = ['title', 'author', 'license', 'source', 'generator', 'created'];
-
 /**
  * Reads META: one JSON object, by the rules of section 2.3 (M001), which `JSON.parse` does not check: names that occur twice,
  * halves of surrogate pairs, numbers beyond binary64, depth.

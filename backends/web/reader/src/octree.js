@@ -8,6 +8,7 @@ import { decodeBlock } from './decode.js';
 import { HEADER, readDirectory, readHeader } from './header.js';
 import { readPage } from './index-pages.js';
 import { readMetadata } from './json.js';
+import { checkHash, readHash, readInstances } from './scene.js';
 import { checkStored, partsByBlock, readBlocks, readObjects, readParts } from './tables.js';
 import { attributesOf } from './values.js';
 import { ready } from './zstd.js';
@@ -38,7 +39,7 @@ import { ready } from './zstd.js';
 export function sectionsByTag(sections) {
   const found = new Map(sections.map((section) => [section.tag, section]));
   const get = (/** @type {string} */ tag) => /** @type {Section} */ (found.get(tag));
-  return { objects: get('OBJT'), blocks: get('BLKT'), data: get('BLKS'), meta: found.get('META'), parts: found.get('PART'), root: found.get('INDX'), pages: found.get('PAGE') };
+  return { objects: get('OBJT'), blocks: get('BLKT'), data: get('BLKS'), meta: found.get('META'), instances: found.get('INST'), hash: found.get('HASH'), parts: found.get('PART'), root: found.get('INDX'), pages: found.get('PAGE') };
 }
 
 /**
@@ -83,6 +84,10 @@ export class Octree {
     if (by.root) this.#checkIndex(by.root, by.pages, by.data);
     /** @type {Record<string, unknown> | undefined} Metadata: text from strangers. */
     this.meta = by.meta && readMetadata(of(by.meta), by.meta.offset);
+    /** @type {import('./scene.js').Instance[] | undefined} The scene; without it, every object is there once. */
+    this.instances = by.instances && readInstances(of(by.instances), by.instances.offset, this.objects.length);
+    /** @type {{ sha256: string, id: string } | undefined} */
+    this.hash = by.hash && readHash(of(by.hash), by.hash);
     this.#checkGaps(by);
     /** First slot of every block in the image. */
     this.starts = this.table.map((block) => block.imageAt / 8);
@@ -265,5 +270,6 @@ export async function openBytes(file, { maxImageBytes = 2 ** 30 } = {}) {
   if (image > maxImageBytes) throw new EsvoError('limit', tables.table[0].fileAt, `the octree takes ${image} bytes, more than the limit of ${maxImageBytes}: stream it, or raise maxImageBytes`);
   const octree = new Octree(bytes);
   octree.warnings = octree.check();
+  if (octree.hash) await checkHash(bytes, octree.hash, octree.sections.find(({ tag }) => tag === 'HASH')?.offset ?? 0);
   return octree;
 }

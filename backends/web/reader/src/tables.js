@@ -47,6 +47,16 @@ export const NO_PARENT = 0xffffffff;
  */
 
 /**
+ * Whether a matrix, by columns, is finite, affine and invertible.
+ * @param {number[]} m
+ */
+export function usable(m) {
+  const affine = m.every(Number.isFinite) && m[3] === 0 && m[7] === 0 && m[11] === 0 && m[15] === 1;
+  const d = m[0] * (m[5] * m[10] - m[9] * m[6]) - m[4] * (m[1] * m[10] - m[9] * m[2]) + m[8] * (m[1] * m[6] - m[5] * m[2]);
+  return affine && Number.isFinite(d) && Math.abs(d) >= 2 ** -1022;
+}
+
+/**
  * Reads and checks OBJT: O001, O004, O003 (the range), O006.
  * @param {Uint8Array} bytes
  * @param {number} offset In the file, for errors.
@@ -58,9 +68,7 @@ export function readObjects(bytes, offset) {
   return Array.from({ length: bytes.length / OBJECT_ENTRY }, (_, number) => {
     const at = number * OBJECT_ENTRY;
     const m = Array.from({ length: 16 }, (_, k) => view.getFloat64(at + 8 * k, true));
-    const affine = m.every(Number.isFinite) && m[3] === 0 && m[7] === 0 && m[11] === 0 && m[15] === 1;
-    const d = m[0] * (m[5] * m[10] - m[9] * m[6]) - m[4] * (m[1] * m[10] - m[9] * m[2]) + m[8] * (m[1] * m[6] - m[5] * m[2]);
-    need(affine && Number.isFinite(d) && Math.abs(d) >= 2 ** -1022, 'O004', offset + at, `object ${number}: the transform is not finite, affine and invertible`);
+    need(usable(m), 'O004', offset + at, `object ${number}: the transform is not finite, affine and invertible`);
     const levels = view.getUint32(at + 132, true);
     need(levels >= 1 && levels <= 23, 'O003', offset + at + 132, `object ${number}: it has ${levels} levels, expected 1 to 23`);
     need(bytes.subarray(at + 176, at + 192).every((byte) => byte === 0), 'O006', offset + at + 176, `object ${number}: reserved fields are not zero`);

@@ -66,6 +66,8 @@ export function facts(octree) {
       const { object, parent, position, scale, codec } = octree.table[index];
       return { object, parent, position, scale, codec, slots: block.slots, contours: block.contours, attachments: block.attachments.map(({ type, bytes }) => ({ type, bytes })) };
     }),
+    ...(octree.instances && { instances: octree.instances.map(({ object, meshToScene }) => ({ object, mesh_to_scene: meshToScene })) }),
+    ...(octree.hash && { hash: octree.hash }),
     objects: octree.objects.map((_, number) => objectFacts(octree, number)),
   };
 }

@@ -1,5 +1,6 @@
 //! `esvo build`.
 
+mod describe;
 pub(crate) mod displacement;
 pub(crate) mod input;
 mod part;
@@ -25,6 +26,7 @@ use crate::commands::build::voxelizer::VoxelizerName;
 use crate::fail::{Failure, complain, print};
 use crate::files::{check_extension, check_not_input, check_output, extension, name_file};
 use crate::memory::limit;
+use crate::space::SpaceArguments;
 use crate::values::parse_gigabytes;
 use crate::words::{count, size};
 
@@ -39,6 +41,10 @@ there for its textures: --texture-test centroids leaves them out.
 A voxel model of MagicaVoxel does not go through triangles: each of its voxels becomes one voxel
 of the octree on the deepest level, which follows from the size of the model. Its z axis points up
 (render it with --up 0,0,1).
+
+The file says where it comes from, with which settings it was built, and the name and bounds of the
+object. glTF files are in metres, have +y up and are right-handed, voxel models have +z up; of
+others, and against these, --unit, --up and --handedness say it. esvo info shows it.
 
 Examples:
   esvo build conference.obj -o conference.esvo --levels 12 --paper conference
@@ -117,8 +123,16 @@ pub(crate) struct BuildArguments {
     pub(crate) block_slots: Option<u32>,
     /// Build part K of N alone: the voxels in some cubes of level 4, which esvo plan lists. The output is an .esvopart; esvo join makes
     /// of all N the file that a build without this option writes, byte for byte
-    #[arg(long, value_name = "K/N", value_parser = part::parse_part, conflicts_with_all = ["compress", "parts"])]
+    #[arg(long, value_name = "K/N", value_parser = part::parse_part, conflicts_with_all = ["compress", "parts", "hash"])]
     pub(crate) part: Option<(u32, u32)>,
+    /// Write a SHA-256 of the file and an id of its octree, which `esvo validate` compares
+    #[arg(long)]
+    pub(crate) hash: bool,
+    /// Name of the object [default: the name of the mesh without its extension, or of the scene]
+    #[arg(long, value_name = "NAME")]
+    pub(crate) name: Option<String>,
+    #[command(flatten)]
+    pub(crate) space: SpaceArguments,
     /// Store colours and normals uncompressed, 4 bytes each
     #[arg(long)]
     pub(crate) plain_attributes: bool,
@@ -273,18 +287,9 @@ pub(crate) fn run_build(arguments: &BuildArguments) -> Result<(), Failure> {
     limit::build_begins();
     let start = Instant::now();
     let what = format!("building {}", count(settings.levels, "level"));
-    let mut meta = serde_json::json!({
-        "generator": concat!("esvo ", env!("CARGO_PKG_VERSION")),
-        "source": source,
-        "triangles": input.triangles(),
-        "settings": settings,
-    });
-    if let Input::Displaced(_, displacement) = &input {
-        meta["displacement"] = serde_json::json!({ "scale": displacement.scale, "cell": displacement.cell });
-    }
     let options = FileOptions {
-        write: WriteOptions { compress: arguments.compress, parts: arguments.parts },
-        meta: meta.to_string(),
+        write: WriteOptions { compress: arguments.compress, parts: arguments.parts, hash: arguments.hash },
+        meta: describe::metadata(arguments, &input, &source, &settings)?.to_string(),
         resume: arguments.resume,
         memory_limit,
     };

@@ -137,7 +137,20 @@ def facts(octree):
             for b in blocks
         ],
         "objects": [object_facts(octree, number) for number in range(len(octree.objects))],
+        **scene_facts(octree),
     }
+
+
+def scene_facts(octree):
+    """The members `instances` and `hash` of the JSON, where the file has them."""
+    facts = {}
+    if octree.instances is not None:
+        facts["instances"] = [
+            {"object": int(i["object"]), "mesh_to_scene": i["mesh_to_scene"].tolist()} for i in octree.instances
+        ]
+    if octree.hash is not None:
+        facts["hash"] = {name: octree.hash[name].tobytes().hex() for name in ("sha256", "id")}
+    return facts
 
 
 def difference(found, expected, where):

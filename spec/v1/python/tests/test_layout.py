@@ -5,7 +5,7 @@ import pytest
 import yaml
 from common import SPECIFICATION
 
-from esvo_reader import kinds, records
+from esvo_reader import kinds, records, scene
 
 KSY = yaml.safe_load((SPECIFICATION / "esvo.ksy").read_text("utf-8"))
 TYPES = KSY["types"]
@@ -18,6 +18,8 @@ DTYPES = {
     "section_entry": records.SECTION_ENTRY,
     "object_entry": records.OBJECT_ENTRY,
     "block_entry": records.BLOCK_ENTRY,
+    "instance_entry": scene.INSTANCE_ENTRY,
+    "file_hash": scene.FILE_HASH,
     "part_entry": records.PART_ENTRY,
     "part_header": records.PART_HEADER,
     "info_section": records.INFO_SECTION,
@@ -94,6 +96,7 @@ def test_every_record_of_the_ksy_is_compared():
     plain = {
         "object_table",
         "block_table",
+        "instance_table",
         "part_table",
         "block_image",
         "slot",

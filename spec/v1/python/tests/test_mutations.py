@@ -111,7 +111,7 @@ def test_damaged_files_raise_only_the_error_of_the_package(path):
 @pytest.mark.parametrize("path", VALID[::8], ids=lambda path: path.stem)
 def test_cut_files_are_refused(path):
     data = path.read_bytes()
-    for size in (0, 1, 11, 63, 64, 100, 4096, len(data) - 1):
+    for size in (0, 1, 11, 63, 64, 100, len(data) // 2, len(data) - 1):
         with pytest.raises(esvo_reader.EsvoError) as error:
             esvo_reader.from_bytes(data[:size])
         assert error.value.rule == ("H001" if size < 64 else "H004")

@@ -212,6 +212,23 @@ def test_metadata():
     assert open_vector("meta").metadata != {}
 
 
+def test_scene():
+    assert open_vector("single_voxel").instances is None
+    octree = open_vector("instances")
+    assert octree.instances["object"].tolist() == [0, 1, 1, 0]
+    assert (octree.mesh_to_scene(0) == np.eye(4)).all()
+    assert (octree.mesh_to_scene(1) @ [1, 2, 3, 1]).tolist() == [10, 7, 10, 1]
+    with pytest.raises(IndexError):
+        open_vector("single_voxel").mesh_to_scene(0)
+
+
+def test_a_bit_outside_of_all_checksums_is_found_by_the_sha256():
+    data = bytearray((SPECIFICATION / "vectors" / "valid" / "hash_without_id.esvo").read_bytes())
+    at = data.index(b"\xff" * 33)
+    data[at] ^= 1
+    assert [f.rule for f in esvo_reader.from_bytes(bytes(data)).validate()] == ["F002"]
+
+
 def run(*arguments):
     return subprocess.run([sys.executable, "-m", "esvo_reader", *map(str, arguments)], capture_output=True, text=True)
 

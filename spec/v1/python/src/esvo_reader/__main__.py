@@ -27,6 +27,11 @@ def info(octree: Octree) -> str:
             f"object {number}: {o['levels']} levels, {o['descriptors']} descriptors, {o['leaf_voxels']} leaf voxels, "
             f"{o['contours']} contours, {o['far_pointers']} far pointers"
         )
+    if octree.instances is not None:
+        for number, i in enumerate(octree.instances):
+            lines.append(f"instance {number}: object {i['object']}, by columns {i['mesh_to_scene'].tolist()}")
+    if octree.hash is not None:
+        lines.append(f"SHA-256 {octree.hash['sha256'].tobytes().hex()}, id {octree.hash['id'].tobytes().hex()}")
     for index, b in enumerate(octree.blocks):
         codec = {0: "as it is", 1: "Zstandard", 2: "fields"}[int(b["codec"])]
         lines.append(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple, Sequence
 
 #: Rules of level should (appendix C): readers accept files that break them.
-SHOULD = frozenset({"M002", "B012", "S009", "A006"})
+SHOULD = frozenset({"M002", "M003", "M004", "B012", "S009", "A006"})
 
 
 class Finding(NamedTuple):

@@ -25,6 +25,7 @@ from .records import (
     RANK,
     Array,
 )
+from .scene import matrices_of, read_hash, read_instances
 from .voxels import Voxels, concatenate, decode_voxels, no_voxels
 from .walking import object_traces
 
@@ -80,6 +81,10 @@ class Octree:
         opening.check_blocks(self.header, tables[b"BLKS"], self.objects, self.blocks, blocks_at)
         #: The parts, if the blocks are stored in parts.
         self.parts: Optional[Parts] = read_parts(data, self.header, tables, self.blocks)
+        #: Array of `INSTANCE_ENTRY`: the scene; None if it has every object once, at its own place.
+        self.instances: Optional[Array] = read_instances(data, tables, len(self.objects))
+        #: A record of `FILE_HASH`: SHA-256 and id of the file, where it has them.
+        self.hash: Optional[Any] = read_hash(data, tables)
         opening.check_roots(self.objects, self.blocks, objects_at)
         self._image_ends = (self.blocks["image_offset"] + self.blocks["image_size"]).astype(np.int64) // 8
 
@@ -123,6 +128,13 @@ class Octree:
         `matrix @ (x, y, z, 1)` is the point in mesh space.
         """
         result: Array = self.objects["octree_to_mesh"][number].reshape(4, 4).T
+        return result
+
+    def mesh_to_scene(self, instance: int) -> Array:
+        """float64 (4, 4): the matrix of an instance from mesh space to scene space."""
+        if self.instances is None:
+            raise IndexError(f"instance {instance}: the file has none")
+        result: Array = matrices_of(self.instances[instance : instance + 1])[0]
         return result
 
     def block(self, index: int) -> Block:

@@ -23,15 +23,13 @@ from .records import (
 
 REQUIRED, OWN_CHECKSUMS = 1, 2
 NEEDED = (b"OBJT", b"BLKT", b"BLKS")
-KNOWN = (*NEEDED, b"PART", b"INDX", b"PAGE", b"META")
+KNOWN = (*NEEDED, b"PART", b"INDX", b"PAGE", b"META", b"INST", b"HASH")
 #: Required feature bit 0: some block is compressed.
 COMPRESSED = 1
 #: Required feature bit 1: the blocks are stored in parts.
 IN_PARTS = 2
 #: How deep arrays and objects in META may be nested.
 MAX_NESTING = 64
-#: Members of META whose values should be strings (M002).
-REGISTERED = ("title", "author", "license", "source", "generator", "created")
 
 
 def crc(data: Array) -> int:

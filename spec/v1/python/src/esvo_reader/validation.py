@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Dict, List, Optional, Tuple
 
 import numpy as np
 
-from . import kinds, opening
+from . import describing, kinds, opening, scene
 from .blocks import Block, check_block_crc
 from .codecs import bit_count
 from .components import check_components
@@ -46,19 +46,21 @@ def check(octree: Octree) -> List[Finding]:
 
 
 def check_sections(octree: Octree, findings: Findings) -> None:
-    """D004 of the sections that opening does not read, M001, M002."""
+    """D004 of the sections that opening does not read, M001 to M004, F002."""
     for entry in octree.sections:
-        if bytes(entry["tag"]) not in (b"OBJT", b"BLKT", b"PART", b"INDX", b"META"):
+        if bytes(entry["tag"]) not in (b"OBJT", b"BLKT", b"PART", b"INDX", b"META", b"INST"):
             opening.check_section_crc(octree.data, entry, findings)
     try:
         members = octree.metadata
     except EsvoError as error:
         findings.items += error.findings
         return
-    for name in opening.REGISTERED:
-        if not isinstance(members.get(name, ""), str):
-            at = next(int(entry["offset"]) for entry in octree.sections if bytes(entry["tag"]) == b"META")
-            findings.add("M002", at, f"the metadata have {name!r} with a value that is no string")
+    tables = {bytes(entry["tag"]): entry for entry in octree.sections}
+    if members:
+        instances = 0 if octree.instances is None else len(octree.instances)
+        at = int(tables[b"META"]["offset"])
+        describing.check(members, len(octree.objects), instances, at, findings)
+    scene.check_hash(octree.data, tables, findings)
 
 
 def check_gaps(octree: Octree, findings: Findings) -> None:
