@@ -81,7 +81,7 @@
 //! | read a file with an index page by page, without its tables | [`IndexReader`] |
 //! | find out which rules a file breaks | [`validate_file`], [`validate_bytes`], [`Report`] |
 //! | make an octree | [`Tree`], [`assemble`]; block by block, with little memory: [`pack`](pack()), [`BlockStore`] |
-//! | encode and decode values | [`Contour`], [`ColorBlock`], [`NormalBlock`], [`RawNormal`], [`AmbientBlock`] |
+//! | encode and decode values | [`Contour`], [`ColorBlock`], [`NormalBlock`], [`RawNormal`], [`AmbientBlock`], [`ComponentFormat`] |
 //! | join several octrees into one | [`join`] |
 //! | number the cubes of a level | [`morton`](morton()), [`morton_place`] |
 //! | convert between sRGB and linear light | [`srgb`] |
@@ -95,9 +95,9 @@
 //!
 //! | folder or file | subject |
 //! |---|---|
-//! | `values/` | encodings of the values of voxels: contours, colours, normals, ambient occlusion, plain values, sRGB |
+//! | `values/` | encodings of the values of voxels: contours, colours, normals, ambient occlusion, plain values, components, sRGB |
 //! | `file/` | records of headers and tables; opening, writing, compression |
-//! | `octree.rs`, `block.rs`, `descriptor.rs`, `needs.rs` | an octree in memory, and access to its voxels |
+//! | `octree.rs`, `components.rs`, `block.rs`, `descriptor.rs`, `needs.rs` | an octree in memory, and access to its voxels |
 //! | `morton.rs` | cubes of one level as numbers |
 //! | `check/` | the rules of the specification: tables, topology (the walk along all pointers), validation and its report |
 //! | `parts/` | blocks stored in parts by level, as streams of fields |
@@ -128,6 +128,7 @@ compile_error!("esvo-format needs a little-endian target: it views the image in 
 
 mod block;
 mod check;
+mod components;
 mod descriptor;
 mod error;
 pub mod file;
@@ -156,6 +157,7 @@ pub use inspect::stats::{Bytes, Stats, stats};
 pub use inspect::stream_stats::stream_stats;
 pub use inspect::{diff, dump};
 pub use layout::assemble::assemble;
+pub use layout::columns::Column;
 pub use layout::join::join;
 pub use layout::pack::{BlockStore, BlockSummary, PackedBlock, StoredBlocks, pack};
 pub use layout::plan::AssembleOptions;
@@ -169,6 +171,7 @@ pub use stream::served::IndexReader;
 pub use stream::source::{RangeRead, SeekSource};
 pub use values::ambient::AmbientBlock;
 pub use values::color::ColorBlock;
+pub use values::components::{ComponentFormat, Components, MAX_RGB9E5, NumberFormat};
 pub use values::contour::{Contour, Slab};
 pub use values::normal::{NormalBlock, RawNormal};
 pub use values::plain::{CornerCell, CornerValue, NodeCorners};

@@ -131,6 +131,8 @@ rules! {
     ATTACHMENT_LIMIT = "A004" Must: "A block has at most 64 attachments.";
     ATTACHMENT_UNUSED = "A005" Must: "Attribute blocks of pairs and entries of slots without a child descriptor are zero, and so are the unused bytes of a constant colour.";
     ATTACHMENT_UNIFORM = "A006" Should: "The blocks of an object all have colours or none has, and likewise normals and ambient occlusion.";
-    ATTACHMENT_ENTRY = "A007" Must: "The entry of a descriptor in plain colours, plain normals or corners leads to values in the attachment, after the entries, at an even distance for corners; a value mask is a subset of the valid mask, undefined bits are zero, and so is an entry without values.";
-    ATTACHMENT_ONCE = "A008" Must: "Every value of plain colours, plain normals or corners belongs to the entry of exactly one descriptor.";
+    ATTACHMENT_ENTRY = "A007" Must: "The entry of a descriptor in plain colours, plain normals, corners or components leads to values in the attachment, after the entries, at an even distance for corners; a value mask is a subset of the valid mask, undefined bits are zero, and so is an entry without values.";
+    ATTACHMENT_ONCE = "A008" Must: "Every value of plain colours, plain normals, corners or components belongs to the entry of exactly one descriptor.";
+    COMPONENT_HEAD = "A009" Must: "The head of a component attachment names a format that its type can have and a form of this text, and its other bytes are zero.";
+    COMPONENT_VALUE = "A010" Must: "The numbers of components are finite, those of emission are not negative, and the bits of a value that belong to no component are zero.";
 }

@@ -6,4 +6,5 @@ pub(crate) mod stored;
 pub(crate) mod tables;
 pub(crate) mod topology;
 pub(crate) mod validate;
+mod validate_components;
 mod validate_values;

@@ -3,7 +3,8 @@
 use crate::block::BlockParts;
 use crate::file::compression::MAX_RATIO;
 use crate::file::*;
-use crate::{Broken, ids};
+use crate::values::components::{Form, HEAD_WORDS};
+use crate::{Broken, ComponentFormat, ids};
 
 /// A broken rule: its id, the offset in bytes from the start of the entry or block, and a description.
 type Fault = (&'static str, u64, String);
@@ -375,7 +376,36 @@ fn attachments(bytes: &[u8], info_at: u64, info: &InfoSection) -> Result<Vec<(u3
             };
             return Err((ids::ATTACHMENT_TYPE, at, what));
         }
+        if attachment::has_components(kind) {
+            check_head(kind, &bytes[start as usize..end as usize], slots).map_err(|(rule, within, what)| {
+                (rule, if rule == ids::ATTACHMENT_SIZE { at + 8 } else { start + within }, what)
+            })?;
+        }
         found.push((kind, start, size));
     }
     Ok(found)
+}
+
+/// Checks head and size of a component attachment. `slots` is the length of the descriptor array.
+fn check_head(kind: u32, bytes: &[u8], slots: u64) -> Result<(), Fault> {
+    let size = bytes.len() as u64;
+    let wrong_size = |expected: u64| {
+        let what = format!("attachment type {kind} has {size} bytes, expected {expected}");
+        Err((ids::ATTACHMENT_SIZE, 0, what))
+    };
+    let least = HEAD_WORDS as u64 * 4;
+    let Some(head) = bytes.first_chunk::<8>() else { return wrong_size(least) };
+    let words = [0, 4].map(|at| u32::from_le_bytes([head[at], head[at + 1], head[at + 2], head[at + 3]]));
+    let found = ComponentFormat::from_head(&words).filter(|(format, _)| format.fits(kind));
+    let Some((format, form)) = found else {
+        let what = format!("the head {head:02x?} of attachment type {kind} is none of this type");
+        return Err((ids::COMPONENT_HEAD, 0, what));
+    };
+    let value = format.words() as u64 * 4;
+    let expected = match form {
+        Form::Constant => least + value,
+        // One entry per slot, then any number of values.
+        Form::Entries => least + slots * 4 + size.saturating_sub(least + slots * 4) / value * value,
+    };
+    if size == expected { Ok(()) } else { wrong_size(expected) }
 }

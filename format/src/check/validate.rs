@@ -8,6 +8,7 @@ use crate::check::metadata;
 use crate::check::report::Report;
 use crate::check::stored::{gaps, wrong_checksums};
 use crate::check::topology::{Bits, Step, Visitor, Walked, ones, walk};
+use crate::check::validate_components::check_components;
 use crate::check::validate_values::check_values;
 use crate::file::open::{Contents, map};
 use crate::file::*;
@@ -386,6 +387,15 @@ impl BlockCheck<'_> {
                                 self.add(report, rule, at, &what);
                             },
                         );
+                    }
+                    continue;
+                }
+                kind if attachment::has_components(kind) => {
+                    if self.walked.complete && reached {
+                        let is_descriptor = |slot| self.is_descriptor(slot);
+                        check_components(self.octree, self.parts, kind, is_descriptor, |rule, at, what| {
+                            self.add(report, rule, at, &what);
+                        });
                     }
                     continue;
                 }

@@ -312,6 +312,20 @@ pub mod attachment {
     /// mask, and the distance in words from the start of the attachment to the first value. Then the values
     /// ([`CornerValue`](crate::CornerValue)).
     pub const CORNERS: u32 = 7;
+    /// Emitted light: red, green and blue, linear. This and the types up to [`NAMED_LAST`] are laid out alike: a head,
+    /// then a word for each slot of the descriptor array as of [`COLORS_PLAIN`], then the values
+    /// ([`ComponentFormat`](crate::ComponentFormat)).
+    pub const EMISSION: u32 = 8;
+    /// Roughness and metalness, 0 to 1.
+    pub const ROUGHNESS_METALNESS: u32 = 9;
+    /// Opacity, 0 to 1.
+    pub const OPACITY: u32 = 10;
+    /// Number of the material.
+    pub const MATERIAL: u32 = 11;
+    /// First type with components whose meaning the metadata give.
+    pub const NAMED_FIRST: u32 = 16;
+    /// Last type with components whose meaning the metadata give.
+    pub const NAMED_LAST: u32 = 31;
     /// All types with colours. A block has at most one of them.
     pub const COLORS: [u32; 4] = [COLOR_BLOCKS, COLOR_CONSTANT, COLORS_PLAIN, CORNERS];
     /// All types with normals. A block has at most one of them.
@@ -320,6 +334,31 @@ pub mod attachment {
     pub const VENDOR_FIRST: u32 = 0x8000;
     /// Last vendor type.
     pub const VENDOR_LAST: u32 = 0xffff;
+
+    /// Whether attachments of a type have components.
+    pub const fn has_components(kind: u32) -> bool {
+        matches!(kind, EMISSION..=MATERIAL | NAMED_FIRST..=NAMED_LAST)
+    }
+
+    /// Name of a type.
+    pub const fn name(kind: u32) -> &'static str {
+        match kind {
+            COLOR_BLOCKS => "colour blocks",
+            NORMAL_BLOCKS => "normal blocks",
+            COLOR_CONSTANT => "constant colour",
+            AMBIENT_BLOCKS => "ambient occlusion blocks",
+            COLORS_PLAIN => "plain colours",
+            NORMALS_PLAIN => "plain normals",
+            CORNERS => "corners",
+            EMISSION => "emission",
+            ROUGHNESS_METALNESS => "roughness and metalness",
+            OPACITY => "opacity",
+            MATERIAL => "material",
+            NAMED_FIRST..=NAMED_LAST => "components",
+            VENDOR_FIRST..=VENDOR_LAST => "of a vendor",
+            _ => "unknown",
+        }
+    }
 }
 
 /// The bytes of a structure.

@@ -4,7 +4,8 @@ use std::fmt;
 
 use serde::Serialize;
 
-use crate::{Contour, CornerCell, FormatError, Octree};
+use crate::file::attachment;
+use crate::{ComponentFormat, Contour, CornerCell, FormatError, Octree};
 
 /// A place where two octrees differ.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -49,7 +50,7 @@ impl Differences {
 }
 
 /// Compares the contents of two octrees: number of objects, and for each pair of objects transform, levels, topology,
-/// the bits of contours, and the decoded colours, normals, values at corners and ambient light. Ignores blocks,
+/// the bits of contours, and the decoded colours, normals, values at corners, ambient light and components. Ignores blocks,
 /// pointers, the order within a file, attachments of vendors, unknown sections and metadata. Lists at most `limit`
 /// differences. Time is linear in the size of the octrees.
 ///
@@ -59,7 +60,7 @@ pub fn diff(a: &Octree, b: &Octree, limit: usize) -> Result<Differences, FormatE
     compare(a, b, limit, false)
 }
 
-/// The same without contours, colours, normals, values at corners and ambient light: which voxels there are, and which of them are leaves.
+/// The same without contours, colours, normals, values at corners, ambient light and components: which voxels there are, and which of them are leaves.
 ///
 /// # Errors
 /// As [`diff`].
@@ -72,7 +73,12 @@ fn compare(a: &Octree, b: &Octree, limit: usize, topology: bool) -> Result<Diffe
         octree.verified()?;
         octree.sound()?;
     }
-    let mut compare = Compare { a, b, limit, topology, found: Differences::default(), object: 0 };
+    let mut kinds: Vec<u32> = [a, b].iter().flat_map(|octree| octree.component_kinds()).collect();
+    kinds.sort_unstable();
+    kinds.dedup();
+    let format = |kind: u32| Some((kind, a.component_format(kind).or_else(|| b.component_format(kind))?));
+    let kinds = kinds.into_iter().filter_map(format).collect();
+    let mut compare = Compare { a, b, limit, topology, kinds, found: Differences::default(), object: 0 };
     let counts = (a.objects().len(), b.objects().len());
     compare.equal(&[], "number of objects", counts.0, counts.1);
     for object in 0..counts.0.min(counts.1) {
@@ -136,6 +142,8 @@ struct Compare<'a> {
     limit: usize,
     /// Whether what voxels have is left out.
     topology: bool,
+    /// Types of component attachments that one of them has, with a format.
+    kinds: Vec<(u32, ComponentFormat)>,
     found: Differences,
     object: usize,
 }
@@ -208,5 +216,18 @@ impl Compare<'_> {
         self.equal(path, "ambient light", self.a.ambient(first.0, child), self.b.ambient(second.0, child));
         let normal = |octree: &Octree, slot| octree.normal(slot, child).map(|n| n.to_array());
         self.equal(path, "normal", normal(self.a, first.0), normal(self.b, second.0));
+        self.components(path, first.0, second.0, child);
+    }
+
+    /// Compares components by their numbers. A voxel without has the default.
+    fn components(&mut self, path: &[u8], first: u32, second: u32, child: u8) {
+        for index in 0..self.kinds.len() {
+            let (kind, format) = self.kinds[index];
+            let of = |octree: &Octree, slot: u32| {
+                let default = || format.decode(&format.default_of(kind));
+                octree.components(slot, child, kind).unwrap_or_else(default).numbers
+            };
+            self.equal(path, attachment::name(kind), of(self.a, first), of(self.b, second));
+        }
     }
 }

@@ -1,12 +1,13 @@
 //! Dumps as text and for JSON: the tables of an octree, a block slot by slot, a voxel by its path.
 
+use std::collections::BTreeMap;
 use std::fmt;
 use std::ops::ControlFlow;
 
 use serde::Serialize;
 
 use crate::check::topology::{Step, Visitor, walk};
-use crate::file::{NO_PARENT, PAGE_SLOTS};
+use crate::file::{NO_PARENT, PAGE_SLOTS, attachment};
 use crate::{Broken, ChildDescriptor, Contour, FormatError, Octree};
 
 /// The object and block tables.
@@ -218,6 +219,9 @@ pub struct VoxelDump {
     /// Fraction of the ambient light that reaches it, 0 to 1.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ambient: Option<f32>,
+    /// Its components, by attachment type, where the file has them.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub components: BTreeMap<u32, Vec<f64>>,
 }
 
 /// The object and block tables of an octree.
@@ -405,7 +409,14 @@ fn voxel(octree: &Octree, slot: u32, child: u8) -> VoxelDump {
         alpha: octree.plain_color(slot, child).map(|color| color[3]).filter(|alpha| *alpha != u8::MAX),
         corners: octree.corners(slot, child).map(|cell| cell.corners.map(|value| (value.color, value.normal.0))),
         ambient: octree.ambient(slot, child),
+        components: components(octree, slot, child),
     }
+}
+
+fn components(octree: &Octree, slot: u32, child: u8) -> BTreeMap<u32, Vec<f64>> {
+    let parts = &octree.parts()[octree.block_of(slot) as usize];
+    let kinds = parts.attachments.iter().map(|a| a.0).filter(|kind| attachment::has_components(*kind));
+    kinds.filter_map(|kind| Some((kind, octree.components(slot, child, kind)?.used().to_vec()))).collect()
 }
 
 /// Parses a path: child slots as digits 0 to 7, optionally separated by `/`. The root is the empty path or `/`.
@@ -469,17 +480,7 @@ impl fmt::Display for BlockHead {
             self.contour_offset
         )?;
         for AttachmentDump { kind, offset, size } in &self.attachments {
-            let name = match kind {
-                1 => "colour blocks",
-                2 => "normal blocks",
-                3 => "constant colour",
-                4 => "ambient occlusion blocks",
-                5 => "plain colours",
-                6 => "plain normals",
-                7 => "corners",
-                0x8000..=0xffff => "of a vendor",
-                _ => "unknown",
-            };
+            let name = attachment::name(*kind);
             writeln!(f, "  attachment {kind} ({name}): {size} bytes at byte {offset}")?;
         }
         Ok(())
@@ -574,6 +575,10 @@ impl fmt::Display for NodeDump {
             }
             if let Some(ambient) = voxel.ambient {
                 write!(f, "; ambient {ambient:.4}")?;
+            }
+            for (kind, numbers) in &voxel.components {
+                let numbers: Vec<String> = numbers.iter().map(|x| format!("{x:.5}")).collect();
+                write!(f, "; {} ({kind}) {}", attachment::name(*kind), numbers.join(" "))?;
             }
             writeln!(f)?;
         }

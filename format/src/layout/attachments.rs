@@ -2,6 +2,7 @@
 
 use crate::file::{AttachmentEntry, attachment};
 use crate::layout::place::Placed;
+use crate::values::components::Form;
 use crate::values::plain::{plain_count, slots};
 use crate::{AmbientBlock, ColorBlock, FormatError, NormalBlock, Tree};
 
@@ -22,6 +23,8 @@ pub(crate) enum Content {
     PlainNormals,
     /// Colours and normals at corners.
     Corners,
+    /// Components of a column of the tree: its index, its type, how the values are stored.
+    Components(usize, u32, Form),
 }
 
 /// An attachment of a block that is being laid out.
@@ -49,6 +52,7 @@ impl Content {
             Self::PlainColors => attachment::COLORS_PLAIN,
             Self::PlainNormals => attachment::NORMALS_PLAIN,
             Self::Corners => attachment::CORNERS,
+            Self::Components(_, kind, _) => kind,
         }
     }
 
@@ -63,10 +67,7 @@ impl Content {
             let count = |p: &Placed| PlainValues::new(tree, p.node, values).count() as u64;
             let words = slots + placed.iter().map(count).sum::<u64>();
             if words > u64::from(MAX_PLAIN_POINTER) {
-                let what = format!(
-                    "a plain attachment has {words} words, expected at most {MAX_PLAIN_POINTER}: use smaller blocks"
-                );
-                return Err(FormatError::Limit(what));
+                return Err(too_many(attachment::COLORS_PLAIN, words));
             }
             Ok(words * 4)
         };
@@ -89,12 +90,26 @@ impl Content {
         if !(tree.ambient.is_empty() && tree.ambient_blocks.is_empty()) {
             list.push((Self::AmbientBlocks, pairs * 8));
         }
+        for (index, column) in tree.columns.iter().enumerate() {
+            let Some((form, words)) = column.form(tree, placed, slots) else { continue };
+            if form == Form::Entries && words > u64::from(MAX_PLAIN_POINTER) {
+                return Err(too_many(column.kind, words));
+            }
+            list.push((Self::Components(index, column.kind, form), words * 4));
+        }
         Ok(list)
     }
 }
 
 /// Largest distance in words from the start of a plain attachment to a value: entries have 24 bits for it.
 const MAX_PLAIN_POINTER: u32 = (1 << 24) - 1;
+
+fn too_many(kind: u32, words: u64) -> FormatError {
+    let name = if attachment::has_components(kind) { "component" } else { "plain" };
+    FormatError::Limit(format!(
+        "a {name} attachment has {words} words, expected at most {MAX_PLAIN_POINTER}: use smaller blocks"
+    ))
+}
 
 /// The colour of a voxel, as stored.
 fn color(tree: &Tree, voxel: usize) -> Option<u32> {
@@ -199,6 +214,9 @@ impl Described<'_> {
                 Content::PlainColors => self.encode_plain(words, tree, color),
                 Content::PlainNormals => self.encode_plain(words, tree, normal),
                 Content::Corners => self.encode_corners(words, tree),
+                Content::Components(column, _, form) => {
+                    tree.columns[column].encode(tree, self.placed, self.array_slots as usize, form, words);
+                }
                 Content::AmbientBlocks => self.encode_pairs(words, |members| {
                     tree.ambient_blocks.get(members[0].node).copied().unwrap_or_else(|| {
                         AmbientBlock::encode(&texels(tree, members, |voxel| tree.ambient.get(voxel).copied()))

@@ -1,7 +1,7 @@
 //! An octree in depth-first order, without addresses: made by a builder, laid out by [`assemble`](crate::assemble).
 
 use crate::values::plain::{OWN_CUBE, slots};
-use crate::{AmbientBlock, ColorBlock, Contour, CornerValue, FormatError, NodeCorners, NormalBlock, RawNormal};
+use crate::{AmbientBlock, ColorBlock, Column, Contour, CornerValue, FormatError, NodeCorners, NormalBlock, RawNormal};
 
 /// One non-leaf voxel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -65,6 +65,9 @@ pub struct Tree {
     pub corners: Vec<NodeCorners>,
     /// The values that [`corners`](Self::corners) refer to, in the order of the nodes.
     pub corner_values: Vec<CornerValue>,
+    /// Components of every voxel except the root, such as emission or opacity: at most one column for each type. A block gets an
+    /// attachment only if some of its voxels does not have the default.
+    pub columns: Vec<Column>,
     /// Number of the block with the children, for every detached node, in the order of the nodes.
     pub(crate) outside: Vec<u32>,
     voxels: u32,
@@ -106,6 +109,7 @@ impl Tree {
             }
             self.colors.extend(voxel.color);
             self.normals.extend(voxel.normal);
+            self.columns.iter_mut().for_each(Column::push_default);
             self.voxels += 1;
         }
         self.nodes.push(node);
@@ -127,6 +131,18 @@ impl Tree {
         if let Some(normal) = normal {
             self.normals[voxel] = normal;
         }
+    }
+
+    /// Sets components of voxel `slot` of the node at `index`, which has the default otherwise: `words` are those of column `column`
+    /// ([`Column::set`]).
+    ///
+    /// # Panics
+    /// If there is no such voxel or column.
+    pub fn set_components(&mut self, index: usize, slot: usize, column: usize, words: &[u32]) {
+        let node = &self.nodes[index];
+        assert!(node.valid >> slot & 1 != 0, "no voxel in slot {slot}");
+        let voxel = node.first_voxel as usize + (node.valid & ((1 << slot) - 1)).count_ones() as usize;
+        self.columns[column].set(voxel, words);
     }
 
     /// Removes voxel `slot`, for which no node has been pushed, from the node at `index`. Time is linear in the part of
@@ -161,6 +177,7 @@ impl Tree {
         if self.ambient.len() == all {
             self.ambient.remove(voxel);
         }
+        self.columns.iter_mut().for_each(|column| column.remove(voxel));
     }
 
     /// Removes the node that was opened last. All its voxels must have been removed.
@@ -180,7 +197,7 @@ impl Tree {
         self.nodes[index].subtree = (self.nodes.len() - index) as u32;
     }
 
-    /// Appends a subtree as the next child of the node that is open.
+    /// Appends a subtree as the next child of the node that is open. It must have the same columns.
     pub fn append(&mut self, subtree: &Tree) {
         let (voxels, contours) = (self.voxels, self.contours.len() as u32);
         self.nodes.extend(subtree.nodes.iter().map(|node| TreeNode {
@@ -201,6 +218,9 @@ impl Tree {
         let moved = |corners: &NodeCorners| NodeCorners { first: corners.first + values, ..*corners };
         self.corners.extend(subtree.corners.iter().map(moved));
         self.corner_values.extend_from_slice(&subtree.corner_values);
+        for (column, other) in self.columns.iter_mut().zip(&subtree.columns) {
+            column.values.extend_from_slice(&other.values);
+        }
         self.outside.extend_from_slice(&subtree.outside);
         self.voxels += subtree.voxels;
     }
@@ -226,7 +246,7 @@ impl Tree {
         };
         let corner = self.corners.get(index).map_or(0, |corners| corners.first);
         let rebased_corners = |corners: &NodeCorners| NodeCorners { first: corners.first - corner, ..*corners };
-        let detached = Tree {
+        let mut detached = Tree {
             nodes: std::iter::once(&top).chain(below).map(rebased).collect(),
             contours: self.contours[contour as usize..].to_vec(),
             colors: self.colors.get(voxel as usize..).unwrap_or_default().to_vec(),
@@ -241,6 +261,7 @@ impl Tree {
             corners: self.corners.get(index..).unwrap_or_default().iter().map(rebased_corners).collect(),
             corner_values: self.corner_values.get(corner as usize..).unwrap_or_default().to_vec(),
             outside: self.outside.split_off(self.outside.len() - outside),
+            columns: Vec::new(),
             voxels: self.voxels - voxel,
         };
         let own_voxels = voxel + top.valid.count_ones();
@@ -258,6 +279,8 @@ impl Tree {
         let own_corners = self.corners.get(index).map_or(0, |corners| corner as usize + corners.count());
         self.corners.truncate(index + 1);
         self.corner_values.truncate(own_corners);
+        let split = |column: &mut Column| column.split(voxel as usize, own_voxels as usize);
+        detached.columns = self.columns.iter_mut().map(split).collect();
         self.voxels = own_voxels;
         detached
     }
@@ -345,6 +368,12 @@ impl Tree {
             }
         }
         self.check_values()?;
+        for (index, column) in self.columns.iter().enumerate() {
+            column.check(self.voxels as usize)?;
+            if self.columns[..index].iter().any(|other| other.kind == column.kind) {
+                return Err(FormatError::Limit(format!("the tree has two columns of type {}", column.kind)));
+            }
+        }
         if let Some(index) = self.contours.iter().position(|c| c.0 << 14 == 0) {
             return Err(FormatError::Limit(format!("the normal of contour {index} is zero")));
         }

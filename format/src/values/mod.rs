@@ -3,6 +3,7 @@
 pub(crate) mod ambient;
 pub(crate) mod color;
 pub(crate) mod contour;
+pub(crate) mod components;
 mod lanes;
 pub(crate) mod normal;
 pub(crate) mod plain;
