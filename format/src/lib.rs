@@ -153,7 +153,7 @@ pub use file::FIRST_SLOT;
 pub use file::compression::COMPRESSION_LEVELS;
 pub use file::open::{DEFAULT_MEMORY_LIMIT, OpenOptions};
 pub use file::write::{WriteOptions, remove_temporaries, write_atomically};
-pub use inspect::stats::{Bytes, Stats, stats};
+pub use inspect::stats::{Bytes, ComponentStats, Stats, component_stats, stats};
 pub use inspect::stream_stats::stream_stats;
 pub use inspect::{diff, dump};
 pub use layout::assemble::assemble;

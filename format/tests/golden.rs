@@ -63,6 +63,7 @@ fn the_samples_cover_what_they_are_named_for() {
     assert!(stats("blocks").far_pointers > 1 && stats("blocks").blocks > 1);
     assert_eq!(stats("constant_color").bytes.colors, 8);
     assert!(stats("ambient").bytes.ambient > 0 && stats("corners").bytes.corners > 0);
+    assert!(stats("components").bytes.components > 0 && stats("components").blocks > 1);
     assert!(stats("plain").bytes.normals > 0 && stats("plain").bytes.colors > 8);
     assert!(stats("colors").bytes.colors > 8 && stats("normals").bytes.normals > 0);
 }
@@ -116,6 +117,11 @@ fn node(octree: &Octree, slot: u32, path: &str, text: &mut String) {
         }
         if let Some(ambient) = octree.ambient(slot, child) {
             write!(text, " | ambient {ambient:.5}").unwrap();
+        }
+        for kind in octree.component_kinds() {
+            if let Some(found) = octree.components(slot, child, kind) {
+                write!(text, " | {kind} {:?}", found.used()).unwrap();
+            }
         }
         writeln!(text).unwrap();
         if let Some(slot) = octree.child(slot, child) {

@@ -347,6 +347,11 @@ types:
         size: size
         type: corner_values(_parent.array_slots)
         if: kind == 7
+      components:
+        pos: at
+        size: size
+        type: component_values(_parent.array_slots)
+        if: (kind >= 8 and kind <= 11) or (kind >= 16 and kind <= 31)
   contour:
     doc: Section 7. Every field is decoded with all bits below it; numbers are exact in binary64.
     seq:
@@ -480,6 +485,33 @@ types:
       - id: first
         type: b24
         doc: Words from the start of the attachment.
+  component_values:
+    doc: Section 8.7; how many words a value has follows from count and number.
+    params:
+      - id: slots
+        type: u4
+    seq:
+      - id: head
+        type: component_head
+      - id: entries
+        type: plain_entry
+        repeat: expr
+        repeat-expr: 'head.form == 0 ? slots : 0'
+      - id: values
+        type: u4
+        repeat: eos
+  component_head:
+    seq:
+      - id: count
+        type: u1
+      - id: number
+        type: u1
+        enum: number_format
+      - id: form
+        type: u1
+        doc: 0 for entries and values, 1 for one value of all voxels.
+      - id: zero
+        size: 5
   corner_values:
     doc: Section 8.6.
     params:
@@ -529,3 +561,16 @@ enums:
     5: plain_colors
     6: plain_normals
     7: corners
+    8: emission
+    9: roughness_metalness
+    10: opacity
+    11: material
+  number_format:
+    1: u8
+    2: unorm8
+    3: u16
+    4: unorm16
+    5: f16
+    6: u32
+    7: f32
+    8: rgb9e5

@@ -5,8 +5,8 @@ use std::path::PathBuf;
 
 use clap::Args;
 use esvo_bench::text::TextTable;
-use esvo_format::file::CODEC_FIELDS;
-use esvo_format::{Octree, Stats};
+use esvo_format::file::{CODEC_FIELDS, attachment};
+use esvo_format::{ComponentStats, Octree, Stats, component_stats};
 use serde_json::{Value, json};
 
 use super::info_served::run_info_served;
@@ -76,6 +76,18 @@ pub(crate) fn run_info(arguments: &InfoArguments) -> Result<(), Failure> {
     ];
     let parts: Vec<_> = has.iter().filter(|(has, _)| *has).map(|(_, name)| *name).collect();
     let _ = writeln!(text, "has {}", if parts.is_empty() { "nothing but voxels".into() } else { parts.join(", ") });
+    for found in component_stats(&octree) {
+        let _ = writeln!(
+            text,
+            "{}: {} {} in {} of {}, {}",
+            name_of(&octree, &found),
+            found.format.components,
+            found.format.number.name(),
+            found.blocks,
+            count(stats.blocks, "block"),
+            size(found.bytes)
+        );
+    }
     let _ = writeln!(
         text,
         "{}, {} of them leaves; {}, {}, {}, {}",
@@ -120,5 +132,29 @@ fn as_json(octree: &Octree, stats: &Stats) -> Value {
         .collect();
     // Metadata that is not valid JSON is shown as text.
     let meta = serde_json::from_str(octree.meta()).unwrap_or_else(|_| Value::from(octree.meta()));
-    json!({ "objects": objects, "needs": octree.needs(), "stats": stats, "meta": meta })
+    let mut value = json!({ "objects": objects, "needs": octree.needs(), "stats": stats, "meta": meta });
+    let components = component_stats(octree);
+    if !components.is_empty() {
+        value["components"] = json!(components);
+    }
+    value
+}
+
+/// What components are: that of the specification, or the name in the metadata, with the unit.
+fn name_of(octree: &Octree, found: &ComponentStats) -> String {
+    if found.kind < attachment::NAMED_FIRST {
+        return found.name.into();
+    }
+    let meta: Value = serde_json::from_str(octree.meta()).unwrap_or_default();
+    let entry = &meta["attachments"][found.kind.to_string()];
+    let unit = entry["unit"].as_str().map_or(String::new(), |unit| format!(", {unit}"));
+    match entry["name"].as_str() {
+        Some(name) => format!("components {} ({}{})", found.kind, shown(name), shown(&unit)),
+        None => format!("components {} (without a name)", found.kind),
+    }
+}
+
+/// A text from a file as it can be shown: at most 80 characters, none of which moves the cursor.
+fn shown(text: &str) -> String {
+    text.chars().filter(|c| !c.is_control()).take(80).collect()
 }

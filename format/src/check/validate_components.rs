@@ -29,7 +29,8 @@ pub(crate) fn check_components(
     for (index, value) in words.get(values..).unwrap_or_default().chunks_exact(unit).enumerate() {
         let dark = kind == attachment::EMISSION && format.decode(value).used().iter().any(|x| *x < 0.0);
         if dark || !format.is_value(value) {
-            let what = format!("a value of attachment type {kind} is not finite, is negative, or has unused bits: {value:x?}");
+            let what =
+                format!("a value of attachment type {kind} is not finite, is negative, or has unused bits: {value:x?}");
             add(ids::COMPONENT_VALUE, at + (values + index * unit) as u64 * 4, what);
         }
     }

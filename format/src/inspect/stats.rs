@@ -5,7 +5,7 @@ use std::ops::ControlFlow;
 use crate::block::BlockParts;
 use crate::check::topology::{Step, Visitor, walk};
 use crate::file::*;
-use crate::{Broken, ChildDescriptor, Octree};
+use crate::{Broken, ChildDescriptor, ComponentFormat, Octree};
 
 /// The bytes of an image by purpose.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
@@ -30,10 +30,48 @@ pub struct Bytes {
     pub corners: u64,
     /// Ambient occlusion blocks.
     pub ambient: u64,
+    /// Components: emission, roughness and metalness, opacity, material, and named ones.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub components: u64,
     /// Attachments of other types.
     pub other_attachments: u64,
     /// Alignment within blocks, and from their end to the end of the page.
     pub padding: u64,
+}
+
+fn is_zero(bytes: &u64) -> bool {
+    *bytes == 0
+}
+
+/// The component attachments of one type.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct ComponentStats {
+    /// Attachment type.
+    pub kind: u32,
+    /// Its name in the specification.
+    pub name: &'static str,
+    /// Format in the first block that has it.
+    #[serde(flatten)]
+    pub format: ComponentFormat,
+    /// Number of blocks that have it. In all others, every voxel has the default.
+    pub blocks: u64,
+    /// Size of all of them in bytes.
+    pub bytes: u64,
+}
+
+/// The component attachments of an octree by type, in order. Reads no voxels.
+pub fn component_stats(octree: &Octree) -> Vec<ComponentStats> {
+    let of = |kind: u32| {
+        let sizes = octree.parts().iter().flat_map(|parts| &parts.attachments).filter(|a| a.0 == kind).map(|a| a.2);
+        Some(ComponentStats {
+            kind,
+            name: attachment::name(kind),
+            format: octree.component_format(kind)?,
+            blocks: sizes.clone().count() as u64,
+            bytes: sizes.sum(),
+        })
+    };
+    octree.component_kinds().into_iter().filter_map(of).collect()
 }
 
 impl Bytes {
@@ -42,9 +80,9 @@ impl Bytes {
         self.named().iter().map(|(_, bytes)| bytes).sum()
     }
 
-    /// Name and number of bytes of each purpose, in the order within a block.
-    pub fn named(&self) -> [(&'static str, u64); 12] {
-        [
+    /// Name and number of bytes of each purpose, in the order within a block. Components are left out where there are none.
+    pub fn named(&self) -> Vec<(&'static str, u64)> {
+        let mut named = vec![
             ("descriptors", self.descriptors),
             ("far pointers", self.far_pointers),
             ("page headers", self.page_headers),
@@ -55,9 +93,12 @@ impl Bytes {
             ("normals", self.normals),
             ("corners", self.corners),
             ("ambient occlusion", self.ambient),
+            ("components", self.components),
             ("other attachments", self.other_attachments),
             ("padding", self.padding),
-        ]
+        ];
+        named.retain(|entry| *entry != ("components", 0));
+        named
     }
 }
 
@@ -169,6 +210,7 @@ impl Bytes {
                 kind if attachment::COLORS.contains(&kind) => &mut self.colors,
                 kind if attachment::NORMALS.contains(&kind) => &mut self.normals,
                 attachment::AMBIENT_BLOCKS => &mut self.ambient,
+                kind if attachment::has_components(kind) => &mut self.components,
                 _ => &mut self.other_attachments,
             } += size;
         }

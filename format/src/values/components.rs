@@ -204,9 +204,8 @@ impl ComponentFormat {
     /// Whether the values of a type can have this format (A009).
     pub(crate) fn fits(self, kind: u32) -> bool {
         use NumberFormat::*;
-        let of = |components: u8, numbers: &[NumberFormat]| {
-            self.components == components && numbers.contains(&self.number)
-        };
+        let of =
+            |components: u8, numbers: &[NumberFormat]| self.components == components && numbers.contains(&self.number);
         self.is_valid()
             && match kind {
                 attachment::EMISSION => of(3, &[Rgb9e5, F16, F32]),
@@ -376,10 +375,14 @@ mod tests {
         assert_eq!([1.0, -2.0, 65504.0, 65520.0, f64::INFINITY].map(to_f16), [0x3c00, 0xc000, 0x7bff, 0x7bff, 0x7bff]);
         // Ties to even, a carry into the exponent, subnormal numbers.
         assert_eq!([1.0 + 2f64.powi(-11), 1.0 + 3.0 * 2f64.powi(-11)].map(to_f16), [0x3c00, 0x3c02]);
-        assert_eq!([2.0 - 2f64.powi(-12), 2f64.powi(-24), 2f64.powi(-25), 2f64.powi(-14)].map(to_f16), [
-            0x4000, 1, 0, 0x400
-        ]);
-        assert_eq!([0x7bff, 1, 0x8001, 0xfc00].map(from_f16), [65504.0, 2f64.powi(-24), -2f64.powi(-24), f64::NEG_INFINITY]);
+        assert_eq!(
+            [2.0 - 2f64.powi(-12), 2f64.powi(-24), 2f64.powi(-25), 2f64.powi(-14)].map(to_f16),
+            [0x4000, 1, 0, 0x400]
+        );
+        assert_eq!(
+            [0x7bff, 1, 0x8001, 0xfc00].map(from_f16),
+            [65504.0, 2f64.powi(-24), -2f64.powi(-24), f64::NEG_INFINITY]
+        );
         assert!(from_f16(0x7c01).is_nan());
         let two = ComponentFormat { components: 3, number: NumberFormat::U16 };
         assert!(two.is_value(&[u32::MAX, 0xffff]) && !two.is_value(&[0, 0x1_0000]));

@@ -2,8 +2,8 @@
 
 pub(crate) mod ambient;
 pub(crate) mod color;
-pub(crate) mod contour;
 pub(crate) mod components;
+pub(crate) mod contour;
 mod lanes;
 pub(crate) mod normal;
 pub(crate) mod plain;

@@ -1,6 +1,10 @@
 //! Small octrees that together cover every part of a file.
 
-use esvo_format::{AssembleOptions, Contour, CornerValue, NodeCorners, Octree, RawNormal, Tree, Voxel, assemble};
+use esvo_format::file::attachment;
+use esvo_format::{
+    AssembleOptions, Column, ComponentFormat, Contour, CornerValue, NodeCorners, NumberFormat, Octree, RawNormal, Tree,
+    Voxel, assemble,
+};
 use glam::{DMat4, DVec3, Vec3};
 
 /// Which attributes the voxels of a sample have.
@@ -90,6 +94,24 @@ fn corners() -> Tree {
     tree
 }
 
+/// Components of every registered type and a named one: of some voxels, of all alike, of none.
+fn components() -> Tree {
+    let mut tree = branching(With { colors: Some(rainbow), ..With::default() });
+    let voxels = tree.voxels() as usize;
+    let mut column = |kind: u32, format: ComponentFormat, value: &dyn Fn(usize) -> Vec<f64>| {
+        let values = (0..voxels).flat_map(|k| format.encode(&value(k))[..format.words()].to_vec()).collect();
+        tree.columns.push(Column { kind, format, values });
+    };
+    let glows = |k: usize| if k % 4 == 1 { vec![k as f64, 0.5, 100.0] } else { vec![0.0; 3] };
+    column(attachment::EMISSION, ComponentFormat::EMISSION, &glows);
+    column(attachment::ROUGHNESS_METALNESS, ComponentFormat::ROUGHNESS_METALNESS, &|_| vec![0.2, 1.0]);
+    column(attachment::OPACITY, ComponentFormat::OPACITY, &|_| vec![1.0]);
+    column(attachment::MATERIAL, ComponentFormat::MATERIAL, &|k| vec![(k / 3) as f64]);
+    let velocity = ComponentFormat { components: 3, number: NumberFormat::F16 };
+    column(16, velocity, &|k| vec![k as f64 - 4.0, 0.25, if k == 5 { -1e-3 } else { 0.0 }]);
+    tree
+}
+
 /// The smallest octree: one leaf voxel.
 pub(crate) fn single_voxel() -> Octree {
     let mut tree = Tree::default();
@@ -125,5 +147,6 @@ pub(crate) fn samples() -> Vec<(&'static str, Octree)> {
         ("plain", octree(&self::plain(), &one_block)),
         ("corners", octree(&corners(), &blocks)),
         ("everything", with_meta),
+        ("components", octree(&components(), &blocks)),
     ]
 }

@@ -29,6 +29,8 @@ struct Block {
     plain_colors: Option<usize>,
     plain_normals: Option<usize>,
     corners: Option<usize>,
+    /// Types and places of components.
+    components: Vec<(u32, usize)>,
 }
 
 impl File<'_> {
@@ -59,6 +61,7 @@ impl File<'_> {
             plain_colors: find(5),
             plain_normals: find(6),
             corners: find(7),
+            components: (8..=11).chain(16..=31).filter_map(|kind| Some((kind, find(kind)?))).collect(),
         }
     }
 
@@ -105,6 +108,46 @@ impl File<'_> {
         let own = (0..8).filter(|i| mask & valid & 1 << i != 0);
         let rank = if mask >> child & 1 != 0 { own.filter(|i| *i < child).count() } else { own.count() };
         u32_at(self.image, at + 4 * (first + rank))
+    }
+
+    /// The numbers of a voxel in the component attachment at `at`; `None` if its descriptor has no values.
+    fn components(&self, at: usize, slot: usize, child: usize, valid: u32) -> Option<Vec<f64>> {
+        let [n, format, form] = [0, 1, 2].map(|k| usize::from(self.image[at + k]));
+        let width = [0, 1, 1, 2, 2, 2, 4, 4, 0][format];
+        let words = if format == 8 { 1 } else { (n * width).div_ceil(4) };
+        let mut first = at + 8;
+        if form == 0 {
+            let entry = u32_at(self.image, at + 8 + 4 * slot);
+            if entry == 0 {
+                return None;
+            }
+            let own = (0..8).filter(|i| entry & valid & 1 << i != 0);
+            let rank = if entry >> child & 1 != 0 { own.filter(|i| *i < child).count() } else { own.count() };
+            first = at + 4 * ((entry >> 8) as usize + words * rank);
+        }
+        if format == 8 {
+            let word = u32_at(self.image, first);
+            let unit = 2f64.powi((word >> 27) as i32 - 24);
+            return Some([0, 9, 18].map(|shift| f64::from(word >> shift & 511) * unit).to_vec());
+        }
+        let number = |k: usize| {
+            let mut bytes = [0; 4];
+            bytes[..width].copy_from_slice(&self.image[first + k * width..first + (k + 1) * width]);
+            let bits = u32::from_le_bytes(bytes);
+            match format {
+                2 => f64::from(bits) / 255.0,
+                4 => f64::from(bits) / 65535.0,
+                5 => {
+                    let (exponent, mantissa) = ((bits >> 10 & 31) as i32, f64::from(bits & 1023));
+                    let hidden = if exponent == 0 { 0.0 } else { 1024.0 };
+                    let size = (hidden + mantissa) * 2f64.powi(exponent.max(1) - 25);
+                    if bits >> 15 == 1 { -size } else { size }
+                }
+                7 => f64::from(f32::from_bits(bits)),
+                _ => f64::from(bits),
+            }
+        };
+        Some((0..n).map(number).collect())
     }
 
     /// Adds plain values, corners and ambient occlusion to a voxel.
@@ -199,6 +242,11 @@ impl File<'_> {
                 }
             }
             self.values(&block, local, child, valid, &mut voxel);
+            for &(kind, at) in &block.components {
+                if let Some(numbers) = self.components(at, local, child, valid) {
+                    voxel["components"][kind.to_string()] = json!(numbers);
+                }
+            }
             voxels.push(voxel);
         }
         out.push(json!({

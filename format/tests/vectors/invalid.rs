@@ -4,6 +4,7 @@
 use super::common::break_parts::broken_parts;
 use super::common::breaks::{Broken, broken_files, change_low};
 use super::common::patch::File;
+use super::valid::components::{F16, F32, RGB9E5, U16, UNORM8, constant, entries};
 use super::valid::topology::{branching, smallest};
 use super::valid::{ENTROPY_LEVELS, entropy_coded, extra, one};
 use super::writer::{Block, Codec, IDENTITY, Plan, zstd_frame};
@@ -16,6 +17,8 @@ pub(crate) fn broken_vectors() -> Vec<Broken> {
     pages(&mut add);
     frames(&mut add);
     list.extend(broken_parts());
+    let mut add = |rule: &'static str, bytes: Vec<u8>| list.push(Broken { rule, sample: "the generator", bytes });
+    components(&mut add);
     list
 }
 
@@ -119,6 +122,54 @@ fn pages(add: &mut Add<'_>) {
     let mut bottom = Block::below(4, 1, ([0; 3], 22));
     bottom.leaves(2, 0x01);
     add("C008", changed(&Plan::new(3, vec![root, middle, bottom]), |f| f.set_u64(f.slot(3), 2048)));
+}
+
+/// Component attachments.
+fn components(add: &mut Add<'_>) {
+    // Materials of 16 bits: two own values and a shared one of the root's voxels, one of slot 4, none of the others.
+    let good = entries(&branching(8), (1, U16), &[(2, 0b0000_1010, &[1, 2, 3]), (4, 0, &[4])]);
+    let word = |at: usize, value: u32| {
+        let mut bytes = good.clone();
+        bytes[4 * at..4 * at + 4].copy_from_slice(&value.to_le_bytes());
+        bytes
+    };
+    let with = |kind: u32, bytes: Vec<u8>| {
+        let mut block = branching(8);
+        block.attachment(kind, bytes);
+        one(3, block)
+    };
+    let mut bad = |rule: &'static str, kind: u32, bytes: Vec<u8>| add(rule, changed(&with(kind, bytes), |_| ()));
+    // No room for a head; a value that is cut; a constant with an entry.
+    bad("A003", 11, good[..4].to_vec());
+    bad("A003", 11, good[..good.len() - 2].to_vec());
+    bad("A003", 11, constant((1, U16), &[1, 2]));
+    bad("A003", 16, entries(&branching(8), (2, F32), &[(2, 0, &[1, 2, 3])]));
+    // An entry of a slot without a descriptor.
+    bad("A005", 11, word(2 + 3, 10 << 8));
+    // A voxel that does not exist; values after the end, among the entries, in the head, without a distance.
+    bad("A007", 11, word(2 + 2, 10 << 8 | 0b0001_1010));
+    bad("A007", 11, word(2 + 4, 14 << 8));
+    bad("A007", 11, word(2 + 4, 9 << 8));
+    bad("A007", 11, word(2 + 4, 1 << 8));
+    bad("A007", 11, word(2 + 4, 1));
+    // A value of two descriptors; one of none.
+    bad("A008", 11, word(2 + 4, 12 << 8));
+    bad("A008", 11, word(2 + 4, 0));
+    // Heads: no component, five, no format, one that is not known, a form that is not known, other bytes, formats of other types.
+    for head in [0x0300, 0x0305, 0x0001, 0x0901, 0x2_0301, 0x100_0301, 0x0302, 0x0701] {
+        bad("A009", 11, word(0, head));
+    }
+    bad("A009", 11, word(1, 1 << 31));
+    bad("A009", 8, constant((3, UNORM8), &[0]));
+    bad("A009", 9, constant((1, UNORM8), &[0]));
+    bad("A009", 10, constant((1, F32), &[0]));
+    bad("A009", 17, constant((4, RGB9E5), &[0]));
+    // Infinite, not a number, negative light, a bit of no component.
+    bad("A010", 16, constant((1, F32), &[0x7f80_0000]));
+    bad("A010", 16, constant((2, F16), &[0x7c01_3c00]));
+    bad("A010", 8, constant((3, F16), &[0x8001_0000, 0]));
+    bad("A010", 11, constant((1, U16), &[1 << 16]));
+    bad("A010", 11, word(12, 1 << 31));
 }
 
 /// Blocks stored with codec 1.

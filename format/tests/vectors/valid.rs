@@ -1,6 +1,7 @@
 //! The valid vectors: every feature alone, then features together.
 
 pub(crate) mod attributes;
+pub(crate) mod components;
 mod container;
 mod spaces;
 pub(crate) mod topology;
@@ -43,6 +44,7 @@ pub(crate) fn vectors() -> Vec<Vector> {
     attributes::attributes(&mut add);
     attributes::values(&mut add);
     attributes::edges(&mut add);
+    components::components(&mut add);
     spaces::transforms(&mut add);
     container::objects(&mut add);
     container::container(&mut add);
@@ -63,6 +65,7 @@ pub(crate) fn vectors() -> Vec<Vector> {
             "plain" => "written by the library: three levels, contours, plain colours with alpha, plain normals",
             "corners" => "written by the library: three levels in several blocks, corners",
             "everything" => "written by the library: three levels, contours, colours, normals, metadata",
+            "components" => "written by the library: three levels in three blocks, colours, components of five types",
             other => panic!("{other}: what is it for?"),
         };
         list.push(written(format!("written_{name}"), about, &octree));

@@ -1,4 +1,5 @@
 // The image of a block (section 4.2, 6 and 8): where things are in it, and the checks of that.
+import { hasComponents, headOf } from './components.js';
 import { need } from './errors.js';
 import { PAIR_BYTES } from './layout.js';
 
@@ -7,13 +8,14 @@ import { PAIR_BYTES } from './layout.js';
  * @property {number} type
  * @property {number} at First word in the image of the block.
  * @property {number} bytes
+ * @property {import('./components.js').Head} [head] Of component attachments.
  */
 
 /** The image of a block. */
 export class Block {
   /**
    * Checks what step 5 of section 11.2 checks: P001 (the first page header), P002, P003, P004, A004, P006 (the reserved field), P005, A003, A001,
-   * A002.
+   * A002, A009.
    * @param {number} index
    * @param {Uint32Array} words
    * @param {number} where Offset in the file, for errors.
@@ -77,12 +79,15 @@ export class Block {
         need(!(4 * a.at < 4 * b.at + b.bytes && 4 * b.at < 4 * a.at + a.bytes), 'A001', where + 16 * k, `block ${index}: attachments ${i} and ${k} overlap`);
       }
       const { type } = a;
-      need((type >= 1 && type <= 7) || (type >= 0x8000 && type <= 0xffff), 'A002', where + 16 * k, `block ${index}: there is no attachment type ${type}`);
+      need((type >= 1 && type <= 7) || hasComponents(type) || (type >= 0x8000 && type <= 0xffff), 'A002', where + 16 * k, `block ${index}: there is no attachment type ${type}`);
       need(attachments.findIndex((other) => other.type === type) === k, 'A002', where + 16 * k, `block ${index}: attachment type ${type} occurs twice`);
     }
     for (const [name, types] of /** @type {[string, number[]][]} */ ([['colours', COLORS], ['normals', NORMALS]])) {
       need(attachments.filter(({ type }) => types.includes(type)).length <= 1, 'A002', where, `block ${index}: it has ${name} of two types`);
     }
+    attachments.forEach((attachment, k) => {
+      if (hasComponents(attachment.type)) attachment.head = headOf(this, attachment, where + 16 * k);
+    });
   }
 
   /**

@@ -1,6 +1,7 @@
 // Steps 6 and 7 of section 11.2: the walk over all descriptors, and what takes all of them.
 import { AMBIENT, COLORS, NORMALS } from './block.js';
 import { BITS } from './bytes.js';
+import { checkComponents } from './components.js';
 import { need } from './errors.js';
 import { REGISTERED } from './json.js';
 import { PAIR_BYTES, VALUE_WORDS, valuesOf } from './layout.js';
@@ -162,7 +163,10 @@ function checkBlock(block, use) {
       need(words[first] >>> 24 === 0 && words[first + 1] === 0, 'A005', at(first), `block ${index}: unused bytes of a constant colour are not zero`);
     }
   }
-  for (const attachment of attachments) if (VALUE_WORDS[attachment.type]) checkEntries(block, use, attachment);
+  for (const attachment of attachments) {
+    if (VALUE_WORDS[attachment.type]) checkEntries(block, use, attachment);
+    if (attachment.head) checkComponents(block, attachment, inUse);
+  }
   for (let slot = 0; slot < slots; slot++) {
     if (slot % 1024 === 0) need(words[2 * slot] === slots - slot && words[2 * slot + 1] === 0, 'P001', at(2 * slot), `block ${index}: the page header at slot ${slot} is not the distance to the info section`);
     else if (use.slots[slot] === UNUSED) need(words[2 * slot] === 0 && words[2 * slot + 1] === 0, 'P006', at(2 * slot), `block ${index}: the unused slot ${slot} is not zero`);

@@ -1,5 +1,6 @@
 // What words of attachments and contours mean (sections 7 and 8), in binary64.
 import { BITS, bits } from './bytes.js';
+import { componentsOf, hasComponents } from './components.js';
 import { valuesOf } from './layout.js';
 
 /** @typedef {import('./block.js').Block} Block */
@@ -108,6 +109,8 @@ export function decodeAmbient(low, high, texel) {
  * @property {Vector} [normal] In mesh space, of unit length.
  * @property {number} [ambient]
  * @property {number[][]} [corners] Eight of red, green, blue, alpha, raw normal.
+ * @property {Record<number, number[]>} [components] By attachment type: 8 emission, 9 roughness and metalness, 10 opacity, 11 material. Where
+ *   a type is missing, the voxel has the default.
  * @property {boolean} [ownCorners] Whether the corners are those of the voxel, not of its parent.
  */
 
@@ -128,7 +131,8 @@ export function attributesOf(block, slot, child, at = [0.5, 0.5, 0.5]) {
   if ((mask >> child) & 1) found.contour = decodeContour(words[2 * slot + (high >>> 8) + BITS[mask & ((1 << child) - 1)]]);
   const texel = child + 8 * (slot & 1);
   const pair = slot >> 1;
-  for (const { type, at: first } of block.attachments) {
+  for (const attachment of block.attachments) {
+    const { type, at: first } = attachment;
     if (type === 1) found.color = decodeColorBlock(words[first + 2 * pair], words[first + 2 * pair + 1], texel);
     else if (type === 2) found.normal = decodeNormalBlock(words, first + 4 * pair, texel);
     else if (type === 3) found.color = [0, 8, 16].map((shift) => ((words[first] >> shift) & 255) / 255);
@@ -142,6 +146,9 @@ export function attributesOf(block, slot, child, at = [0.5, 0.5, 0.5]) {
       else [found.color, found.alpha] = [[0, 8, 16].map((shift) => ((value >> shift) & 255) / 255), (value >>> 24) / 255];
     } else if (type === 7) {
       Object.assign(found, cornersOf(words, first, slot, child, at));
+    } else if (hasComponents(type)) {
+      const numbers = componentsOf(block, attachment, slot, child);
+      if (numbers) (found.components ??= {})[type] = numbers;
     }
   }
   return found;

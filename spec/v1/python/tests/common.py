@@ -8,7 +8,8 @@ import pathlib
 import numpy as np
 
 import esvo_reader
-from esvo_reader import decode_contours, field
+from esvo_reader import components_of, decode_contours, field
+from esvo_reader.kinds import WITH_COMPONENTS
 
 PACKAGE = pathlib.Path(__file__).parents[1]
 SPECIFICATION = PACKAGE.parent
@@ -35,7 +36,7 @@ def slab_in_mesh(matrix, contour, center, size):
     return {"normal": (normal / length).tolist(), "low": float(low), "high": float(high)}
 
 
-def voxel_facts(octree, number, voxels, row, kinds):
+def voxel_facts(octree, number, voxels, row, kinds, values_by_kind):
     """A member of `voxels` of the JSON. What has no value is left out."""
     facts = {"slot": int(voxels.child[row]), "leaf": bool(voxels.leaf[row])}
     if voxels.contour is not None and voxels.contour[row]:
@@ -55,6 +56,13 @@ def voxel_facts(octree, number, voxels, row, kinds):
     # The JSON has the opacity where it is stored.
     if {5, 7} & kinds and not np.isnan(voxels.alpha[row]):
         facts["alpha"] = float(voxels.alpha[row])
+    components = {
+        str(kind): numbers[row][~np.isnan(numbers[row])].tolist()
+        for kind, numbers in values_by_kind.items()
+        if not np.isnan(numbers[row]).all()
+    }
+    if components:
+        facts["components"] = components
     if voxels.corners_of is not None and voxels.corners_of[row]:
         facts["own_corners"] = bool(voxels.corners_of[row] == 1)
         color, normal = voxels.corners[row, :, 0], voxels.corners[row, :, 1]
@@ -70,6 +78,9 @@ def object_facts(octree, number):
     for part in octree.walk(number):
         voxels = octree.voxels(part)
         block = octree.block(octree.block_of_slot(int(part["slot"][0])))
+        components = {
+            kind: components_of(octree, voxels, kind) for kind in sorted(WITH_COMPONENTS & block.attachments.keys())
+        }
         rows = {}
         for row, slot in enumerate(voxels.slot.tolist()):
             rows.setdefault(slot, []).append(row)
@@ -86,7 +97,7 @@ def object_facts(octree, number):
                     "contours": int(node["contour_mask"]),
                     "far": bool(field(node, "far")),
                     "voxels": [
-                        voxel_facts(octree, number, voxels, r, block.attachments.keys())
+                        voxel_facts(octree, number, voxels, r, block.attachments.keys(), components)
                         for r in rows[int(node["slot"])]
                     ],
                 }

@@ -109,6 +109,13 @@ def same_attachment(block, expected):
     if kind in (kinds.PLAIN_COLORS, kinds.PLAIN_NORMALS):
         same_bits(records.PLAIN_ENTRY, block.words(kind)[:slots], expected.plain.entries)
         assert block.words(kind)[slots:].tolist() == expected.plain.values
+    if kind in kinds.WITH_COMPONENTS:
+        parsed = expected.components
+        same_fields(block.attachments[kind][:8].view(records.COMPONENT_HEAD)[0], parsed.head)
+        first = 2 if block.heads[kind].constant else 2 + slots
+        assert len(parsed.entries) == first - 2
+        same_bits(records.PLAIN_ENTRY, block.words(kind)[2:first], parsed.entries)
+        assert block.words(kind)[first:].tolist() == parsed.values
     if kind == kinds.CORNERS:
         same_bits(records.CORNER_ENTRY, block.words(kind)[: 2 * slots].view("<u8"), expected.corners.entries)
         for found, value in zip(block.words(kind)[2 * slots :].view(records.CORNER_VALUE), expected.corners.values):

@@ -26,6 +26,7 @@ DTYPES = {
     "normal_block": records.NORMAL_BLOCK,
     "constant_color": records.CONSTANT,
     "corner_value": records.CORNER_VALUE,
+    "component_head": records.COMPONENT_HEAD,
 }
 BITS = {
     "child_descriptor": records.CHILD_DESCRIPTOR,
@@ -102,6 +103,7 @@ def test_every_record_of_the_ksy_is_compared():
         "ambient_blocks",
         "plain_values",
         "corner_values",
+        "component_values",
     }
     assert set(TYPES) == set(DTYPES) | set(BITS) | plain
 
@@ -116,6 +118,10 @@ def test_codecs_and_attachments_have_their_numbers():
         "plain_colors": "PLAIN_COLORS",
         "plain_normals": "PLAIN_NORMALS",
         "corners": "CORNERS",
+        "emission": "EMISSION",
+        "roughness_metalness": "ROUGHNESS_METALNESS",
+        "opacity": "OPACITY",
+        "material": "MATERIAL",
     }
     assert {name: getattr(kinds, constant) for name, constant in names.items()} == numbers
     assert KSY["enums"]["codec"] == {0: "raw", 1: "zstandard", 2: "fields"}

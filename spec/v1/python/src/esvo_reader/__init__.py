@@ -11,6 +11,7 @@ from typing import List, Union
 
 from .blocks import Block
 from .codecs import CONTOUR, decode_contours, interpolate_corners
+from .components import components_of
 from .errors import EsvoError, Finding
 from .octree import Descriptor, Octree, from_bytes
 from .octree import open_file as open
@@ -50,6 +51,7 @@ __all__ = [
     "IndexReader",
     "Octree",
     "Voxels",
+    "components_of",
     "decode_contours",
     "field",
     "from_bytes",

@@ -7,7 +7,7 @@ from typing import Any, Dict
 import numpy as np
 import zstandard
 
-from . import kinds
+from . import components, kinds
 from .errors import Findings
 from .opening import crc, overlap, record, records
 from .records import (
@@ -26,7 +26,7 @@ class Block:
     """A block as it is in memory. Everything is a view of `image`, the bytes of the block.
 
     Making one checks the rules of page headers, of the info section and of the attachment directory: P001 to P006, A001
-    to A004. Offsets are in bytes from the start of the block.
+    to A004, A009. Offsets are in bytes from the start of the block.
     """
 
     def __init__(self, index: int, entry: Any, image: Array, skip: int = 0) -> None:
@@ -122,7 +122,9 @@ class Block:
             low = self.info_at + int(entry["offset"])
             at = self.at(directory + ATTACHMENT_ENTRY.itemsize * number)
             name = f"block {self.index}: attachment {kind}"
-            registered = kinds.COLOR_BLOCKS <= kind <= kinds.CORNERS or 0x8000 <= kind <= 0xFFFF
+            registered = (
+                kinds.COLOR_BLOCKS <= kind <= kinds.CORNERS or kind in kinds.WITH_COMPONENTS or 0x8000 <= kind <= 0xFFFF
+            )
             findings.require(registered, "A002", at, f"{name} is neither registered nor a vendor's")
             findings.require(kind not in self.attachments, "A002", at, f"{name} occurs twice")
             findings.require(self._right_size(kind, size), "A003", at + 8, f"{name} has {size} bytes")
@@ -135,6 +137,10 @@ class Block:
             findings.require(len(both) <= 1, "A002", self.at(directory), f"block {self.index}: {what} in types {both}")
         findings.settle()
         findings.require(not overlap(ranges), "A001", self.at(directory), f"block {self.index}: attachments overlap")
+        findings.settle()
+        #: What the heads of component attachments say, by type.
+        self.heads: Dict[int, components.Head] = {}
+        components.check_heads(self, findings)
 
     def _right_size(self, kind: int, size: int) -> bool:
         """A003."""

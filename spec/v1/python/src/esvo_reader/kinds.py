@@ -10,6 +10,9 @@ PAIR_BYTES = {COLOR_BLOCKS: 8, NORMAL_BLOCKS: 16, AMBIENT_BLOCKS: 8}
 #: Bytes for each slot, and as many for each value.
 ENTRY_BYTES = {PLAIN_COLORS: 4, PLAIN_NORMALS: 4, CORNERS: 8}
 CONSTANT_BYTES = 8
+EMISSION, ROUGHNESS_METALNESS, OPACITY, MATERIAL = range(8, 12)
+#: Types with components, whose heads say what their values are; the metadata say what those from 16 on mean.
+WITH_COMPONENTS = frozenset({*range(8, 12), *range(16, 32)})
 
 
 def attachment_bytes(kind: int, slots: int, values: int) -> int:

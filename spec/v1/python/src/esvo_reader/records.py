@@ -141,6 +141,10 @@ CONSTANT = np.dtype([("red", "u1"), ("green", "u1"), ("blue", "u1"), ("zero", "u
 CORNER_VALUE = np.dtype([("red", "u1"), ("green", "u1"), ("blue", "u1"), ("alpha", "u1"), ("normal", "<u4")])
 
 
+#: Section 8.7.
+COMPONENT_HEAD = np.dtype([("count", "u1"), ("number", "u1"), ("form", "u1"), ("zero", "u1", (5,))])
+
+
 class Bits(NamedTuple):
     """A field of some bits of a word: its lowest bit, its width, and how many of that width follow each other."""
 

@@ -9,6 +9,7 @@ import numpy as np
 from . import kinds, opening
 from .blocks import Block, check_block_crc
 from .codecs import bit_count
+from .components import check_components
 from .errors import EsvoError, Finding, Findings
 from .records import (
     CONSTANT,
@@ -221,7 +222,7 @@ def attachment_at(block: Block, kind: int) -> int:
 
 
 def check_values(trace: Trace, findings: Findings) -> None:
-    """The rules that need all descriptors of a block: P006 of slots, K001 to K005, A005, A007, A008."""
+    """The rules that need all descriptors of a block: P006 of slots, K001 to K005, A005, A007, A008, A010."""
     block = trace.block
     free = ~trace.claimed
     free[::PAGE_SLOTS] = False
@@ -238,6 +239,8 @@ def check_values(trace: Trace, findings: Findings) -> None:
         if kind in kinds.ENTRY_BYTES:
             check_empty(block, kind, kinds.ENTRY_BYTES[kind], ~used, findings)
             check_entries(trace, kind, findings)
+        if kind in kinds.WITH_COMPONENTS:
+            check_components(trace, kind, used, findings)
 
 
 def each(findings: Findings, block: Block, slot: Array, good: Array, rule: str, what: str) -> bool:
