@@ -340,6 +340,8 @@ const SEALED: &[Case] = &[
         set_entry_word(f, 0, 2 * 2, |_| 0);
         set_entry_word(f, 0, 2 * 2 + 1, |_| 0);
     }),
+    ("A009", "components", |f| set_entry_word(f, 1, 0, |head| head & !0xff)),
+    ("A010", "components", |f| set_entry_word(f, 2, 2, |value| value | 1 << 16)),
     ("A006", "blocks", |f| {
         let at = f.attachment(1, 0);
         f.set_u32(at, 0x8000);

@@ -146,7 +146,7 @@ pub(crate) fn samples() -> Vec<(&'static str, Octree)> {
         }),
         ("plain", octree(&self::plain(), &one_block)),
         ("corners", octree(&corners(), &blocks)),
-        ("everything", with_meta),
         ("components", octree(&components(), &blocks)),
+        ("everything", with_meta),
     ]
 }
