@@ -88,8 +88,9 @@ pub use cells::{CellTriangles, Cells, PreparedMesh, build_cells, build_cells_fil
 pub use displace::{DisplaceOptions, displace, displaced_triangles};
 pub use error::BuildError;
 pub use mesh::maps::{HeightMap, LinearMip, LinearTexture, NormalMap, UvTransform, mapped_normal};
+pub use mesh::properties::{Properties, PropertyMap};
 pub use mesh::{Material, Mesh, MipLevel, Texture, Wrap};
-pub use settings::{BuildSettings, Preset, TextureTest};
+pub use settings::{BuildSettings, ComponentSettings, Preset, TextureTest};
 pub use voxels::{ModelVoxel, VoxelModel, build_voxels, build_voxels_file};
 
 #[cfg(doctest)]

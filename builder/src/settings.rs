@@ -40,6 +40,37 @@ pub enum Preset {
     Fine,
 }
 
+/// Which components of the mesh's materials are stored: none by default.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ComponentSettings {
+    /// Emitted light. Materials that scatter none are black then, and no longer have the colour of their emission.
+    pub emission: bool,
+    /// Roughness and metalness.
+    pub roughness_metalness: bool,
+    /// Opacity of materials that blend.
+    pub opacity: bool,
+    /// Number of the material.
+    pub material: bool,
+}
+
+impl ComponentSettings {
+    /// Nothing.
+    pub const NONE: Self = Self { emission: false, roughness_metalness: false, opacity: false, material: false };
+    /// What says how a voxel looks: everything but the number of the material.
+    pub const LOOK: Self = Self { emission: true, roughness_metalness: true, opacity: true, material: false };
+
+    /// The names of what is stored, as in `esvo build --components`.
+    pub fn names(&self) -> Vec<&'static str> {
+        let all = [
+            (self.emission, "emission"),
+            (self.roughness_metalness, "roughness"),
+            (self.opacity, "opacity"),
+            (self.material, "material"),
+        ];
+        all.into_iter().filter(|(stored, _)| *stored).map(|(_, name)| name).collect()
+    }
+}
+
 /// Settings of a build. The error bounds have the units and, with the default test, the meaning of those in the authors'
 /// builder.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -64,6 +95,9 @@ pub struct BuildSettings {
     pub normals: bool,
     /// Whether colours and normals are stored uncompressed, 4 bytes each, instead of in compressed blocks: for reference.
     pub plain_attributes: bool,
+    /// Which components are stored where some voxel does not have their default.
+    #[serde(skip)]
+    pub components: ComponentSettings,
     /// How the octree is cut into blocks.
     #[serde(skip)]
     pub assemble: AssembleOptions,
@@ -82,6 +116,7 @@ impl Default for BuildSettings {
             colors: true,
             normals: true,
             plain_attributes: false,
+            components: ComponentSettings::NONE,
             assemble: AssembleOptions::default(),
         }
     }

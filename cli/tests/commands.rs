@@ -42,7 +42,7 @@ fn all_objects_are_drawn() {
     let folder = Folder::with_octree();
     let two = esvo_core::testing::sample::two_objects().unwrap();
     two.write(&folder.path("two.esvo")).unwrap();
-    for mode in ["shaded", "normals", "depth", "levels", "voxel-size", "ambient"] {
+    for mode in ["shaded", "normals", "depth", "levels", "voxel-size", "ambient", "roughness", "material"] {
         let picture = |backend: &str| {
             let size = ["--size", "80x60", "--view-mode", mode, "--backend", backend];
             folder.ok(&[&["render", "two.esvo", "-o", "p.png"][..], &size].concat());

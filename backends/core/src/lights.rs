@@ -218,7 +218,7 @@ pub fn shade_placed_lit(
                 diffuse += open * share * scattered;
                 specular += share * highlight;
             }
-            surface.shown(diffuse, specular)
+            surface.shown(diffuse, specular, octree.emission(hit.slot, hit.child()))
         });
         rgb8.extend(band.rgb8);
     }

@@ -51,18 +51,19 @@ impl Lamp {
 
     /// A surface under this lamp. `open` is the share of the light from all directions that reaches it. As in the authors'
     /// program it scales all scattered light and not the highlight.
-    fn lit(&self, surface: &Surface, open: f32, direction: DVec3) -> [f32; 3] {
+    /// `glow` is what the surface emits, linear.
+    fn lit(&self, surface: &Surface, open: f32, glow: [f32; 3], direction: DVec3) -> [f32; 3] {
         let to_eye = -direction.normalize_or_zero();
         let normal = mirrored(surface.normal, direction).try_normalize().unwrap_or(to_eye);
         let (diffuse, specular) = phong(normal, to_eye, self.to_light);
-        surface.shown(open * (AMBIENT + diffuse), specular)
+        surface.shown(open * (AMBIENT + diffuse), specular, glow)
     }
 }
 
 impl Surface {
-    /// Its colour, sRGB-encoded: this much light is scattered, and this much is reflected.
-    pub(crate) fn shown(&self, diffuse: f32, specular: f32) -> [f32; 3] {
-        self.color.map(|c| encode_srgb(decode_srgb(c) * diffuse + specular))
+    /// Its colour, sRGB-encoded: this much light is scattered, this much is reflected, and this much, linear, is emitted.
+    pub(crate) fn shown(&self, diffuse: f32, specular: f32, glow: [f32; 3]) -> [f32; 3] {
+        std::array::from_fn(|k| encode_srgb(decode_srgb(self.color[k]) * diffuse + specular + glow[k]))
     }
 }
 
@@ -142,7 +143,8 @@ fn shade_all(objects: &[Object], views: &[View], hits: &[Hit], view_of: impl Fn(
         let (ray, object) = (views[number].ray(x, y), &objects[number]);
         let color = voxel_color(object.octree(), &ray, hit);
         let surface = Surface { normal: own_normal(object, &ray, hit), color };
-        lamp.lit(&surface, voxel_ambient(object.octree(), hit), rays[number].ray(x, y).direction)
+        let glow = object.octree().emission(hit.slot, hit.child());
+        lamp.lit(&surface, voxel_ambient(object.octree(), hit), glow, rays[number].ray(x, y).direction)
     })
 }
 
@@ -162,7 +164,7 @@ pub fn shade_triangles(
             return lamp.sky(y);
         }
         let ray = rays.ray(x, y);
-        lamp.lit(&surface(hit.triangle, ray.origin + ray.direction * hit.t), 1.0, ray.direction)
+        lamp.lit(&surface(hit.triangle, ray.origin + ray.direction * hit.t), 1.0, [0.0; 3], ray.direction)
     })
 }
 
@@ -236,6 +238,57 @@ pub fn ambient_map(octree: &Octree, view: &View, hits: &[Hit]) -> Picture {
     })
 }
 
+/// Components of a voxel that a picture can show.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Component {
+    /// Emitted light as a colour; what is brighter than white is white.
+    Emission,
+    /// Roughness, from black (smooth) to white.
+    Roughness,
+    /// Metalness, from black to white (metal).
+    Metalness,
+    /// Opacity, from black (invisible) to white.
+    Opacity,
+    /// A colour of its own for each material; that of number 0 is grey.
+    Material,
+}
+
+/// A component of the hit voxels; misses are black.
+///
+/// # Panics
+/// `nearest` are not the hits of these objects and of these views.
+pub fn component_map_placed(objects: &[Object], views: &[View], nearest: &Nearest, shown: Component) -> Picture {
+    Picture::from_fn_on_all_cores((views[0].width, views[0].height), |x, y| {
+        let pixel = y as usize * views[0].width as usize + x as usize;
+        let hit = &nearest.hits[pixel];
+        if hit.is_miss() {
+            return [0.0; 3];
+        }
+        let (octree, slot, child) = (objects[nearest.views[pixel] as usize].octree(), hit.slot, hit.child());
+        match shown {
+            Component::Emission => octree.emission(slot, child).map(encode_srgb),
+            Component::Roughness => [octree.roughness_metalness(slot, child)[0]; 3],
+            Component::Metalness => [octree.roughness_metalness(slot, child)[1]; 3],
+            Component::Opacity => [octree.opacity(slot, child); 3],
+            Component::Material => own_color(octree.material(slot, child)),
+        }
+    })
+}
+
+/// A colour for a number, sRGB-encoded, so that neighbouring numbers look different.
+fn own_color(number: u32) -> [f32; 3] {
+    if number == 0 {
+        return [0.5; 3];
+    }
+    // Hues by the golden ratio are far apart for any run of numbers.
+    let hue = (f64::from(number) * 0.618_033_988_749_895).fract() as f32 * 6.0;
+    let bright = if number.is_multiple_of(2) { 0.95 } else { 0.7 };
+    [5.0, 3.0, 1.0].map(|turn: f32| {
+        let at = (turn + hue) % 6.0;
+        bright * (1.0 - 0.75 * at.min(4.0 - at).clamp(0.0, 1.0))
+    })
+}
+
 /// Depth: white at the nearest hit of the picture, dark grey at the farthest, black where nothing was hit.
 ///
 /// # Panics
@@ -273,7 +326,10 @@ mod tests {
     use crate::reference::{ReferenceCaster, cast_fine};
     use crate::testing::sample::two_objects_apart;
     use crate::{Camera, CastOptions, Caster};
-    use esvo_format::{AssembleOptions, Contour, CornerValue, NodeCorners, RawNormal, Tree, Voxel, assemble};
+    use esvo_format::file::attachment;
+    use esvo_format::{
+        AssembleOptions, Column, ComponentFormat, Contour, CornerValue, NodeCorners, RawNormal, Tree, Voxel, assemble,
+    };
     use glam::Vec3;
 
     const SIZE: (u32, u32) = (48, 32);
@@ -323,12 +379,70 @@ mod tests {
         assert_eq!(hits.iter().filter(|hit| !hit.is_miss()).count(), 20 * 20);
     }
 
+    /// The voxel of [`octree`], grey, with components of all types.
+    fn with_components(emission: [f64; 3]) -> Octree {
+        let mut tree = Tree::default();
+        for (kind, format) in [
+            (attachment::EMISSION, ComponentFormat::EMISSION),
+            (attachment::ROUGHNESS_METALNESS, ComponentFormat::ROUGHNESS_METALNESS),
+            (attachment::OPACITY, ComponentFormat::OPACITY),
+            (attachment::MATERIAL, ComponentFormat::MATERIAL),
+        ] {
+            tree.columns.push(Column::new(kind, format));
+        }
+        let mut children = [None; 8];
+        children[0] = Some(Voxel { leaf: true, color: Some([100; 3]), ..Voxel::default() });
+        let root = tree.open(&children);
+        let numbers: [&[f64]; 4] = [&emission, &[0.2, 0.6], &[0.4], &[5.0]];
+        for (column, numbers) in numbers.into_iter().enumerate() {
+            let words = tree.columns[column].format.encode(numbers);
+            tree.set_components(root, 0, column, &words);
+        }
+        tree.close(root);
+        let to_mesh = DMat4::from_translation(DVec3::splat(-1.0)) * DMat4::from_scale(DVec3::splat(2.0));
+        assemble(&tree, to_mesh, &AssembleOptions::default()).unwrap()
+    }
+
+    #[test]
+    fn emission_is_added_to_what_is_lit() {
+        let light = |emission: [f64; 3]| {
+            let octree = with_components(emission);
+            let (view, hits) = view_and_hits(&octree);
+            let picture = shade(&octree, &view, &hits);
+            assert_eq!(picture.pixel(0, 0), shade(&with_components([0.0; 3]), &view, &hits).pixel(0, 0), "the sky");
+            picture.pixel(24, 16).map(|c| decode_srgb(f32::from(c) / 255.0))
+        };
+        let (dark, bright) = (light([0.0; 3]), light([0.0, 0.25, 8.0]));
+        assert!((bright[0] - dark[0]).abs() < 1e-6 && (bright[1] - dark[1] - 0.25).abs() < 0.01, "{dark:?} {bright:?}");
+        assert_eq!(bright[2], 1.0, "white is the brightest");
+        assert!(dark[2] < 0.5);
+    }
+
+    #[test]
+    fn components_are_shown() {
+        let octree = with_components([0.0, 0.25, 8.0]);
+        let (view, hits) = view_and_hits(&octree);
+        let nearest = Nearest { views: vec![0; hits.len()], hits };
+        let shown = |component| {
+            let objects = [Object::of_view(&octree, &view)];
+            let picture = component_map_placed(&objects, std::slice::from_ref(&view), &nearest, component);
+            assert_eq!(picture.pixel(0, 0), [0; 3], "a miss");
+            picture.pixel(24, 16)
+        };
+        assert_eq!(shown(Component::Emission), [0, 137, 255]);
+        assert_eq!([shown(Component::Roughness), shown(Component::Metalness)], [[51; 3], [153; 3]]);
+        assert_eq!(shown(Component::Opacity), [102; 3]);
+        let colors: std::collections::BTreeSet<_> = (0..40).map(|n| own_color(n).map(|c| (c * 15.0) as u8)).collect();
+        assert!(colors.len() > 35, "{} colours of 40 materials", colors.len());
+        assert_eq!(shown(Component::Material), own_color(5).map(|c| (c * 255.0).round() as u8));
+    }
+
     #[test]
     fn light_does_not_jump_where_a_surface_begins_to_point_away() {
         let rays = CameraRays::new(&camera(), SIZE).unwrap();
         let lamp = Lamp::new(&rays);
         let direction = rays.ray(24, 16).direction;
-        let lit = |normal: DVec3| lamp.lit(&Surface { normal, color: [0.5; 3] }, 1.0, direction)[0];
+        let lit = |normal: DVec3| lamp.lit(&Surface { normal, color: [0.5; 3] }, 1.0, [0.0; 3], direction)[0];
         for across in [DVec3::X, DVec3::NEG_X, DVec3::Y, DVec3::NEG_Y] {
             let [before, beyond] = [-0.01, 0.01].map(|away| lit(across + direction.normalize() * away));
             assert!((before - beyond).abs() < 0.02, "{across}: {before} {beyond}");

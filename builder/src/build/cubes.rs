@@ -6,7 +6,7 @@
 use esvo_format::{RawNormal, Voxel as TreeVoxel};
 
 use super::pair::{Bounds, Found, Parent};
-use super::recursion::{Recursion, Source, Split, Worker};
+use super::recursion::{Recursion, Source, Split, Worker, set_components};
 use crate::surface::attributes::Mean;
 
 /// The bits of a mask of child slots, in order.
@@ -23,7 +23,7 @@ impl Recursion<'_> {
         let through = self.through(worker, split);
         let split = Split { surface: through.as_ref().map_or(split.surface, Source::Through), ..*split };
         let deepest = split.cube.level + 1 == self.settings.levels;
-        let stores = self.settings.stores_attributes();
+        let stores = self.surface.stores(self.settings);
         let mut ends = [0; 9];
         let mask = match split.surface {
             Source::Through(through) => through.children(split.cube.centre, split.cube.size),
@@ -52,7 +52,7 @@ impl Recursion<'_> {
         ends: &[usize; 9],
         deepest: bool,
     ) -> Option<Mean> {
-        let stores = self.settings.stores_attributes();
+        let stores = self.surface.stores(self.settings);
         worker.voxels += u64::from(mask.count_ones());
         let (color, normal) = self.settings.wanted([0; 3], RawNormal::default());
         let mut voxels = [None; 8];
@@ -97,6 +97,9 @@ impl Recursion<'_> {
         if mask == 0 {
             worker.tree.cancel(node);
             return None;
+        }
+        if !worker.tree.columns.is_empty() {
+            bits(mask).for_each(|slot| set_components(&mut worker.tree, node, slot, &means[slot]));
         }
         worker.tree.close(node);
         self.cut(&mut worker.tree, node, &split.cube);

@@ -104,6 +104,7 @@ fn build_part_here(
         Recursion::new(&surface, settings, &store, Some(&journal), progress).run_share(plan.cubes(part))?;
     header.tops = tops;
     header.voxels = voxels;
+    header.columns = surface.columns.clone();
     header.octree_to_mesh = surface.octree_to_mesh.to_cols_array();
     header.meta = if options.meta.is_empty() { metadata(settings, mesh.triangles.len()) } else { options.meta.clone() };
     for planned in plan.parts() {
@@ -211,6 +212,7 @@ impl Join<'_> {
     fn tree(&self) -> Tree {
         let mut tree = Tree::default();
         tree.plain = self.header.settings.plain_attributes;
+        tree.columns = self.header.columns.clone();
         tree
     }
 

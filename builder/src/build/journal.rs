@@ -23,7 +23,7 @@ const FILES: [&str; 2] = ["journal", "blocks"];
 
 /// Stands for what the builder makes of a mesh and its settings, and how parts are kept. Raise it with every change of either: a build must not
 /// go on from parts that an older builder would finish in another way.
-pub(super) const RESULTS: u32 = 5;
+pub(super) const RESULTS: u32 = 6;
 
 /// Bytes of the first record with its length and CRC-32.
 const FIRST_RECORD: usize = 12 + 1 + 32;
@@ -304,6 +304,7 @@ pub(super) fn fingerprint(
             part(format!("{} {:?} {:?}", map.scale, map.uv_transform.rows, map.texture.wrap).as_bytes());
             part(bytemuck::cast_slice(&map.texture.mips[0].texels));
         }
+        material.properties.visit_bytes(&mut part);
     }
     if let Some(options) = displaced {
         part(format!("{options:?}").as_bytes());

@@ -248,10 +248,14 @@ fn stats(mesh: &Mesh, surface: &Surface, prepare: Duration, voxelize: Duration, 
 }
 
 fn metadata(settings: &BuildSettings, triangles: usize) -> String {
-    let meta = serde_json::json!({
+    let mut meta = serde_json::json!({
         "generator": concat!("esvo-builder ", env!("CARGO_PKG_VERSION")),
         "triangles": triangles,
         "settings": settings,
     });
+    let components = settings.components.names();
+    if !components.is_empty() {
+        meta["components"] = serde_json::json!(components);
+    }
     meta.to_string()
 }

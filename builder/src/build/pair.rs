@@ -109,7 +109,7 @@ impl Decider<'_> {
             for slot in 0..8 {
                 let child = &mut pair.children[k][slot];
                 let Some(voxel) = &mut child.voxel else { continue };
-                if (voxel.leaf || candidates != 0) && self.settings.stores_attributes() {
+                if (voxel.leaf || candidates != 0) && self.surface.stores(self.settings) {
                     let found = self.attributes(parent, slot);
                     child.mean = found.mean;
                     (voxel.color, voxel.normal) = self.settings.wanted(found.color, found.normal);
@@ -189,6 +189,22 @@ impl Decider<'_> {
             Found::Through(through) => {
                 let span = through.span(self.surface, cube.centre, through.height(cube.centre), cube.size);
                 Some(span).filter(|span| span.color_fits(color) && span.normal_fits(normal))
+            }
+        }
+        .filter(|_| !self.surface.emission_varies || self.emission_fits(parent, slot, color))
+    }
+
+    /// Whether one emission can stand for all surface in child `slot`.
+    fn emission_fits(&self, parent: &Parent, slot: usize, bound: f32) -> bool {
+        let cube = parent.cube.child(slot);
+        match &parent.found {
+            Found::Pieces { arena, pieces, ends } => {
+                let pieces = pieces[ends[slot]..ends[slot + 1]].iter();
+                let pieces = pieces.map(|piece| (piece.triangle, arena.vertices(piece, &self.surface.corners)));
+                self.surface.emission_fits(pieces, cube.size, bound)
+            }
+            Found::Through(through) => {
+                through.emission_fits(self.surface, cube.centre, through.height(cube.centre), cube.size, bound)
             }
         }
     }

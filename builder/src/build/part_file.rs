@@ -9,7 +9,7 @@ use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
-use esvo_format::{AssembleOptions, BlockSummary, write_atomically};
+use esvo_format::{AssembleOptions, BlockSummary, Column, write_atomically};
 use serde::{Deserialize, Serialize};
 
 use super::journal::{Finished, Index, RESULTS};
@@ -35,6 +35,8 @@ pub(super) struct Header {
     pub settings: BuildSettings,
     /// `block_slots` and `near_limit` of the settings, which leave them out.
     assemble: [u32; 2],
+    /// Columns of the components, without values.
+    pub columns: Vec<Column>,
     /// Number of voxels in the part.
     pub voxels: u64,
     /// The part of each cube of level 4 with surface, by its path.
@@ -53,8 +55,9 @@ impl Header {
             parts,
             octree_to_mesh: [0.0; 16],
             meta: String::new(),
-            settings: settings.clone(),
+            settings: *settings,
             assemble: [block_slots, near_limit],
+            columns: Vec::new(),
             voxels: 0,
             owners: BTreeMap::new(),
             tops: BTreeMap::new(),
@@ -63,7 +66,7 @@ impl Header {
 
     /// The bytes of what all parts of a build share.
     pub(super) fn shared(&self) -> Vec<u8> {
-        let shared = (&self.octree_to_mesh, &self.meta, &self.owners, &self.tops);
+        let shared = (&self.octree_to_mesh, &self.meta, &self.owners, &self.tops, &self.columns);
         // Nothing of it can fail to be encoded.
         postcard::to_stdvec(&shared).unwrap_or_default()
     }

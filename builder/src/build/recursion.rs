@@ -181,6 +181,7 @@ pub(super) fn end_node(
     keeps: bool,
     settings: &BuildSettings,
 ) -> Option<Mean> {
+    let stores = settings.stores_attributes() || !tree.columns.is_empty();
     for (slot, child) in children.iter_mut().enumerate() {
         if child.voxel.is_none_or(|voxel| voxel.leaf) {
             continue;
@@ -205,8 +206,21 @@ pub(super) fn end_node(
         tree.cancel(node);
         return None;
     }
+    if !tree.columns.is_empty() {
+        for (slot, child) in children.iter().enumerate().filter(|(_, child)| child.voxel.is_some()) {
+            set_components(tree, node, slot, &child.mean);
+        }
+    }
     tree.close(node);
-    Some(if settings.stores_attributes() { Mean::of_parts(left()) } else { Mean::default() })
+    Some(if stores { Mean::of_parts(left()) } else { Mean::default() })
+}
+
+/// Sets the components of a voxel, for which the tree has columns.
+pub(super) fn set_components(tree: &mut Tree, node: usize, slot: usize, mean: &Mean) {
+    for column in 0..tree.columns.len() {
+        let words = mean.extra.encode(mean.weight, &tree.columns[column]);
+        tree.set_components(node, slot, column, &words);
+    }
 }
 
 impl<'a> Recursion<'a> {
@@ -321,6 +335,7 @@ impl<'a> Recursion<'a> {
     fn worker(&self) -> Worker {
         let mut worker = Worker::default();
         worker.tree.plain = self.settings.plain_attributes;
+        worker.tree.columns = self.surface.columns.clone();
         worker
     }
 

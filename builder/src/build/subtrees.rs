@@ -20,10 +20,11 @@ use glam::{DMat4, DVec3};
 
 use super::journal::Journal;
 use super::progress::Progress;
-use super::recursion::{Cube, Part, Recursion, block_nodes, cut};
+use super::recursion::{Cube, Part, Recursion, block_nodes, cut, set_components};
 use crate::displace::{Bounds, Parts, Source, Tiles};
 use crate::surface::attributes::Mean;
 use crate::surface::prepared::place;
+use crate::surface::properties::columns;
 use crate::surface::{Look, Surface};
 use crate::{BuildError, BuildSettings, DisplaceOptions, Mesh};
 
@@ -193,7 +194,7 @@ impl<'a> Subtrees<'a> {
             return Err(BuildError::Mesh("none of its triangles has an area; a mesh needs at least one".into()));
         }
         let octree_to_mesh = place(low, high, settings.levels)?;
-        let looks = Look::all(&source.mesh, settings.texture_test);
+        let looks = Look::all(&source.mesh, settings.texture_test, settings.components);
         Ok(Self { settings, parts, tiles, octree_to_mesh, looks, most })
     }
 
@@ -372,8 +373,11 @@ impl<'a> Subtrees<'a> {
         }
         let mut tree = Tree::default();
         tree.plain = self.settings.plain_attributes;
+        tree.columns = columns(&self.looks);
         let node = tree.open(&std::array::from_fn(|slot| parts[slot].as_ref().map(|part| part.voxel)));
-        for part in parts.iter().flatten() {
+        for (slot, part) in parts.iter().enumerate() {
+            let Some(part) = part else { continue };
+            set_components(&mut tree, node, slot, &part.mean);
             if let Some(subtree) = &part.tree {
                 tree.append(subtree);
             }

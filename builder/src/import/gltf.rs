@@ -51,7 +51,7 @@ fn is_known(name: &str) -> bool {
 }
 
 /// Reads a document: see [`instances`] for the parts of it that count.
-pub(super) fn load(path: &Path, bytes: Vec<u8>) -> Result<Mesh, ImportError> {
+pub(super) fn load(path: &Path, bytes: Vec<u8>, property_maps: bool) -> Result<Mesh, ImportError> {
     let source = Source::parse(path, &bytes, is_known)?;
     drop(bytes);
     let mut assembly = Assembly::default();
@@ -59,7 +59,8 @@ pub(super) fn load(path: &Path, bytes: Vec<u8>) -> Result<Mesh, ImportError> {
     let mut instances = instances(&source, &mut assembly)?;
     // Process all instances of a mesh together: each mesh is decoded once, and only one is in memory at a time.
     instances.sort_by_key(|instance| instance.mesh);
-    let mut importer = Importer { source: &source, materials: Materials::default(), skins: Skins::default(), assembly };
+    let mut importer =
+        Importer { source: &source, materials: Materials::new(property_maps), skins: Skins::default(), assembly };
     for group in instances.chunk_by(|a, b| a.mesh == b.mesh) {
         let index = group[0].mesh;
         let meshes = &source.root.meshes;

@@ -1,4 +1,4 @@
-//! Materials of glTF: colour with its texture and holes, and normal maps.
+//! Materials of glTF: colour with its texture and holes, and normal maps. `gltf_properties` has the rest.
 //!
 //! The colour is the base colour. Where that is black, so that all the colour there is comes from emission, it is the
 //! emitted colour.
@@ -15,9 +15,11 @@ use gltf::json::validation::Checked;
 use super::assembly::Assembly;
 use super::error::{ImportError, one_line};
 use super::gltf_data::Source;
+use super::gltf_properties::is_glossy;
 use super::gltf_texture::{Known, read, wrap_of};
 use super::image::{TextureStore, has_holes};
 use crate::mesh::maps::{LinearTexture, NormalMap, UvTransform};
+use crate::mesh::properties::Properties;
 use crate::mesh::{Material, Texture, Wrap};
 
 /// Which texture coordinates a material reads, and how.
@@ -49,6 +51,9 @@ pub(super) struct Wanted {
     pub(super) textured: bool,
     /// The transform from the coordinates of the mesh to those of the normal map, if there is one that can be used.
     pub(super) normal_map: Option<UvTransform>,
+    /// The same of the textures of the emission, and of roughness and metalness.
+    pub(super) emission_map: Option<UvTransform>,
+    pub(super) surface_map: Option<UvTransform>,
 }
 
 /// The parts of a glTF material that are read.
@@ -96,9 +101,16 @@ pub(super) struct Materials {
     emits: HashMap<usize, bool>,
     colors: Known<Texture>,
     normals: Known<LinearTexture<3>>,
+    /// Whether textures of properties are read.
+    pub(super) property_maps: bool,
 }
 
 impl Materials {
+    /// None yet.
+    pub(super) fn new(property_maps: bool) -> Self {
+        Self { property_maps, ..Self::default() }
+    }
+
     /// Which coordinates `material` needs from the vertices; `None` if it has no textures.
     pub(super) fn wanted(
         &mut self,
@@ -116,8 +128,26 @@ impl Materials {
             }
             None => None,
         };
+        let of = |info: &Info| {
+            let transform = info.extensions.as_ref().and_then(|e| e.texture_transform.as_ref());
+            Coordinates::of(info.tex_coord, transform)
+        };
+        let emission =
+            material.emissive_texture.as_ref().filter(|_| emission(material) != [0.0; 3] && self.property_maps);
+        let emission = emission.map(of);
+        let surface = material.pbr_metallic_roughness.metallic_roughness_texture.as_ref().map(of);
+        let surface = surface.filter(|_| !is_glossy(material) && self.property_maps);
+        let wanted = |coordinates: Coordinates, textured: bool, normal_map: Option<UvTransform>| {
+            let relative = |own: Option<Coordinates>| {
+                let own = own.filter(|own| own.set == coordinates.set)?;
+                own.transform.after_undoing(&coordinates.transform)
+            };
+            let (emission_map, surface_map) = (relative(emission), relative(surface));
+            Some(Wanted { coordinates, textured, normal_map, emission_map, surface_map })
+        };
         let Some(normal) = &material.normal_texture else {
-            return Ok(color.map(|coordinates| Wanted { coordinates, textured: true, normal_map: None }));
+            let first = color.or(emission).or(surface);
+            return Ok(first.and_then(|coordinates| wanted(coordinates, color.is_some(), None)));
         };
         let transform = normal.extensions.as_ref().and_then(|e| e.others.get("KHR_texture_transform"));
         let transform: Option<TextureTransform> =
@@ -126,8 +156,7 @@ impl Materials {
             })?;
         let normal = Coordinates::of(normal.tex_coord, transform.as_ref());
         let Some(color) = color else {
-            let identity = Some(UvTransform::IDENTITY);
-            return Ok(Some(Wanted { coordinates: normal, textured: false, normal_map: identity }));
+            return Ok(wanted(normal, false, Some(UvTransform::IDENTITY)));
         };
         let same_set = normal.set == color.set;
         let normal_map = if same_set { normal.transform.after_undoing(&color.transform) } else { None };
@@ -136,7 +165,7 @@ impl Materials {
                 "material {index}: its normal map needs other texture coordinates than its colour; it is left out"
             ));
         }
-        Ok(Some(Wanted { coordinates: color, textured: true, normal_map }))
+        Ok(wanted(color, true, normal_map))
     }
 
     /// Whether the colour of a material, which [`Self::wanted`] has accepted, is what it emits.
@@ -208,7 +237,12 @@ impl Materials {
         }
         let converted = match material.and_then(|i| Some((i, source.root.materials.get(i)?))) {
             Some((index, material)) => self.convert(source, index, material, wanted, assembly)?,
-            None => Material { base_color: [1.0; 4], ..Material::default() },
+            None => Material {
+                base_color: [1.0; 4],
+                // As of a material that says nothing.
+                properties: Properties { metalness: 1.0, ..Properties::default() },
+                ..Material::default()
+            },
         };
         let index = push(converted, assembly);
         self.converted.insert((material, textured), index);
@@ -322,7 +356,8 @@ impl Materials {
             }
             _ => None,
         };
-        Ok(Material { name, base_color, texture, alpha_cutoff, normal_map, height_map: None })
+        let properties = self.properties(source, index, material, wanted, &name, assembly)?;
+        Ok(Material { name, base_color, texture, alpha_cutoff, normal_map, height_map: None, properties })
     }
 
     /// For a material whose colour is what it emits: `found`, which is the texture of [`Self::color_texture`], with the opacity
@@ -388,12 +423,16 @@ impl Materials {
     }
 
     /// The colours of a texture, or why they cannot be read.
-    fn texture(&mut self, source: &Source<'_>, texture: usize) -> Result<Result<Arc<Texture>, String>, ImportError> {
+    pub(super) fn texture(
+        &mut self,
+        source: &Source<'_>,
+        texture: usize,
+    ) -> Result<Result<Arc<Texture>, String>, ImportError> {
         read(source, texture, &mut self.store, &mut self.colors)
     }
 
-    /// The normals of a texture, or why they cannot be read.
-    fn normals(
+    /// The channels of a texture, or why they cannot be read.
+    pub(super) fn normals(
         &mut self,
         source: &Source<'_>,
         texture: usize,
@@ -407,12 +446,12 @@ fn push(material: Material, assembly: &mut Assembly) -> u32 {
     assembly.mesh.materials.len() as u32 - 1
 }
 
-fn unit(x: f32) -> f32 {
+pub(super) fn unit(x: f32) -> f32 {
     if x.is_finite() { x.clamp(0.0, 1.0) } else { 1.0 }
 }
 
 /// The factor of the emitted colour.
-fn emission(material: &json::Material) -> [f32; 3] {
+pub(super) fn emission(material: &json::Material) -> [f32; 3] {
     material.emissive_factor.0.map(unit)
 }
 

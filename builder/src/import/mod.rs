@@ -14,6 +14,7 @@ mod gltf_data;
 mod gltf_json;
 mod gltf_material;
 mod gltf_pose;
+mod gltf_properties;
 mod gltf_scene;
 mod gltf_texture;
 mod image;
@@ -58,7 +59,7 @@ pub use image::MAX_TEXTURE_TEXELS;
 /// See [`ImportError`]. A mesh without triangles, with a vertex that is not finite, or with an index out of range is an
 /// error. Files of other programs that cannot be read (point clouds, volumes) are named in the error.
 pub fn load_mesh(path: &Path) -> Result<Mesh, ImportError> {
-    load_mesh_within(path, format_of(path)?, u64::MAX)
+    load_mesh_within(path, format_of(path)?, u64::MAX, false)
 }
 
 /// Reads a mesh from a file of this format, whatever its extension, unless that needs more than `limit` bytes of memory.
@@ -66,9 +67,12 @@ pub fn load_mesh(path: &Path) -> Result<Mesh, ImportError> {
 /// The need is estimated before the file is read, and again before it is parsed: what the file's bytes and the mesh take at least.
 /// Images, and the buffers that a glTF file names, come on top of it.
 ///
+/// With `property_maps`, the textures of emission, roughness and metalness of a glTF file are read, too ([`Properties`](crate::Properties));
+/// without, and by [`load_mesh`], they count as white.
+///
 /// # Errors
 /// As [`load_mesh`], and [`ImportError::Memory`].
-pub fn load_mesh_within(path: &Path, format: Format, limit: u64) -> Result<Mesh, ImportError> {
+pub fn load_mesh_within(path: &Path, format: Format, limit: u64, property_maps: bool) -> Result<Mesh, ImportError> {
     let (file, length) = open(path)?;
     if format == Format::Stl {
         let mut head = Vec::new();
@@ -84,19 +88,19 @@ pub fn load_mesh_within(path: &Path, format: Format, limit: u64) -> Result<Mesh,
     if limit < u64::MAX {
         need::check(path, need::of_bytes(format, &bytes), limit)?;
     }
-    load_mesh_from(path, format, bytes)
+    load_mesh_from(path, format, bytes, property_maps)
 }
 
 /// Reads a mesh from the bytes of its file. `path` is its name in messages. Files that it refers to are searched in the
-/// folder of `path`: for a name without a folder, in the working directory.
+/// folder of `path`: for a name without a folder, in the working directory. For `property_maps` see [`load_mesh_within`].
 ///
 /// # Errors
 /// As [`load_mesh`].
-pub fn load_mesh_from(path: &Path, format: Format, bytes: Vec<u8>) -> Result<Mesh, ImportError> {
+pub fn load_mesh_from(path: &Path, format: Format, bytes: Vec<u8>, property_maps: bool) -> Result<Mesh, ImportError> {
     check_content(path, format, &bytes)?;
     let mesh = match format {
         Format::Obj => obj::load(path, bytes)?,
-        Format::Gltf | Format::Glb => gltf::load(path, bytes)?,
+        Format::Gltf | Format::Glb => gltf::load(path, bytes, property_maps)?,
         Format::Ply => ply::load(path, &bytes)?,
         Format::Stl => {
             let (head, rest) = bytes.split_at(bytes.len().min(stl::HEAD));

@@ -26,6 +26,12 @@ pub(super) struct MtlMaterial {
     pub(super) bump_map: Option<MapStatement>,
     /// `disp` or `map_disp`.
     pub(super) displacement_map: Option<MapStatement>,
+    /// `Ke`: emitted light, linear, 0 or more.
+    pub(super) emission: Option<[f64; 3]>,
+    /// `Pr`: roughness.
+    pub(super) roughness: Option<f64>,
+    /// `Pm`: metalness.
+    pub(super) metalness: Option<f64>,
 }
 
 impl MtlMaterial {
@@ -82,6 +88,9 @@ pub(super) fn parse(text: &str) -> (Vec<MtlMaterial>, Vec<String>) {
             "kd" => set(&mut material.diffuse, rgb(value)),
             // `d -halo f` makes the rim of a surface more opaque; the factor is still the opacity seen head on.
             "d" => set(&mut material.dissolve, number_in(value.trim_start_matches("-halo"))),
+            "ke" => set(&mut material.emission, rgb(value)),
+            "pr" => set(&mut material.roughness, number_in(value)),
+            "pm" => set(&mut material.metalness, number_in(value)),
             "tr" => set(&mut material.transparency, number_in(value)),
             "map_kd" => set(&mut material.diffuse_map, map_statement(value)),
             "map_d" | "map_opacity" => set(&mut material.opacity_map, map_statement(value)),

@@ -13,6 +13,7 @@ use super::map_statement::MapStatement;
 use super::mtl::MtlMaterial;
 use super::names::{find_file, same_file};
 use crate::mesh::maps::{HeightMap, NormalMap, UvTransform};
+use crate::mesh::properties::Properties;
 use crate::mesh::{MAX_TEXTURE_SIDE, Material, Texture};
 
 /// The least alpha of a material that is not to be seen at all: above its opacity, which is 0.
@@ -77,8 +78,25 @@ impl Converter<'_> {
             alpha_cutoff,
             normal_map,
             height_map,
+            properties: self.properties(source),
         };
         Converted { material, uv_transform }
+    }
+
+    /// Emission, roughness and metalness where the library has them. `d` and, between 0 and 1, `Tr` are opacity: many programs write
+    /// `Tr 1` for opaque materials.
+    fn properties(&self, source: &MtlMaterial) -> Properties {
+        let part = |x: Option<f64>, otherwise: f32| x.map_or(otherwise, |x| x.clamp(0.0, 1.0) as f32);
+        let most = esvo_format::MAX_RGB9E5;
+        Properties {
+            emission: source.emission.unwrap_or_default().map(|x| x.clamp(0.0, most) as f32),
+            roughness: part(source.roughness, 1.0),
+            metalness: part(source.metalness, 0.0),
+            blends: source.dissolve.is_some_and(|d| d < 1.0)
+                || source.transparency.is_some_and(|tr| tr > 0.0 && tr < 1.0),
+            number: self.assembly.mesh.materials.len() as u32 + 1,
+            ..Properties::default()
+        }
     }
 
     /// The colour texture, with the opacity map, if any, as its alpha, and the statement whose coordinates it has.

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use super::maps::{HeightMap, NormalMap, UvTransform};
+use super::properties::Properties;
 use super::texture::Texture;
 
 /// How the surface of a set of triangles looks.
@@ -20,6 +21,8 @@ pub struct Material {
     pub normal_map: Option<NormalMap>,
     /// Heights for [`displace`](crate::displace), if any. [`build`](crate::build) itself does not read them.
     pub height_map: Option<HeightMap>,
+    /// Emission, roughness and metalness, and more.
+    pub properties: Properties,
 }
 
 impl Material {
@@ -39,6 +42,7 @@ impl Material {
         ]
         .into_iter()
         .find_map(|(what, finite)| (!finite).then_some(what))
+        .or_else(|| self.properties.non_finite())
     }
 }
 
@@ -51,6 +55,7 @@ impl Default for Material {
             alpha_cutoff: None,
             normal_map: None,
             height_map: None,
+            properties: Properties::default(),
         }
     }
 }

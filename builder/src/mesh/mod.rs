@@ -2,6 +2,7 @@
 
 pub mod maps;
 mod material;
+pub(crate) mod properties;
 pub(crate) mod texture;
 pub(crate) mod transform;
 mod wrap;

@@ -269,14 +269,27 @@ impl Through {
     pub(crate) fn attributes(&self, surface: &Surface, centre: DVec3, height: f64, size: f64) -> Attributes {
         let area = self.area(height / size) * size * size;
         let weight = at_least(area as f32, size);
-        if let Some((color, normal, sample)) = &self.constant {
-            return Attributes { color: *color, normal: *normal, mean: Mean::new(weight, sample) };
+        let foot = || {
+            let half = DVec3::splat(size * 0.5);
+            (centre - self.normal * height).clamp(centre - half, centre + half)
+        };
+        let mut found = if let Some((color, normal, sample)) = &self.constant {
+            Attributes { color: *color, normal: *normal, mean: Mean::new(weight, sample) }
+        } else {
+            let sample = surface.sample_at(self.triangle, foot(), size);
+            let (color, normal) = sample.encode();
+            Attributes { color, normal, mean: Mean::new(weight, &sample) }
+        };
+        if !surface.columns.is_empty() {
+            found.mean.extra = surface.properties_at(self.triangle, foot(), size).of(weight);
         }
-        let half = DVec3::splat(size * 0.5);
-        let foot = (centre - self.normal * height).clamp(centre - half, centre + half);
-        let sample = surface.sample_at(self.triangle, foot, size);
-        let (color, normal) = sample.encode();
-        Attributes { color, normal, mean: Mean::new(weight, &sample) }
+        found
+    }
+
+    /// Whether one emission can stand for all in the voxel of edge `size` whose centre is at this height.
+    pub(crate) fn emission_fits(&self, surface: &Surface, centre: DVec3, height: f64, size: f64, bound: f32) -> bool {
+        let (vertices, count) = self.outline(centre, height, size * 0.5);
+        surface.emission_fits(std::iter::once((self.triangle, &vertices[..count])), size, bound)
     }
 
     /// The range of colours and normals in the voxel of edge `size` whose centre is at this height.

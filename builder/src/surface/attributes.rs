@@ -16,6 +16,7 @@ use esvo_format::RawNormal;
 use glam::{DVec3, Vec3A};
 
 use super::Sample;
+use super::properties::{self, Extra};
 use super::span::Span;
 use super::srgb::encode_srgb;
 use super::voxel::VoxelSurface;
@@ -33,7 +34,7 @@ pub(crate) struct Attributes {
 
 /// Colour and normal of some surface, as sums weighted by area.
 #[derive(Clone, Copy, Default, serde::Serialize, serde::Deserialize)]
-#[serde(from = "[f32; 7]", into = "[f32; 7]")]
+#[serde(from = "([f32; 7], Extra)", into = "([f32; 7], Extra)")]
 pub(crate) struct Mean {
     /// The area, in any unit that is the same for all parts of a mean.
     pub weight: f32,
@@ -41,25 +42,27 @@ pub(crate) struct Mean {
     pub color: Vec3A,
     /// Unit normals times the area. For thin sheets, turned to one side.
     pub normal: Vec3A,
+    /// What components come from, if there are any.
+    pub extra: Extra,
 }
 
-impl From<[f32; 7]> for Mean {
-    fn from([weight, r, g, b, x, y, z]: [f32; 7]) -> Self {
-        Self { weight, color: Vec3A::new(r, g, b), normal: Vec3A::new(x, y, z) }
+impl From<([f32; 7], Extra)> for Mean {
+    fn from(([weight, r, g, b, x, y, z], extra): ([f32; 7], Extra)) -> Self {
+        Self { weight, color: Vec3A::new(r, g, b), normal: Vec3A::new(x, y, z), extra }
     }
 }
 
-impl From<Mean> for [f32; 7] {
+impl From<Mean> for ([f32; 7], Extra) {
     fn from(mean: Mean) -> Self {
         let ([r, g, b], [x, y, z]) = (mean.color.to_array(), mean.normal.to_array());
-        [mean.weight, r, g, b, x, y, z]
+        ([mean.weight, r, g, b, x, y, z], mean.extra)
     }
 }
 
 impl Mean {
     /// The mean over surface with the same colour and normal everywhere.
     pub(crate) fn new(weight: f32, sample: &Sample) -> Self {
-        Self { weight, color: sample.color * weight, normal: sample.normal * weight }
+        Self { weight, color: sample.color * weight, normal: sample.normal * weight, extra: Extra::default() }
     }
 
     fn add(&mut self, other: &Self) {
@@ -77,6 +80,9 @@ impl Mean {
     pub(crate) fn of_parts<'a>(parts: impl Iterator<Item = &'a Self> + Clone) -> Self {
         let mut sum = Self::default();
         parts.clone().for_each(|part| sum.add(part));
+        if parts.clone().any(|part| part.extra != Extra::default()) {
+            sum.extra = Extra::of_parts(parts.clone().map(|part| (part.weight, part.extra)));
+        }
         if !sum.cancels() {
             return sum;
         }
@@ -152,13 +158,19 @@ pub(crate) fn attributes(voxel: &VoxelSurface) -> Attributes {
     if let Some((color, normal)) = surface.constant(voxel.pieces) {
         let area = voxel.pieces.iter().map(|piece| surface.area(piece.triangle, vertices(voxel, piece))).sum::<f32>();
         let sample = surface.sample_at(voxel.pieces[0].triangle, voxel.centre, voxel.size);
-        let mean = Mean::new(at_least(area, voxel.size), &sample);
+        let mut mean = Mean::new(at_least(area, voxel.size), &sample);
+        if !surface.columns.is_empty() {
+            mean.extra = properties::extra(voxel);
+        }
         return Attributes { color, normal, mean };
     }
     let mut mean = Mean::default();
     each_sample(voxel, |weight, sample, _| mean.add(&Mean::new(weight, sample)));
     if mean.cancels() {
         mean.normal = Sheet::of(voxel).sides.normal(mean.weight);
+    }
+    if !surface.columns.is_empty() {
+        mean.extra = properties::extra(voxel);
     }
     let (color, normal) = mean.encode();
     Attributes { color, normal, mean }

@@ -6,10 +6,11 @@ use std::sync::Arc;
 use glam::{Vec2, Vec3};
 
 use super::color_map::ColorMap;
+use super::properties::PropertyLook;
 use super::range::{AlphaMap, RangeMap};
 use super::srgb::encode_srgb;
 use super::texels::TexelMap;
-use crate::{Material, Mesh, NormalMap, Texture, TextureTest};
+use crate::{ComponentSettings, Material, Mesh, NormalMap, Texture, TextureTest};
 
 /// A material.
 pub(crate) struct Look {
@@ -27,6 +28,8 @@ pub(crate) struct Look {
     pub normal_range: Option<Arc<Ranges>>,
     /// Which parts are holes.
     pub cutout: Cutout,
+    /// What components come from.
+    pub properties: PropertyLook,
 }
 
 /// Bounds of a map's texels, as a test for refinement sees them.
@@ -75,14 +78,16 @@ impl Ranges {
 
 impl Look {
     /// All materials of a mesh.
-    pub(crate) fn all(mesh: &Mesh, test: TextureTest) -> Arc<[Self]> {
+    pub(crate) fn all(mesh: &Mesh, test: TextureTest, kept: ComponentSettings) -> Arc<[Self]> {
         let mut shared = Shared::default();
-        mesh.materials.iter().map(|m| Self::new(m, mesh, test, &mut shared)).collect()
+        mesh.materials.iter().map(|m| Self::new(m, mesh, test, kept, &mut shared)).collect()
     }
 
-    fn new(material: &Material, mesh: &Mesh, test: TextureTest, shared: &mut Shared) -> Self {
+    fn new(material: &Material, mesh: &Mesh, test: TextureTest, kept: ComponentSettings, shared: &mut Shared) -> Self {
         let [r, g, b, alpha] = material.base_color;
-        let base = Vec3::new(r, g, b);
+        // What is coloured by its emission scatters no light: with the emission stored, it is black.
+        let black = kept.emission && material.properties.colored_by_emission;
+        let base = if black { Vec3::ZERO } else { Vec3::new(r, g, b) };
         let texels = test != TextureTest::Centroids;
         let texture = material.texture.clone().filter(|_| !mesh.uvs.is_empty());
         let normal_map = material.normal_map.clone().filter(|_| !mesh.uvs.is_empty());
@@ -116,17 +121,29 @@ impl Look {
                 }
             }
         };
+        // Alpha of a texture may be needed where its colours are not.
+        let needed = !black || matches!(cutout, Cutout::Map(_)) || kept.opacity && material.properties.blends;
+        let (texture, color_range) = if needed { (texture, color_range) } else { (None, None) };
+        let mut properties = PropertyLook::new(material, !mesh.uvs.is_empty(), kept);
+        if let Some(map) = properties.emission_map.as_ref().filter(|_| texels) {
+            let entry = shared.colors.entry(Arc::as_ptr(&map.texture));
+            properties.emission_range =
+                Some(entry.or_insert_with(|| Arc::new(Ranges::of_colors(&map.texture, test))).clone());
+        }
         let texture = texture.map(|texture| {
             let entry = shared.maps.entry(Arc::as_ptr(&texture));
             entry.or_insert_with(|| Arc::new(ColorMap::new(texture))).clone()
         });
-        let plain = (texture.is_none() && mesh.colors.is_empty()).then(|| encode_srgb(base));
-        Self { base, plain, texture, color_range, normal_map, normal_range, cutout }
+        let plain = (texture.is_none() && (mesh.colors.is_empty() || black)).then(|| encode_srgb(base));
+        Self { base, plain, texture, color_range, normal_map, normal_range, cutout, properties }
     }
 
     /// Whether the colour, the normal or the holes can vary over a triangle even if its vertex normals do not.
     pub(crate) fn varies(&self) -> bool {
-        self.plain.is_none() || self.normal_map.is_some() || matches!(self.cutout, Cutout::Map(_))
+        self.plain.is_none()
+            || self.normal_map.is_some()
+            || matches!(self.cutout, Cutout::Map(_))
+            || self.properties.varies()
     }
 
     /// Texels of the full colour texture across the unit of texture coordinates.

@@ -5,6 +5,7 @@ mod color_map;
 mod edges;
 mod look;
 pub(crate) mod prepared;
+pub(crate) mod properties;
 mod range;
 mod shading;
 pub(crate) mod span;
@@ -14,6 +15,8 @@ pub(crate) mod voxel;
 
 use std::sync::Arc;
 
+use esvo_format::Column;
+use esvo_format::file::attachment;
 use glam::{DMat4, DVec3, Vec3};
 use rayon::prelude::*;
 
@@ -45,13 +48,22 @@ pub(crate) struct Surface<'a> {
     pub test: TextureTest,
     /// Colours that differ by more than this in a channel are never within the bound of one.
     color_reach: u8,
+    /// Columns of the trees of components, without values.
+    pub columns: Vec<Column>,
+    /// Whether emission varies over some triangle, or from one to another.
+    pub emission_varies: bool,
     shading: Shading<'a>,
 }
 
 impl<'a> Surface<'a> {
     /// Checks the mesh and moves it into the root cube, see [`PreparedMesh::new`].
     pub(crate) fn new(mesh: &'a Mesh, settings: &BuildSettings) -> Result<Self, BuildError> {
-        Ok(Self::of(mesh, PreparedMesh::new(mesh, settings.levels)?, Look::all(mesh, settings.texture_test), settings))
+        Ok(Self::of(
+            mesh,
+            PreparedMesh::new(mesh, settings.levels)?,
+            Look::all(mesh, settings.texture_test, settings.components),
+            settings,
+        ))
     }
 
     /// Some triangles of a larger mesh, in the root cube of the whole. `looks` are those of its materials; whether it has normals,
@@ -66,6 +78,8 @@ impl<'a> Surface<'a> {
             (corners.par_iter()).map(|[a, b, c]| (*b - *a).cross(*c - *a).normalize_or(DVec3::Z).as_vec3()).collect();
         let edges = edges::classify(&corners);
         let finest_voxel = (-(settings.levels as f32)).exp2();
+        let columns = properties::columns(&looks);
+        let emission_varies = columns.iter().any(|column| column.kind == attachment::EMISSION);
         let shading = Shading::new(mesh, &source, &corners, &normals, looks, finest_voxel);
         Self {
             dropped,
@@ -78,8 +92,15 @@ impl<'a> Surface<'a> {
             normals,
             edges,
             octree_to_mesh,
+            columns,
+            emission_varies,
             shading,
         }
+    }
+
+    /// Whether voxels store anything that comes from the surface in them.
+    pub(crate) fn stores(&self, settings: &BuildSettings) -> bool {
+        settings.stores_attributes() || !self.columns.is_empty()
     }
 
     /// Number of triangles.

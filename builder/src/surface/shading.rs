@@ -17,7 +17,7 @@ use super::srgb::{decode_srgb, encode_srgb};
 use crate::clip::polygon::{area, area_and_centroid};
 use crate::clip::{Arena, MAX_VERTICES, Piece};
 use crate::mesh::maps::mapped_normal;
-use crate::{Mesh, TextureTest};
+use crate::{Mesh, TextureTest, UvTransform};
 
 /// An index into nothing.
 const NONE: u32 = u32::MAX;
@@ -194,6 +194,44 @@ fn mix_tangents([a, b, c]: [[f32; 4]; 3], w: [f32; 3]) -> [f32; 4] {
 }
 
 impl Surface<'_> {
+    /// The material of a triangle.
+    pub(super) fn look(&self, triangle: u32) -> &Look {
+        &self.shading.looks[self.shading.facets[triangle as usize].look as usize]
+    }
+
+    /// Texture coordinates of a triangle at point `p` of it; `None` if nothing varies on it.
+    pub(super) fn uv_at(&self, triangle: u32, p: DVec3) -> Option<Vec2> {
+        let frame = self.shading.frames.get(self.shading.facets[triangle as usize].frame as usize)?;
+        Some(frame.uv(self.shading.mesh, frame.weights(self.corners[triangle as usize][0], p)))
+    }
+
+    /// Texels of a map of this size per unit of octree space on a triangle; 0 if nothing varies on it.
+    pub(super) fn map_density(&self, triangle: u32, size: Vec2, transform: &UvTransform) -> f32 {
+        let frame = self.shading.frames.get(self.shading.facets[triangle as usize].frame as usize);
+        let Some(frame) = frame else { return 0.0 };
+        let [a, b, c] = frame.vertices.map(|v| Vec2::from(transform.apply(self.shading.mesh.uvs[v as usize])) * size);
+        let [p, q, r] = &self.corners[triangle as usize];
+        let density = (f64::from((b - a).perp_dot(c - a).abs()) / (*q - *p).cross(*r - *p).length()).sqrt() as f32;
+        if density.is_finite() { density } else { 0.0 }
+    }
+
+    /// Least and greatest colour, linear, of the texels of a map on a piece. For the parameters see [`texels`](Self::texels).
+    pub(super) fn color_bounds(
+        &self,
+        triangle: u32,
+        vertices: &[DVec3],
+        range: &Ranges,
+        moved: impl Fn(Vec2) -> Vec2,
+        density: f32,
+    ) -> Option<[Vec3; 2]> {
+        let frame = self.shading.frames.get(self.shading.facets[triangle as usize].frame as usize)?;
+        let mut outline = Outline::default();
+        let a = self.corners[triangle as usize][0];
+        vertices.iter().for_each(|v| outline.push(frame.weights(a, *v)));
+        let bounds = self.texels(range, frame, &outline, moved, density, self.color_reach);
+        Some([decode_srgb(bounds.min), decode_srgb(bounds.max)])
+    }
+
     /// Edge of the finest voxels in octree units.
     pub(crate) fn finest_voxel(&self) -> f64 {
         f64::from(self.shading.finest_voxel)

@@ -1,6 +1,7 @@
 //! The importer through its public interface: small files of every kind, valid and invalid, and the real scenes if found.
 
 mod cases;
+mod components;
 mod gltf;
 mod gltf_cases;
 mod gltf_colors;

@@ -51,7 +51,7 @@ struct PlanSummary<'a> {
 
 pub(crate) fn run_plan(arguments: &PlanArguments) -> Result<(), Failure> {
     let progress = Progress::terminal();
-    let (input, source) = read_input(&arguments.mesh, arguments.format.map(Into::into), None, &progress)?;
+    let (input, source) = read_input(&arguments.mesh, arguments.format.map(Into::into), None, false, &progress)?;
     let Input::Mesh(mesh) = &input else {
         return Err(format!("{source}: voxel models are not built in parts; give a mesh").into());
     };

@@ -19,10 +19,15 @@ pub(super) fn metadata(
     settings: &BuildSettings,
 ) -> Result<Metadata, Failure> {
     let object = ObjectMetadata { name: name(arguments), bounds: bounds(input), ..ObjectMetadata::default() };
+    let mut members = serde_json::to_value(settings)?.as_object().cloned();
+    let components = settings.components.names();
+    if let Some(members) = members.as_mut().filter(|_| !components.is_empty()) {
+        members.insert("components".into(), components.into());
+    }
     let mut metadata = Metadata {
         generator: Some(concat!("esvo ", env!("CARGO_PKG_VERSION")).into()),
         source: Some(source.into()),
-        settings: serde_json::to_value(settings)?.as_object().cloned(),
+        settings: members,
         objects: if object == ObjectMetadata::default() { Vec::new() } else { vec![object] },
         ..Metadata::default()
     };

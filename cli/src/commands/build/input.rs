@@ -61,6 +61,7 @@ pub(crate) fn read_input(
     path: &Path,
     format: Option<Format>,
     limit: Option<u64>,
+    property_maps: bool,
     progress: &Progress,
 ) -> Result<(Input, String), Failure> {
     if is_standard_input(path) {
@@ -71,22 +72,25 @@ pub(crate) fn read_input(
             .lock()
             .read_to_end(&mut bytes)
             .map_err(|e| format!("{STANDARD_INPUT}: cannot be read: {e}"))?;
-        return Ok((of_bytes(Path::new(STANDARD_INPUT), format, bytes)?, STANDARD_INPUT.to_owned()));
+        return Ok((of_bytes(Path::new(STANDARD_INPUT), format, bytes, property_maps)?, STANDARD_INPUT.to_owned()));
     }
     progress.say(format!("reading {}", path.display()));
     let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let format = format.map_or_else(|| format_of(path), Ok).map_err(|e| explain(path, &e))?;
     let input = match format {
         Format::Vox => Input::Voxels(load_voxels(path).map_err(|e| e.to_string())?),
-        _ => Input::Mesh(load_mesh_within(path, format, limit.unwrap_or(u64::MAX)).map_err(|e| explain(path, &e))?),
+        _ => {
+            let mesh = load_mesh_within(path, format, limit.unwrap_or(u64::MAX), property_maps);
+            Input::Mesh(mesh.map_err(|e| explain(path, &e))?)
+        }
     };
     Ok((input, name))
 }
 
-fn of_bytes(path: &Path, format: Format, bytes: Vec<u8>) -> Result<Input, Failure> {
+fn of_bytes(path: &Path, format: Format, bytes: Vec<u8>, property_maps: bool) -> Result<Input, Failure> {
     Ok(match format {
         Format::Vox => Input::Voxels(load_voxels_from(path, &bytes).map_err(|e| e.to_string())?),
-        _ => Input::Mesh(load_mesh_from(path, format, bytes).map_err(|e| e.to_string())?),
+        _ => Input::Mesh(load_mesh_from(path, format, bytes, property_maps).map_err(|e| e.to_string())?),
     })
 }
 

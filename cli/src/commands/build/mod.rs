@@ -15,7 +15,8 @@ use esvo_bench::scene::SceneSource;
 use esvo_bench::system::peak_bytes;
 use esvo_bench::{Progress, scene};
 use esvo_builder::{
-    BuildError, BuildSettings, FileOptions, build_displaced_file, build_file, build_voxels_file, import,
+    BuildError, BuildSettings, ComponentSettings, FileOptions, build_displaced_file, build_file, build_voxels_file,
+    import,
 };
 use esvo_format::{FormatError, Stats, StreamReader, WriteOptions, stream_stats};
 use esvo_scenes::{SceneEntry, SceneManifest};
@@ -100,6 +101,10 @@ pub(crate) struct BuildArguments {
     /// Store no normals
     #[arg(long)]
     pub(crate) no_normals: bool,
+    /// What to store of the materials where it is not everywhere the default: emission, roughness (with metalness), opacity, material
+    /// (its number), all, or none [default: of glTF files emission, roughness and opacity, of others none]
+    #[arg(long, value_name = "LIST", value_enum, value_delimiter = ',')]
+    pub(crate) components: Vec<Component>,
     #[command(flatten)]
     pub(crate) displacement: Displacement,
     /// Keep finished parts in OUTPUT.part, and continue from there if an earlier build of the same octree was interrupted. Parts of
@@ -185,6 +190,23 @@ impl From<Format> for import::Format {
             Format::Vox => Self::Vox,
         }
     }
+}
+
+/// What of a material can be stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Component {
+    /// Emitted light; Ke of OBJ materials
+    Emission,
+    /// Roughness and metalness; Pr and Pm
+    Roughness,
+    /// Opacity of materials that blend; d and Tr
+    Opacity,
+    /// Number of the material in the file, from 1
+    Material,
+    /// All of them
+    All,
+    /// None of them
+    None,
 }
 
 /// The presets of [`esvo_builder::Preset`]. Help lists shape (level), colour (steps) and normal error.
@@ -408,7 +430,8 @@ fn input(
     progress: &Progress,
 ) -> Result<(Input, String), Failure> {
     if let Some(path) = &arguments.mesh {
-        return read_input(path, arguments.format.map(Into::into), memory_limit, progress);
+        let maps = !components(arguments).names().is_empty();
+        return read_input(path, arguments.format.map(Into::into), memory_limit, maps, progress);
     }
     // clap requires one of the two.
     let scene = scene.ok_or("neither a mesh nor a scene is given")?;
@@ -429,6 +452,7 @@ fn check_for_voxels(arguments: &BuildArguments) -> Result<(), Failure> {
         ("--texture-test", arguments.texture_test.is_some()),
         ("--preset", arguments.preset.is_some()),
         ("--paper", arguments.paper.is_some()),
+        ("--components", !arguments.components.is_empty()),
         ("--displace", arguments.displacement.displace.is_some()),
         ("--height-map", !arguments.displacement.height_map.is_empty()),
         ("--resume", arguments.resume),
@@ -441,6 +465,29 @@ fn check_for_voxels(arguments: &BuildArguments) -> Result<(), Failure> {
                 .into())
         }
         None => Ok(()),
+    }
+}
+
+/// What is stored of the materials: what the option says, else what says how voxels look if the mesh is a glTF file.
+fn components(arguments: &BuildArguments) -> ComponentSettings {
+    let has = |name| arguments.components.contains(&name) || arguments.components.contains(&Component::All);
+    if !arguments.components.is_empty() {
+        return ComponentSettings {
+            emission: has(Component::Emission),
+            roughness_metalness: has(Component::Roughness),
+            opacity: has(Component::Opacity),
+            material: has(Component::Material),
+        };
+    }
+    let format = arguments
+        .mesh
+        .as_ref()
+        .and_then(|mesh| arguments.format.map(Into::into).or_else(|| import::format_of(mesh).ok()));
+    match format {
+        Some(import::Format::Gltf | import::Format::Glb) if arguments.voxelizer == VoxelizerName::Exact => {
+            ComponentSettings::LOOK
+        }
+        _ => ComponentSettings::NONE,
     }
 }
 
@@ -457,6 +504,7 @@ fn settings(
     settings.colors = !arguments.no_colors;
     settings.normals = !arguments.no_normals;
     settings.plain_attributes = arguments.plain_attributes;
+    settings.components = components(arguments);
     settings.contour_error = arguments.contour_error.unwrap_or(settings.contour_error);
     settings.color_error = arguments.color_error.unwrap_or(settings.color_error);
     settings.normal_error = arguments.normal_error.unwrap_or(settings.normal_error);

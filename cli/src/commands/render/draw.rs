@@ -4,6 +4,7 @@ use std::time::{Duration, Instant};
 
 use esvo_core::filter::{Frame, code_at};
 use esvo_core::lights::{self, Light};
+use esvo_core::shading::Component;
 use esvo_core::sky::Sky;
 use esvo_core::{Camera, Caster, Instances, Nearest, Object, Picture, View, shading};
 
@@ -100,6 +101,7 @@ pub(crate) fn draw(
     let casting = start.elapsed();
     let (view, hits) = (&views[0], &nearest.hits);
     let start = Instant::now();
+    let component = |shown| shading::component_map_placed(&objects, views, &nearest, shown);
     let mut picture = match (look.mode, lighting.effects) {
         (ViewMode::Shaded, Some((effects, camera))) => effects.draw(camera, &objects, views, &nearest)?,
         (ViewMode::Shaded, None) if !lighting.lights.is_empty() => {
@@ -112,6 +114,11 @@ pub(crate) fn draw(
         (ViewMode::Levels, _) => shading::level_map(view, hits, octree.needs().levels),
         (ViewMode::VoxelSize, _) => shading::size_map(views, &nearest),
         (ViewMode::Ambient, _) => shading::ambient_map(octree, view, hits),
+        (ViewMode::Emission, _) => component(Component::Emission),
+        (ViewMode::Roughness, _) => component(Component::Roughness),
+        (ViewMode::Metalness, _) => component(Component::Metalness),
+        (ViewMode::Opacity, _) => component(Component::Opacity),
+        (ViewMode::Material, _) => component(Component::Material),
     };
     if let Some(sky) = lighting.sky.filter(|_| look.mode == ViewMode::Shaded) {
         sky.paint(&mut picture, view, *objects[0].octree_to_mesh(), &nearest);

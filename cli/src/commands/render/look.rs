@@ -3,6 +3,7 @@
 use clap::ValueEnum;
 use esvo_core::filter::Radius;
 use esvo_engines::EngineId;
+use esvo_format::file::attachment;
 
 /// How a picture is made: all that two pictures of one camera can differ by.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -44,6 +45,29 @@ pub(crate) enum ViewMode {
     VoxelSize,
     /// Stored ambient occlusion
     Ambient,
+    /// Light that the voxels emit
+    Emission,
+    /// Roughness of the voxels: smooth is black
+    Roughness,
+    /// Metalness of the voxels: metal is white
+    Metalness,
+    /// Opacity of the voxels: what is invisible would be black
+    Opacity,
+    /// Materials of the voxels, each in a colour of its own
+    Material,
+}
+
+impl ViewMode {
+    /// The type of the components that it shows, if it shows any.
+    pub(crate) fn components(self) -> Option<u32> {
+        Some(match self {
+            Self::Emission => attachment::EMISSION,
+            Self::Roughness | Self::Metalness => attachment::ROUGHNESS_METALNESS,
+            Self::Opacity => attachment::OPACITY,
+            Self::Material => attachment::MATERIAL,
+            _ => return None,
+        })
+    }
 }
 
 /// How far a pixel is blurred.

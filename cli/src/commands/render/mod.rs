@@ -25,6 +25,7 @@ use esvo_core::sky::Sky;
 use esvo_core::{Camera, Hit, Object};
 use esvo_engines::EngineId;
 use esvo_format::Octree;
+use esvo_format::file::attachment;
 use glam::DVec3;
 
 use crate::fail::{Failure, complain, print};
@@ -73,7 +74,8 @@ Where voxels are larger than a pixel, the picture is blurred by the paper's post
 all, over violet, red and yellow to white, like black beside white. The scale is on its right, 1 on
 top. The mean is printed, and the number of pixels that differ. A side is a name, or several with
 plus signs between them; what it does not name is as the other options say. The names:
-  shaded, iterations, normals, depth, levels, voxel-size, ambient: --view-mode
+  shaded, iterations, normals, depth, levels, voxel-size, ambient, emission, roughness, metalness,
+  opacity, material: --view-mode
   reference, cpu, wgpu, ash: --backend
   filter, own-filter, no-filter: --filter adapted, own, off
   contours, no-contours
@@ -179,6 +181,7 @@ pub(crate) fn run_render(arguments: &RenderArguments) -> Result<(), Failure> {
         (Stage::open(&arguments.file, !arguments.no_verify)?, String::new())
     };
     arguments.warn_of_missing_ambient(&stage.octree, &looks);
+    arguments.warn_of_missing_components(&stage.octree, &looks);
     let objects = stage.objects();
     let cameras = arguments.cameras(&objects, path.as_ref())?;
     let progress = Progress::terminal();
@@ -324,6 +327,18 @@ impl RenderArguments {
                 _ => format!("{name}: has {what} {name}"),
             };
             complain("warning", &text);
+        }
+    }
+
+    /// Says that the picture shows components of which no voxel has any.
+    fn warn_of_missing_components(&self, octree: &Octree, looks: &[Look]) {
+        let there = octree.component_kinds();
+        for kind in looks.iter().filter_map(|look| look.mode.components()).filter(|kind| !there.contains(kind)) {
+            let (name, what) = (self.file.display(), attachment::name(kind));
+            complain(
+                "warning",
+                &format!("{name}: has no {what}, so the default is shown; store it: esvo build --components"),
+            );
         }
     }
 
