@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 use common::Folder;
 
 /// All commands, by the names of their pages.
-const PAGES: [&str; 33] = [
+const PAGES: [&str; 34] = [
     "esvo",
     "esvo-advise",
     "esvo-ambient",

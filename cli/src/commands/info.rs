@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use esvo_bench::text::TextTable;
-use esvo_format::file::{CODEC_FIELDS, attachment};
+use esvo_format::file::attachment;
 use esvo_format::{ComponentStats, Metadata, Octree, Stats, Storage, component_stats};
 use serde_json::{Value, json};
 
