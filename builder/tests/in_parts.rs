@@ -86,13 +86,13 @@ fn every_kind_of_octree_joins() {
     let folder = tempfile::tempdir().unwrap();
     let base = settings();
     let kinds = [
-        BuildSettings { contours: false, ..base.clone() },
-        BuildSettings { contours: false, colors: false, normals: false, ..base.clone() },
-        BuildSettings { plain_attributes: true, ..base.clone() },
-        BuildSettings { normals: false, ..base.clone() },
+        BuildSettings { contours: false, ..base },
+        BuildSettings { contours: false, colors: false, normals: false, ..base },
+        BuildSettings { plain_attributes: true, ..base },
+        BuildSettings { normals: false, ..base },
         // Nothing below the cubes that are shared out.
-        BuildSettings { levels: 4, ..base.clone() },
-        BuildSettings { levels: 5, ..base.clone() },
+        BuildSettings { levels: 4, ..base },
+        BuildSettings { levels: 5, ..base },
         BuildSettings { levels: 1, ..base },
     ];
     for settings in kinds {
