@@ -559,7 +559,7 @@ fn serve() {
     assert!(!with(|row| row.control = Some(0)).passed(), "nothing shows that a difference would be seen");
     holds("serve", &parse(&report.to_json()), &[]);
     let text = esvo_bench::serve_bench::to_text(&report);
-    assert!(text.contains("0.0328 / 1 / 0.250"), "{text}");
+    assert!(text.contains("0.03 / 1 / 0.25"), "{text}");
 }
 
 #[test]

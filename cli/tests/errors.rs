@@ -148,6 +148,10 @@ fn work_without_memory_is_one_line() {
                 std::fs::remove_file(folder.path("out.esvo")).unwrap();
                 continue;
             }
+            // The system's loader has no room for the libraries: the program did not start.
+            if out.status.code() == Some(127) {
+                continue;
+            }
             // Smaller limits may also refuse a thread.
             assert_eq!(out.status.code(), Some(1), "{work}, {kilobytes}: {error}");
             assert!(error.starts_with("error: ") && error.lines().count() == 1, "{work}, {kilobytes}: {error}");

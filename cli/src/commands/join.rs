@@ -62,11 +62,15 @@ pub(crate) fn run_join(arguments: &JoinArguments) -> Result<(), Failure> {
     check_extension(output, "esvo", "octrees are joined in an .esvo")?;
     arguments.files.iter().try_for_each(|file| check_not_input(output, file))?;
     let options = WriteOptions { compress: arguments.compress, parts: arguments.parts, hash: arguments.hash };
-    let parts = arguments.files.iter().filter(|file| is_part(file).unwrap_or(false)).count();
-    if parts == arguments.files.len() {
+    let is_part = |file: &PathBuf| match is_part(file) {
+        Ok(is_part) => Ok((file, is_part)),
+        Err(error) => Err(Failure::from(format!("{}: cannot be read: {error}", file.display()))),
+    };
+    let files: Vec<_> = arguments.files.iter().map(is_part).collect::<Result<_, _>>()?;
+    if files.iter().all(|(_, is_part)| *is_part) {
         return run_join_parts(arguments, &options);
     }
-    if let Some(part) = arguments.files.iter().find(|file| is_part(file).unwrap_or(false)) {
+    if let Some((part, _)) = files.iter().find(|(_, is_part)| *is_part) {
         let what = "is a part of a build, and other files are octrees; join the parts of a build first";
         return Err(format!("{}: {what}", part.display()).into());
     }
