@@ -325,14 +325,13 @@ pub(super) fn fingerprint(
 mod tests {
     use super::*;
 
-    /// Version 4 kept the descriptors of finished subtrees one by one.
     #[test]
     fn parts_of_builders_with_other_results_are_refused() {
         let (mesh, settings) = (Mesh::default(), BuildSettings::default());
         let files = tempfile::tempdir().unwrap();
         let output = files.path().join("a.esvo");
         std::fs::create_dir(files.path().join("a.esvo.part")).unwrap();
-        for (results, same) in [(4, false), (5, true)] {
+        for (results, same) in [(RESULTS - 1, false), (RESULTS, true)] {
             let file = File::create(files.path().join("a.esvo.part/journal")).unwrap();
             let mut writer = Writer { file, blocks: 0 };
             writer.put(&Record::Build(fingerprint(&mesh, None, &settings, results))).unwrap();
