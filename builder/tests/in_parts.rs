@@ -20,7 +20,7 @@ fn mesh() -> Mesh {
         mesh.triangle_materials.push(0);
     };
     let at = |i: u32, k: u32| {
-        let (a, b) = (f64::from(i) * 0.2618, f64::from(k) * 0.2618 - 1.5708);
+        let (a, b) = (f64::from(i) * 0.2618, f64::from(k) * 0.2618 - std::f64::consts::FRAC_PI_2);
         [0.4 + 0.3 * a.cos() * b.cos(), 0.45 + 0.3 * b.sin(), 0.5 + 0.3 * a.sin() * b.cos()]
     };
     for i in 0..24 {
@@ -120,7 +120,7 @@ fn a_join_names_what_is_missing_double_or_foreign() {
     let output = folder.path().join("out.esvo");
     let error = |paths: &[&PathBuf]| {
         let paths: Vec<PathBuf> = paths.iter().map(|path| (*path).clone()).collect();
-        let error = join_parts(&paths, &output, &WriteOptions::default()).err().expect("these do not fit together");
+        let error = join_parts(&paths, &output, &WriteOptions::default()).expect_err("these do not fit together");
         assert!(!output.exists());
         error.to_string()
     };

@@ -48,7 +48,7 @@ macro_rules! files {
     };
 }
 
-static FILES: [PageFile; 43] = files![
+static FILES: [PageFile; 45] = files![
     "index.html",
     "viewer/app.js",
     "viewer/camera.js",
@@ -69,6 +69,7 @@ static FILES: [PageFile; 43] = files![
     "reader/src/block.js",
     "reader/src/bytes.js",
     "reader/src/check.js",
+    "reader/src/components.js",
     "reader/src/crc32.js",
     "reader/src/decode.js",
     "reader/src/errors.js",
@@ -79,6 +80,7 @@ static FILES: [PageFile; 43] = files![
     "reader/src/json.js",
     "reader/src/layout.js",
     "reader/src/octree.js",
+    "reader/src/scene.js",
     "reader/src/served.js",
     "reader/src/source.js",
     "reader/src/subset.js",

@@ -62,15 +62,16 @@ pub(crate) fn run_join(arguments: &JoinArguments) -> Result<(), Failure> {
     check_extension(output, "esvo", "octrees are joined in an .esvo")?;
     arguments.files.iter().try_for_each(|file| check_not_input(output, file))?;
     let options = WriteOptions { compress: arguments.compress, parts: arguments.parts, hash: arguments.hash };
-    let is_part = |file: &PathBuf| match is_part(file) {
-        Ok(is_part) => Ok((file, is_part)),
-        Err(error) => Err(Failure::from(format!("{}: cannot be read: {error}", file.display()))),
-    };
-    let files: Vec<_> = arguments.files.iter().map(is_part).collect::<Result<_, _>>()?;
-    if files.iter().all(|(_, is_part)| *is_part) {
+    let mut parts = Vec::new();
+    for file in &arguments.files {
+        if is_part(file).map_err(|error| format!("{}: cannot be read: {error}", file.display()))? {
+            parts.push(file);
+        }
+    }
+    if parts.len() == arguments.files.len() {
         return run_join_parts(arguments, &options);
     }
-    if let Some((part, _)) = files.iter().find(|(_, is_part)| *is_part) {
+    if let Some(part) = parts.first() {
         let what = "is a part of a build, and other files are octrees; join the parts of a build first";
         return Err(format!("{}: {what}", part.display()).into());
     }

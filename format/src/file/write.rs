@@ -154,6 +154,9 @@ pub(crate) fn padding(length: usize) -> &'static [u8] {
     &ZEROS[..length.next_multiple_of(PAGE_BYTES as usize) - length]
 }
 
+/// A section before the blocks, and its bytes.
+type FrontSection<'a> = (SectionEntry, Cow<'a, [u8]>);
+
 /// The part of a file before the blocks: header, directory, tables, metadata, instances, unknown sections.
 pub(crate) struct Front<'a> {
     pub(crate) objects: &'a [ObjectEntry],
@@ -162,7 +165,7 @@ pub(crate) struct Front<'a> {
 
 impl Front<'_> {
     /// The sections in file order with their bytes (none yet for the tables), and the offset of the first block.
-    fn sections(&self, blocks: usize) -> (Vec<(SectionEntry, Cow<'_, [u8]>)>, u64) {
+    fn sections(&self, blocks: usize) -> (Vec<FrontSection<'_>>, u64) {
         let entry = |tag, flags, length: usize| SectionEntry {
             tag,
             flags,
@@ -172,7 +175,7 @@ impl Front<'_> {
             reserved: 0,
         };
         let none = || Cow::Borrowed(&[][..]);
-        let mut sections: Vec<(SectionEntry, Cow<[u8]>)> = vec![
+        let mut sections: Vec<FrontSection> = vec![
             (entry(TAG_OBJECTS, SECTION_REQUIRED, self.objects.len() * OBJECT_BYTES as usize), none()),
             (entry(TAG_BLOCKS, SECTION_REQUIRED, blocks * BLOCK_BYTES as usize), none()),
         ];
