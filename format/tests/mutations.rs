@@ -1,7 +1,8 @@
 //! Damaged test vectors: nothing panics, hangs or takes unbounded memory, and every flipped bit is detected.
 //!
 //! Takes a few seconds by default. `ESVO_MUTATIONS=10000000 cargo test --release -p esvo-format --test mutations` flips
-//! every bit of every vector and makes that number of random mutations; `ulimit -v` bounds the memory.
+//! every bit of every vector and makes that number of random mutations; `ulimit -v` bounds the memory. With
+//! `ESVO_MUTATIONS_OF=parts` only of the vectors whose blocks are stored in parts.
 
 mod common;
 
@@ -12,6 +13,7 @@ use std::time::{Duration, Instant};
 use common::Rng;
 use common::patch::File;
 use common::survive::survive;
+use esvo_format::file::FEATURE_PARTS;
 use rayon::prelude::*;
 
 /// Longest time for one input, also in a debug build on a busy machine.
@@ -34,7 +36,11 @@ fn vectors(kind: &str) -> Vec<(String, Vec<u8>)> {
     paths.retain(|path| path.extension().is_some_and(|extension| extension == "esvo"));
     paths.sort();
     let name = |path: &Path| path.file_stem().unwrap().to_str().unwrap().to_owned();
-    paths.iter().map(|path| (name(path), fs::read(path).unwrap())).collect()
+    let mut files: Vec<_> = paths.iter().map(|path| (name(path), fs::read(path).unwrap())).collect();
+    if std::env::var("ESVO_MUTATIONS_OF").is_ok_and(|of| of == "parts") {
+        files.retain(|(_, bytes)| bytes.get(16).is_some_and(|features| u64::from(*features) & FEATURE_PARTS != 0));
+    }
+    files
 }
 
 /// Runs [`survive`] and checks the time that it takes.

@@ -57,7 +57,7 @@ impl Values {
     }
 
     /// How many bytes of memory the values take.
-    pub(crate) fn capacity(&self) -> usize {
+    fn capacity(&self) -> usize {
         match self {
             Self::Constant(_) => 0,
             Self::Pairs(_, slots) => slots.capacity() * 8,
@@ -128,7 +128,8 @@ impl Fields {
 
     /// About how many bytes of memory the columns take.
     pub(crate) fn capacity(&self) -> usize {
-        self.valid.capacity() * 4 + self.contours.capacity() * 4
+        let values: usize = self.attachments.iter().map(|(_, values)| values.capacity()).sum();
+        self.valid.capacity() * 4 + self.contours.capacity() * 4 + values
     }
 
     /// Number of levels.

@@ -195,9 +195,7 @@ impl Decoder {
 
     /// Keeps the decoder for the next [`take`](Self::take) of this thread.
     pub(crate) fn keep(self) {
-        let bytes = self.room.capacity()
-            + self.spare.capacity()
-            + self.spare_values.iter().map(|v| v.1.capacity()).sum::<usize>();
+        let bytes = self.room.capacity() + self.spare.capacity();
         if bytes <= MOST_KEPT {
             UNUSED.set(Some(self));
         }
