@@ -7,8 +7,8 @@ use serde_json::{Map, Value};
 pub(crate) const STRINGS: [&str; 6] = ["title", "author", "license", "source", "generator", "created"];
 /// Registered members whose values are whole numbers.
 pub(crate) const COUNTS: [&str; 3] = ["triangles", "cells", "model_voxels"];
-/// Registered members whose values are objects with members of the generator's choice.
-pub(crate) const FREE: [&str; 2] = ["settings", "displacement"];
+/// Registered members whose values are objects whose members are not checked.
+pub(crate) const FREE: [&str; 3] = ["settings", "displacement", "attachments"];
 
 /// The axis of mesh space that points up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -140,6 +140,8 @@ pub struct Metadata {
     pub settings: Option<Map<String, Value>>,
     /// How the generator displaced the mesh, by its own names.
     pub displacement: Option<Map<String, Value>>,
+    /// What attachments of types 16 to 31 are, by number: objects with `name`, and perhaps `unit` and `about` (spec 8.7).
+    pub attachments: Option<Map<String, Value>>,
     /// What is known about the objects, by index; may have fewer entries than the file has objects.
     pub objects: Vec<ObjectMetadata>,
     /// What is known about the instances, by index.
@@ -174,6 +176,7 @@ impl Metadata {
             model_voxels: take(from, "model_voxels", whole),
             settings: take(from, "settings", map),
             displacement: take(from, "displacement", map),
+            attachments: take(from, "attachments", map),
             objects: take(from, "objects", |list| ObjectMetadata::list(list, true)).unwrap_or_default(),
             instances: take(from, "instances", |list| ObjectMetadata::list(list, false)).unwrap_or_default(),
             other,
@@ -208,7 +211,7 @@ impl Metadata {
         for (name, value) in COUNTS.into_iter().zip([self.triangles, self.cells, self.model_voxels]) {
             put(name, value.map(Value::from));
         }
-        for (name, value) in FREE.into_iter().zip([&self.settings, &self.displacement]) {
+        for (name, value) in FREE.into_iter().zip([&self.settings, &self.displacement, &self.attachments]) {
             put(name, value.clone().map(Value::from));
         }
         for (name, list) in [("objects", &self.objects), ("instances", &self.instances)] {

@@ -222,6 +222,27 @@ fn every_tool_keeps_them() {
 }
 
 #[test]
+fn joins_keep_what_named_types_are_and_refuse_what_differs() {
+    let tree = tree(2);
+    let named = |meta: &str| {
+        let mut octree = laid_out(&tree, &LAYOUTS[0]);
+        octree.set_meta(meta.into());
+        octree
+    };
+    let wind = r#"{"attachments":{"20":{"name":"wind","unit":"m/s"}},"title":"a"}"#;
+    let (first, second) = (named(wind), named(&wind.replace("\"a\"", "\"b\"")));
+    let joined = join(&[&first, &second]).expect("the same meaning");
+    let meta: serde_json::Value = serde_json::from_str(joined.meta()).expect("JSON");
+    assert_eq!(meta["attachments"]["20"]["name"], "wind");
+    assert_eq!(meta["objects"][1]["metadata"]["title"], "b");
+    assert!(validate(&joined).findings.is_empty(), "{}", validate(&joined));
+    for other in [wind.replace("wind", "heat"), wind.replace("m/s", "km/h"), String::new()] {
+        let error = join(&[&first, &named(&other)]).err().expect("another meaning").to_string();
+        assert!(error.contains("type 20 have another name or unit in octree 0 than in octree 1"), "{error}");
+    }
+}
+
+#[test]
 fn differences_are_found_by_number_and_not_by_layout() {
     let mut tree = tree(4);
     let before = laid_out(&tree, &LAYOUTS[0]);

@@ -1,6 +1,8 @@
 //! Joins several octrees into one.
 
-use crate::file::{InstanceEntry, MAX_IMAGE_SLOTS, NO_PARENT};
+use std::collections::BTreeMap;
+
+use crate::file::{InstanceEntry, MAX_IMAGE_SLOTS, NO_PARENT, attachment};
 use crate::metadata::ObjectMetadata;
 use crate::octree::{Image, Stored};
 use crate::{FormatError, Metadata, Octree};
@@ -9,14 +11,16 @@ use crate::{FormatError, Metadata, Octree};
 /// Pointers are distances within an object, so only the tables and the block numbers in the info sections change.
 ///
 /// Members of the [metadata](Metadata) that all octrees have alike stay what they are. All others go to the objects of their octree
-/// ([`ObjectMetadata::metadata`]); unit, up axis and handedness are then left out, as they are those of the whole space. Instances
+/// ([`ObjectMetadata::metadata`]); unit, up axis and handedness are then left out, as they are those of the whole space. What
+/// attachments are (`attachments`) is said of the whole. Instances
 /// stay; if only some octrees have any, the objects of the others get one each. Unknown sections and ids are left out: they
 /// say something about a file.
 ///
 /// The checksums of files are compared first, whatever [`OpenOptions::verify`](crate::OpenOptions::verify) says.
 ///
 /// # Errors
-/// No octree; a damaged one (B006, D009); an image of more than 2^32 slots, before anything is copied.
+/// No octree; a damaged one (B006, D009); an image of more than 2^32 slots, before anything is copied; attachments of the same type and of
+/// different meaning.
 pub fn join(octrees: &[&Octree]) -> Result<Octree, FormatError> {
     if octrees.is_empty() {
         return Err(FormatError::Limit("no octrees were given: an octree has at least one object".into()));
@@ -61,7 +65,8 @@ pub fn join(octrees: &[&Octree]) -> Result<Octree, FormatError> {
     crate::check::tables::check_blocks(&blocks, 0, &objects, Some(image.len() as u64 * 8))?;
     let stored = if made { Stored::Made } else { Stored::Taken };
     let mut joined = Octree::new(objects, blocks, String::new(), Vec::new(), Image::Owned(image), None, stored)?;
-    let metadata = join_metadata(octrees);
+    let mut metadata = join_metadata(octrees);
+    metadata.attachments = join_names(octrees)?;
     if !metadata.is_empty() {
         joined.meta = metadata.to_string();
     }
@@ -83,8 +88,32 @@ fn join_instances(octrees: &[&Octree]) -> Vec<InstanceEntry> {
     joined
 }
 
-/// Members of a file that hold for all of its space. They are not those of an object.
-const OF_SPACE: [&str; 3] = ["unit", "up", "handedness"];
+/// What the attachments are whose meaning the metadata give (spec 8.7).
+///
+/// # Errors
+/// A type that two octrees have is not the same in both.
+fn join_names(octrees: &[&Octree]) -> Result<Option<serde_json::Map<String, serde_json::Value>>, FormatError> {
+    let (mut joined, mut known) = (serde_json::Map::new(), BTreeMap::new());
+    for (index, octree) in octrees.iter().enumerate() {
+        let names = Metadata::parse(&octree.meta).unwrap_or_default().attachments.unwrap_or_default();
+        for kind in octree.component_kinds().into_iter().filter(|kind| *kind >= attachment::NAMED_FIRST) {
+            let of = |entry: &serde_json::Value| ["name", "unit"].map(|member| entry.get(member).cloned());
+            let entry = names.get(&kind.to_string()).cloned().unwrap_or_default();
+            let (first, meaning) = known.entry(kind).or_insert_with(|| (index, of(&entry)));
+            if *meaning != of(&entry) {
+                return Err(FormatError::Limit(format!(
+                    "attachments of type {kind} have another name or unit in octree {first} than in octree {index}, counted from 0: \
+                     give one of them another type"
+                )));
+            }
+        }
+        joined.extend(names);
+    }
+    Ok((!joined.is_empty()).then_some(joined))
+}
+
+/// Members of a file that are not those of an object: they hold for all of its space, or for its blocks.
+const OF_SPACE: [&str; 4] = ["unit", "up", "handedness", "attachments"];
 
 fn join_metadata(octrees: &[&Octree]) -> Metadata {
     // Text that is no JSON object cannot have been read from a file.

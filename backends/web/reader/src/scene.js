@@ -82,6 +82,7 @@ const VALUES = /** @type {Record<string, (value: unknown) => boolean>} */ ({
   model_voxels: isWhole,
   settings: isObject,
   displacement: isObject,
+  attachments: isObject,
 });
 
 /** @param {unknown} bounds */

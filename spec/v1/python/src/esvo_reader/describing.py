@@ -10,7 +10,7 @@ from .errors import Findings
 STRINGS = ("title", "author", "license", "source", "generator", "created")
 #: Members whose values should be whole numbers, and those whose values should be objects (M003).
 COUNTS = ("triangles", "cells", "model_voxels")
-FREE = ("settings", "displacement")
+FREE = ("settings", "displacement", "attachments")
 UP = ("+x", "-x", "+y", "-y", "+z", "-z")
 
 
